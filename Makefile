@@ -1,0 +1,70 @@
+# Everything runs in a virtual environment of its own. `make help` lists the targets.
+# Overridable: PYTHON (the interpreter that makes the environment), VENV (its folder, relative and
+# without spaces), OUT (where the demo writes), PYTEST_ARGS.
+
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out/demo
+PYTEST_ARGS ?= -n 2
+
+# All paths are relative to this folder, so that the folder's own name may contain spaces.
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install -q --disable-pip-version-check --no-input -c constraints.txt
+BENCHMARKS = $(sort $(wildcard benchmarks/bench_*.py))
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test check lint types format bench clean
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
+		|| sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1: \2/p' Makefile
+
+demo: $(VENV)/.installed-core  ## audit the bundled building; pictures and report go to out/demo
+	$(BIN)/ambinav audit configs/demo.geojson --scanner hokuyo-urg-04lx -o "$(OUT)"
+	@printf '\nThe report, to open in a browser:\n  %s\nThe pictures:\n' "$(OUT)/report.html"
+	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
+
+test: $(VENV)/.installed-dev  ## run the tests
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+check: lint types  ## lint and types
+
+lint: $(VENV)/.installed-dev  ## ruff: layout and rules
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/python -m ruff check .
+
+types: $(VENV)/.installed-dev  ## mypy --strict
+	$(BIN)/python -m mypy
+
+format: $(VENV)/.installed-dev  ## lay the sources out and mend what ruff can mend
+	$(BIN)/python -m ruff check --fix .
+	$(BIN)/python -m ruff format .
+
+bench: $(VENV)/.installed-dev  ## run the benchmarks, one after the other
+	@set -e; for script in $(BENCHMARKS); do \
+		printf '\n== %s\n' "$$script"; $(BIN)/python "$$script"; done
+
+clean:  ## remove the environment and everything that the tools have left
+	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	find ambinav planners envs tests benchmarks configs -name __pycache__ -prune -exec rm -rf {} +
+
+# Installed again whenever the dependencies change. The plain install is enough for the demo.
+$(VENV)/.installed-core: pyproject.toml constraints.txt | $(VENV)/.made
+	@echo "installing ambinav into $(VENV)"
+	@$(PIP) -e .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
+	@echo "installing ambinav[all,dev] into $(VENV)"
+	@$(PIP) -e '.[all,dev]'
+	@touch $@ $(VENV)/.installed-core
+
+$(VENV)/.made:
+	@command -v "$(PYTHON)" >/dev/null || { \
+		echo "make: no interpreter '$(PYTHON)'; give one: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "make: ambinav needs Python 3.11 or newer, and '$(PYTHON)' is $$("$(PYTHON)" -V 2>&1);" \
+			"give another: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@"$(PYTHON)" -m venv $(VENV)
+	@touch $@

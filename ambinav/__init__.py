@@ -1,0 +1,58 @@
+"""Perceptual ambiguity maps: where a building leaves a range scanner lost.
+
+The names below are loaded when they are first used, so that `import ambinav` stays quick and
+pulls in no optional package.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from ambinav.errors import InputError, InputWarning
+
+if TYPE_CHECKING:
+    from ambinav.ambiguity.build import build_map
+    from ambinav.geometry.environment import Environment, load_environment
+    from ambinav.geometry.shapes import environment_from_shapes
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.sensing.scanner import RangeScanner
+    from ambinav.sensing.sensor import RangeSensor
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AmbiguityMap",
+    "Environment",
+    "InputError",
+    "InputWarning",
+    "RangeScanner",
+    "RangeSensor",
+    "__version__",
+    "build_map",
+    "environment_from_shapes",
+    "load_environment",
+]
+
+_HOME = {
+    "AmbiguityMap": "ambinav.maps.ambiguity_map",
+    "Environment": "ambinav.geometry.environment",
+    "RangeScanner": "ambinav.sensing.scanner",
+    "RangeSensor": "ambinav.sensing.sensor",
+    "build_map": "ambinav.ambiguity.build",
+    "environment_from_shapes": "ambinav.geometry.shapes",
+    "load_environment": "ambinav.geometry.environment",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module on first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,98 @@
+"""How probably two true ranges, or two scans, give the same discretized readings.
+
+The published definition (Ruiz-Mayor, Crespo and Trivino 2017) is `same_reading`: the probability
+that two ranges are captured in the same discretized value. The rest is ambinav's own model.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from ambinav.sensing.sensor import RangeSensor
+
+# The steps of the table of evidence, in effective deviations, and how far it reaches.
+Z_STEP = 1.0 / 32.0
+Z_MAX = 24.0
+# Where bins are this wide (in effective deviations) or finer, the evidence is z^2 / 4 to 1e-4.
+FINE = 0.5
+# The evidence is cut here: exp(-200) is nothing, and float32 squares it without harm.
+MOST = 200.0
+
+
+def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
+    """J: probability that two true ranges (metres, inf: no echo) give the same reading; broadcast.
+
+    Sums P(k | first) P(k | second) over all readings k (DESIGN 3.2), so it depends on where the
+    ranges lie within their bins; `same_reading_averaged` does not.
+    """
+    first, second = np.broadcast_arrays(np.asarray(first, float), np.asarray(second, float))
+    product = sensor.reading_probabilities(first) * sensor.reading_probabilities(second)
+    return np.asarray(product.sum(axis=-1))
+
+
+def indistinguishability(
+    sensor: RangeSensor, first: ArrayLike, second: ArrayLike
+) -> NDArray[np.float64]:
+    """rho: `same_reading` relative to that of each range with itself, in (0, 1]; broadcast."""
+    first, second = np.broadcast_arrays(np.asarray(first, float), np.asarray(second, float))
+    p, q = sensor.reading_probabilities(first), sensor.reading_probabilities(second)
+    norm = np.sqrt((p * p).sum(axis=-1) * (q * q).sum(axis=-1))
+    return np.asarray(np.minimum((p * q).sum(axis=-1) / norm, 1.0))
+
+
+def same_reading_averaged(
+    difference: ArrayLike, std1: ArrayLike, std2: ArrayLike, resolution: float
+) -> NDArray[np.float64]:
+    """J averaged over the phase of the bins: closed form (DESIGN 3.2), broadcast.
+
+    Args:
+        difference: Difference D of the two true ranges, metres.
+        std1: Standard deviation of the first reading, metres.
+        std2: Standard deviation of the second reading, metres.
+        resolution: Width delta of a bin, metres.
+
+    Returns:
+        [f(D + delta) - 2 f(D) + f(D - delta)] / delta with f(u) = u Phi(u/t) + t phi(u/t) and
+        t^2 = std1^2 + std2^2; the triangle max(0, 1 - |D| / delta) where t is 0.
+    """
+    d = np.abs(np.asarray(difference, dtype=float))
+    t = np.hypot(std1, std2)
+    safe = np.where(t > 0.0, t, 1.0)
+
+    def f(u: NDArray[np.float64]) -> NDArray[np.float64]:
+        smooth = u * ndtr(u / safe) + safe / math.sqrt(2 * math.pi) * np.exp(
+            -0.5 * (u / safe) ** 2
+        )
+        return np.where(t > 0.0, smooth, np.maximum(u, 0.0))
+
+    # f(u) = u + f(-u): on the negative side the second difference does not cancel.
+    value = (f(resolution - d) - 2.0 * f(-d) + f(-resolution - d)) / resolution
+    return np.asarray(np.maximum(value, 0.0))
+
+
+def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
+    """-log rho of two ranges that differ by `z` effective standard deviations, at most `MOST`.
+
+    The effective variance of a reading is s^2 = sigma^2 + delta^2 / 12. With it the evidence of
+    fine bins is z^2 / 4; coarse bins (`width` = delta / s, up to sqrt(12) for a sensor without
+    noise) tell less at first and everything once the bins no longer overlap.
+    """
+    z = np.abs(np.asarray(z, dtype=float))
+    delta = min(width, math.sqrt(12.0))
+    sigma = math.sqrt(max(1.0 - delta * delta / 12.0, 0.0))
+    if delta < 1e-6:
+        return np.asarray(np.minimum(z * z / 4.0, MOST))
+    value = same_reading_averaged(z, sigma, sigma, delta)
+    peak = float(same_reading_averaged(0.0, sigma, sigma, delta))
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.minimum(-np.log(value / peak), MOST))
+
+
+def evidence_table(widths: NDArray[np.float64]) -> NDArray[np.float32]:
+    """`evidence` at multiples of `Z_STEP` up to `Z_MAX`, one row a width: float32, (W, Z)."""
+    z = np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP
+    return np.stack([evidence(z, float(width)) for width in widths]).astype(np.float32)

@@ -1,0 +1,265 @@
+"""The ambiguity kernel: every pose's scan against those of its neighbours.
+
+For poses p and q it integrates the indistinguishability of their scans over the offset within
+q's cell (DESIGN 3.4, Laplace), in two steps. The first finds the offset that makes the scans
+agree best, with each beam's residual seen through what the cell can move it. The second stands
+at that offset: a beam that still disagrees there is capped, and cannot pull. Concave capping
+makes the second step a lower bound on the integral that is tight at the best offset.
+
+`ambinav.ambiguity.reference` says the same in plain NumPy.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
+from ambinav.ambiguity.returns import Returns
+
+FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
+# Pairs of scans less alike than exp(-18) add nothing and are left after the first step.
+NEGLIGIBLE = 18.0
+_Z_COUNT = round(Z_MAX / Z_STEP)
+
+F0 = np.float32(0.0)
+F1 = np.float32(1.0)
+QUARTER = np.float32(0.25)
+HALF = np.float32(0.5)
+PER_STEP = np.float32(1.0 / Z_STEP)
+Z_TOP = np.float32(Z_MAX)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def invert(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
+    """Inverse (upper triangle, row by row) and determinant of [[a,b,c],[b,d,e],[c,e,f]]."""
+    i00, i01, i02 = d * f - e * e, c * e - b * f, b * e - c * d
+    det = a * i00 + b * i01 + c * i02
+    r = 1.0 / det
+    return i00 * r, i01 * r, i02 * r, (a * f - c * c) * r, (b * c - a * e) * r, (a * d - b * b) * r, det  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def compare(data, p, ps, q, qs, limit, icap, use, evidence, tau, c0, c2):  # type: ignore[no-untyped-def]
+    """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
+
+    Args:
+        data: see `Returns`, float32, (N, 5, W).
+        p, ps: row and first column of the scan at p.
+        q, qs: row and first column of the scan at q, whose pose the offset moves.
+        limit, icap, use: maximum range, inverse cap and use (1, or 0 for padding) of each beam,
+            float32, (B,).
+        evidence: table of evidence, float32, (B, Z), or None where bins are fine.
+        tau: beams per independent piece of evidence.
+        c0, c2: variance of the offset in x and y, and in theta.
+
+    Returns:
+        I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
+    """
+    pe, qe = ps + limit.size, qs + limit.size
+    d_p, v_p = data[p, 0, ps:pe], data[p, 4, ps:pe]
+    d_q, v_q = data[q, 0, qs:qe], data[q, 4, qs:qe]
+    gx_q, gy_q, gt_q = data[q, 1, qs:qe], data[q, 2, qs:qe], data[q, 3, qs:qe]
+    f0, f2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
+    g0, g1, g2 = F0, F0, F0
+    a, b, c, d, e, f = F0, F0, F0, F0, F0, F0
+    least = F0
+    for i in range(limit.size):
+        gx, gy, gt = gx_q[i], gy_q[i], gt_q[i]
+        inverse = use[i] / (v_p[i] + v_q[i])
+        seen = min(d_p[i], limit[i])
+        z = seen - d_q[i]
+        # No echo at p: any range from the limit on agrees.
+        silent = (d_p[i] >= limit[i]) & (z < F0)
+        z = F0 if silent else z
+        room = (gx * gx + gy * gy) * f0 + gt * gt * f2
+        u = z * z * inverse * QUARTER / (F1 + room * inverse)
+        t = F1 / (F1 + u * icap[i])
+        least += u * t
+        w = F0 if silent else inverse * t * t
+        g0 += w * z * gx
+        g1 += w * z * gy
+        g2 += w * z * gt
+        a += w * gx * gx
+        b += w * gx * gy
+        c += w * gx * gt
+        d += w * gy * gy
+        e += w * gy * gt
+        f += w * gt * gt
+    if least > NEGLIGIBLE * tau:
+        return 0.0, 0.0, 0.0, 0.0, c0, 0.0, c0, c2
+    s = 0.5 / tau
+    p0, p2 = 1.0 / c0, 1.0 / c2
+    i00, i01, i02, i11, i12, i22, det = invert(
+        a * s + p0, b * s, c * s, d * s + p0, e * s, f * s + p2
+    )
+    e0 = np.float32((i00 * g0 + i01 * g1 + i02 * g2) * s)
+    e1 = np.float32((i01 * g0 + i11 * g1 + i12 * g2) * s)
+    e2 = np.float32((i02 * g0 + i12 * g1 + i22 * g2) * s)
+
+    g0, g1, g2 = F0, F0, F0
+    a, b, c, d, e, f = F0, F0, F0, F0, F0, F0
+    total = F0
+    for i in range(limit.size):
+        gx, gy, gt = gx_q[i], gy_q[i], gt_q[i]
+        inverse = use[i] / (v_p[i] + v_q[i])
+        seen = min(d_p[i], limit[i])
+        moved = gx * e0 + gy * e1 + gt * e2
+        z = seen - d_q[i] - moved
+        floor = seen - limit[i]
+        # Out of range at the offset: the reading there is no echo, and moving changes nothing.
+        silent = z <= floor
+        z = max(z, floor)
+        u = z * z * inverse * QUARTER
+        slope = inverse
+        if evidence is not None:
+            place = min(math.sqrt(z * z * inverse), Z_TOP) * PER_STEP
+            k = min(np.int32(place), np.int32(_Z_COUNT))
+            share = place - np.float32(k)
+            told = evidence[i, k] * (F1 - share) + evidence[i, k + 1] * share
+            slope = inverse * (told / u if u > np.float32(1e-6) else F1)
+            u = told
+        x = u * icap[i]
+        t = F1 / np.float32(math.sqrt(F1 + x * x))
+        w = F0 if silent else slope * t * t * t
+        # The quadratic in the offset that touches the capped evidence here.
+        full = z + moved
+        total += u * t + QUARTER * w * (full * full - z * z)
+        g0 += w * full * gx
+        g1 += w * full * gy
+        g2 += w * full * gt
+        a += w * gx * gx
+        b += w * gx * gy
+        c += w * gx * gt
+        d += w * gy * gy
+        e += w * gy * gt
+        f += w * gt * gt
+    i00, i01, i02, i11, i12, i22, det = invert(
+        a * s + p0, b * s, c * s, d * s + p0, e * s, f * s + p2
+    )
+    o0 = (i00 * g0 + i01 * g1 + i02 * g2) * s
+    o1 = (i01 * g0 + i11 * g1 + i12 * g2) * s
+    o2 = (i02 * g0 + i12 * g1 + i22 * g2) * s
+    gain = (g0 * o0 + g1 * o1 + g2 * o2) * 0.25 / tau
+    alike = math.exp(min(gain - total / tau, 0.0)) / math.sqrt(det * c0 * c0 * c2)
+    return alike, o0, o1, o2, i00, i01, i11, i22
+
+
+@njit(cache=True, nogil=True)
+def reach(row, column, index, first, links, offsets, side, steps, marks, queue):  # type: ignore[no-untyped-def]
+    """Mark the offsets in the disc that lattice steps lead to without crossing a segment."""
+    k = side // 2
+    marks[:] = 0
+    for o in range(offsets.shape[0]):
+        marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] = 1
+    head, tail = 0, 1
+    queue[0] = k * side + k
+    marks[queue[0]] = 2
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        r, c = cell // side - k, cell % side - k
+        bits = links[index[row + r, column + c] - first]
+        for s in range(8):
+            if bits & (1 << s):
+                nr, nc = r + steps[s, 1], c + steps[s, 0]
+                if abs(nr) <= k and abs(nc) <= k:
+                    to = (nr + k) * side + nc + k
+                    if marks[to] == 1:
+                        marks[to] = 2
+                        queue[tail] = to
+                        tail += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _sums(  # type: ignore[no-untyped-def]
+    begin, end, first, rows_columns, index, links, steps, offsets, side, spacing, starts,
+    data, limit, icap, use, evidence, tau, c0, c2, sums,
+):  # fmt: skip
+    k = side // 2
+    for p in prange(begin, end):
+        row, column = rows_columns[p, 0], rows_columns[p, 1]
+        marks = np.empty(side * side, dtype=np.uint8)
+        queue = np.empty(side * side, dtype=np.int32)
+        reach(row, column, index, first, links, offsets, side, steps, marks, queue)
+        for h in range(starts.size):
+            s0 = starts[h]
+            weight = 0.0
+            count = 0
+            mxx = mxy = myy = fxx = fxy = fyy = 0.0
+            a = p - first
+            for o in range(offsets.shape[0]):
+                if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
+                    continue
+                q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
+                x, y = offsets[o, 1] * spacing, offsets[o, 0] * spacing
+                count += 1
+                fxx += x * x + c0
+                fxy += x * y
+                fyy += y * y + c0
+                alike, ox, oy, _, sxx, sxy, syy, _ = compare(
+                    data, a, s0, q, s0, limit, icap, use, evidence, tau, c0, c2
+                )
+                x += ox
+                y += oy
+                weight += alike
+                mxx += alike * (x * x + sxx)
+                mxy += alike * (x * y + sxy)
+                myy += alike * (y * y + syy)
+            out = sums[p - begin, h]
+            out[0] = weight / count
+            out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
+            out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
+
+
+def neighbourhood_sums(
+    begin: int,
+    end: int,
+    first: int,
+    rows_columns: NDArray[np.int32],
+    index: NDArray[np.int32],
+    links: NDArray[np.uint8],
+    steps: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    spacing: float,
+    starts: NDArray[np.int64],
+    returns: Returns,
+    limit: NDArray[np.float32],
+    icap: NDArray[np.float32],
+    use: NDArray[np.float32],
+    evidence: NDArray[np.float32] | None,
+    tau: float,
+    cell_variance: tuple[float, float],
+) -> NDArray[np.float64]:
+    """Ambiguity and second moments of the free poses begin..end - 1.
+
+    Args:
+        begin, end: Running numbers of the poses to compute (see `Lattice.index`).
+        first: Running number of the first pose in `returns` and `links`, which hold the
+            neighbours of all these poses too.
+        rows_columns, index, links, steps: See `Lattice` (`links` from `first` on).
+        offsets: Row and column steps of the disc, shape (K, 2).
+        spacing: Metres.
+        starts: First column of `returns` for each heading, shape (H,).
+        returns: What the beams return.
+        limit, icap, use: See `BeamTable`.
+        evidence: Table of evidence, shape (B, Z), or None where all bins are fine.
+        tau: Beams per independent piece of evidence.
+        cell_variance: Variance of the offset within a cell in x and y (square metres), and in
+            theta (square radians).
+
+    Returns:
+        float64, shape (end - begin, H, 7): mean indistinguishability; second moments xx, xy, yy
+        of the look-alikes about the pose; the same of the free neighbourhood; square metres.
+    """
+    side = 2 * int(np.abs(offsets).max(initial=0)) + 1
+    sums = np.empty((end - begin, len(starts), 7))
+    _sums(
+        begin, end, first, rows_columns, index, links, steps, offsets, side, spacing, starts,
+        returns.data, limit, icap, use, evidence, tau,
+        cell_variance[0], cell_variance[1], sums,
+    )  # fmt: skip
+    return sums

@@ -1,0 +1,188 @@
+"""What each beam returns at each pose, with its derivative: the input of the ambiguity kernel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.fan import scan_rays
+from ambinav.geometry.segments import FRONTIER
+from ambinav.sensing.scanner import RangeScanner
+
+# A beam is followed this far beyond its maximum range, metres: a surface just out of range is
+# about to come into range, and the derivative says when.
+BEYOND = 1.0
+# A range changes no faster than at this cosine of the incidence angle (87 degrees): beyond it
+# the linear model of a cell would be wrong by more than it tells.
+GRAZING = 0.05
+# The variance of a beam that tells nothing, square metres.
+BLIND = 1e20
+TABLE = 1024
+# Beams are padded to a multiple of this, so that the kernel's loops fill the vector registers.
+LANES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Returns:
+    """Beams at N poses; W columns hold the beams of every heading (see `HeadingPlan`).
+
+    One array holds all that the kernel reads of a pose side by side.
+
+    Attributes:
+        data: float32, shape (N, 5, W). Row 0: true range in metres, beyond the maximum range
+            where nothing is in range, at least the minimum range. Rows 1 to 3: its derivative by
+            x, y (1) and theta (metres per radian) of the robot. Row 4: half the squared effective
+            deviation s^2 = sigma^2 + delta^2 / 12 + map_std^2, square metres; `BLIND` where the
+            beam ends in unknown space or its sensor is outside the free space.
+    """
+
+    data: NDArray[np.float32]
+
+    @property
+    def range(self) -> NDArray[np.float32]:
+        """True range, shape (N, W), metres."""
+        return self.data[:, 0]
+
+    @property
+    def gradient(self) -> NDArray[np.float32]:
+        """Derivative of the range by x, y and theta, shape (N, 3, W)."""
+        return self.data[:, 1:4]
+
+    @property
+    def variance(self) -> NDArray[np.float32]:
+        """Squared effective deviation s^2, shape (N, W), square metres."""
+        return 2.0 * self.data[:, 4]
+
+
+@dataclass(frozen=True, eq=False)
+class BeamTable:
+    """What the kernels need to know of each beam.
+
+    `limit`, `inverse_cap` and `use` are padded from B beams to P, a multiple of `LANES`.
+
+    Attributes:
+        limit: Maximum range, metres, float32, shape (P,).
+        inverse_cap: 1 / (most evidence that the beam can give), float32, shape (P,).
+        use: 1 for a beam and 0 for padding, float32, shape (P,).
+        nearest: Minimum range, metres, float32, shape (B,).
+        spread: float32, shape (B, TABLE): s^2 / 2 at ranges from 0 to the maximum, square metres.
+        width: Resolution by effective deviation at its widest, float64, shape (B,).
+    """
+
+    limit: NDArray[np.float32]
+    inverse_cap: NDArray[np.float32]
+    use: NDArray[np.float32]
+    nearest: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    width: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, scanner: RangeScanner, map_std: float, outlier_share: float) -> BeamTable:
+        """Tabulate the scanner's sensors, beam by beam."""
+        limit, cap, nearest, spread, width = [], [], [], [], []
+        for sensor in scanner.sensors:
+            ranges = np.linspace(0.0, sensor.max_range, TABLE)
+            squared = sensor.std_at(ranges) ** 2 + sensor.resolution**2 / 12.0 + map_std**2
+            odd = min(outlier_share + sensor.random_share + sensor.lost_share, 0.99)
+            limit.append(sensor.max_range)
+            cap.append(-1.0 / math.log(odd))
+            nearest.append(sensor.min_range)
+            spread.append(squared / 2.0)
+            width.append(sensor.resolution / math.sqrt(float(squared.min())))
+        beam = scanner.sensor_of_beam
+        padding = (0, -len(beam) % LANES)
+        return cls(
+            np.pad(np.array(limit, dtype=np.float32)[beam], padding, constant_values=1.0),
+            np.pad(np.array(cap, dtype=np.float32)[beam], padding),
+            np.pad(np.ones(len(beam), dtype=np.float32), padding),
+            np.array(nearest, dtype=np.float32)[beam],
+            np.array(spread, dtype=np.float32)[beam],
+            np.array(width)[beam],
+        )
+
+    @property
+    def beams(self) -> int:
+        """Number of beams B."""
+        return len(self.nearest)
+
+
+def beam_returns(
+    env: Environment,
+    scanner: RangeScanner,
+    table: BeamTable,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    theta: float,
+    data: NDArray[np.float32],
+) -> None:
+    """Cast every beam of `scanner` at the poses (x, y, theta).
+
+    Args:
+        env: The environment.
+        scanner: The scanner.
+        table: Its beams, tabulated.
+        x: Poses, shape (N,), metres.
+        y: Poses, shape (N,), metres.
+        theta: Heading of all poses, radians.
+        data: Written, float32, shape (N, 5, B): see `Returns`.
+    """
+    rays = scanner.rays()
+    reach = scanner.max_range + BEYOND
+    heading = np.full(len(x), theta)
+    distance, segment, incidence = scan_rays(
+        env, x, y, heading, rays.origin, rays.angle, reach,
+        incidence=bool(np.isfinite(rays.max_incidence).any()),
+    )  # fmt: skip
+    _beam_returns(
+        distance, segment, incidence, env.normals(np.arange(len(env.segments))),
+        env.segments.kind == FRONTIER, rays.origin, theta + rays.angle, theta,
+        rays.start, rays.max_incidence, table.nearest, table.limit, table.spread, data,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _beam_returns(  # type: ignore[no-untyped-def]
+    distance, segment, incidence, normal, frontier, origin, angle, theta, start, max_incidence,
+    nearest, limit, spread, data,
+):  # fmt: skip
+    cos_a, sin_a = np.cos(angle), np.sin(angle)
+    # How the sensor itself moves when the robot turns.
+    turn_x = -math.sin(theta) * origin[:, 0] - math.cos(theta) * origin[:, 1]
+    turn_y = math.cos(theta) * origin[:, 0] - math.sin(theta) * origin[:, 1]
+    for p in prange(distance.shape[0]):
+        for b in range(nearest.size):
+            best, d = -1, limit[b] + BEYOND
+            blind = False
+            for r in range(start[b], start[b + 1]):
+                blind |= math.isnan(distance[p, r])
+                if distance[p, r] < d:
+                    if incidence.size > 0 and incidence[p, r] > max_incidence[r]:
+                        continue
+                    d = distance[p, r]
+                    best = r
+            gx = gy = gt = 0.0
+            if best >= 0:
+                k = segment[p, best]
+                ux, uy = cos_a[best], sin_a[best]
+                nx, ny = normal[k, 0], normal[k, 1]
+                facing = nx * ux + ny * uy
+                facing = math.copysign(max(abs(facing), GRAZING), facing)
+                gx, gy = -nx / facing, -ny / facing
+                swing = d * (ny * ux - nx * uy) + nx * turn_x[best] + ny * turn_y[best]
+                gt = -swing / facing
+                blind |= frontier[k] and d < limit[b]
+            if d < nearest[b]:
+                d = nearest[b]
+                gx = gy = gt = 0.0
+            place = min(d / limit[b], 1.0) * (spread.shape[1] - 1)
+            low = min(int(place), spread.shape[1] - 2)
+            share = place - low
+            data[p, 0, b] = d
+            data[p, 1, b], data[p, 2, b], data[p, 3, b] = gx, gy, gt
+            half = spread[b, low] * (1.0 - share) + spread[b, low + 1] * share
+            data[p, 4, b] = BLIND if blind else half

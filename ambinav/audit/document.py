@@ -1,0 +1,233 @@
+"""The audit as data: what report.json holds, and what the written reports are filled from."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from ambinav.audit.audit import Audit, Finding
+from ambinav.audit.places import Place
+from ambinav.audit.sight import Sight
+from ambinav.maps.zones import COLOURS, MEANINGS, ZONES
+
+FORMAT = "ambinav-audit/1"
+
+FLOOR_ZONES = "floor-zones.png"
+FLOOR_LEVEL = "floor-level.png"
+
+
+def _rounded(digits: int) -> AfterValidator:
+    return AfterValidator(lambda value: round(value, digits) + 0.0)
+
+
+Metres = Annotated[float, _rounded(3)]
+SquareMetres = Annotated[float, _rounded(2)]
+Share = Annotated[float, _rounded(4), Field(ge=0.0, le=1.0 + 1e-6)]
+Degrees = Annotated[float, _rounded(1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class EnvironmentPart(_Part):
+    """What was audited."""
+
+    name: str
+    source: str
+    sha256: str
+    bounds_m: tuple[Metres, Metres, Metres, Metres] = Field(description="xmin, ymin, xmax, ymax")
+    free_area_m2: SquareMetres = Field(description="area of the free cells of the map")
+    segments: int = Field(description="number of wall and frontier segments")
+    notes: tuple[str, ...] = Field(description="what was repaired or left out in the input")
+
+
+class ScannerPart(_Part):
+    """What it was audited for."""
+
+    name: str
+    description: str
+    kind: str
+    beams: int
+    aperture_deg: Degrees
+    max_range_m: Metres
+    source: str = Field(description="where the scanner's figures come from")
+    yaml: str = Field(description="the whole scanner, as a file that --scanner takes")
+
+
+class ZonePart(_Part):
+    """How much of the free floor lies in a zone."""
+
+    zone: str
+    share: Share
+    area_m2: SquareMetres
+    share_best_heading: Share | None = Field(
+        description="share if the robot always took the least ambiguous heading; "
+        "null where the heading does not matter"
+    )
+    share_worst_heading: Share | None = Field(description="the same for the most ambiguous one")
+    meaning: str
+    colour: str
+
+
+class SightPart(_Part):
+    """What the scanner sees at a place."""
+
+    heading_deg: Degrees
+    beams: int
+    without_echo: int
+    at_unknown_space: int
+    surfaces: int = Field(description="planes that echoes come from")
+    directions: int = Field(description="directions along which these planes run")
+    sentence: str
+
+
+class PlacePart(_Part):
+    """A region where the robot may get lost."""
+
+    number: int
+    zone: str
+    x_m: Metres
+    y_m: Metres
+    length_m: Metres
+    width_m: Metres
+    area_m2: SquareMetres
+    direction_deg: Degrees | None = Field(
+        description="the robot slides unseen along it; from x, counter-clockwise, 0 to 180"
+    )
+    level: Share = Field(description="mean ambiguity level of the region")
+    major_radius_m: Metres
+    minor_radius_m: Metres
+    best_heading_deg: Degrees | None
+    worst_heading_deg: Degrees | None
+    severity_m2: SquareMetres = Field(description="level times area: the ranking")
+    sees: SightPart
+    picture: str
+
+
+class Document(_Part):
+    """The whole audit."""
+
+    format: Literal["ambinav-audit/1"] = "ambinav-audit/1"
+    created: str = Field(description="ISO 8601, UTC; when the map was built")
+    ambinav_version: str
+    summary: str
+    headings: str = Field(description="which headings the figures are for")
+    environment: EnvironmentPart
+    scanner: ScannerPart
+    zones: tuple[ZonePart, ...]
+    places: tuple[PlacePart, ...] = Field(description="the worst first")
+    places_in_all: int
+    pictures: tuple[str, ...]
+    parameters: dict[str, Any]
+    versions: dict[str, Any]
+
+
+def document(audit: Audit) -> Document:
+    """Gather an audit's figures, rounded, with units in the names."""
+    attrs = audit.amap.dataset.attrs
+    return Document(
+        created=str(attrs.get("created", "")),
+        ambinav_version=str(attrs.get("ambinav_version", "")),
+        summary=audit.summary,
+        headings=_headings(audit),
+        environment=EnvironmentPart(
+            name=audit.environment.name,
+            source=str(audit.environment.source or ""),
+            sha256=audit.environment.checksum,
+            bounds_m=audit.environment.bounds,
+            free_area_m2=audit.amap.free_area,
+            segments=len(audit.environment.segments),
+            notes=audit.environment.notes,
+        ),
+        scanner=ScannerPart(
+            name=audit.scanner.name,
+            description=audit.scanner.description,
+            kind=audit.scanner.kind,
+            beams=audit.scanner.beams,
+            aperture_deg=math.degrees(audit.scanner.aperture),
+            max_range_m=audit.scanner.max_range,
+            source=audit.scanner.source,
+            yaml=audit.scanner.to_yaml(),
+        ),
+        zones=_zones(audit),
+        places=tuple(_place(finding) for finding in audit.findings),
+        places_in_all=audit.regions,
+        pictures=(FLOOR_ZONES, FLOOR_LEVEL),
+        parameters=json.loads(attrs["parameters"]),
+        versions=json.loads(attrs.get("versions", "{}")),
+    )
+
+
+def place_picture(number: int) -> str:
+    """File name of a place's picture."""
+    return f"place-{number:02d}.png"
+
+
+def _headings(audit: Audit) -> str:
+    if not audit.amap.has_theta:
+        return "all alike"
+    if isinstance(audit.heading, str):
+        return f"{audit.heading} over all headings"
+    return f"{math.degrees(audit.heading):.0f} degrees"
+
+
+def _zones(audit: Audit) -> tuple[ZonePart, ...]:
+    best: list[float | None] = [None] * len(ZONES)
+    worst = best
+    if audit.amap.has_theta:
+        best = [share.share for share in audit.amap.zone_shares("best")]
+        worst = [share.share for share in audit.amap.zone_shares("worst")]
+    return tuple(
+        ZonePart(
+            zone=name,
+            share=audit.shares[code].share,
+            area_m2=audit.shares[code].area,
+            share_best_heading=best[code],
+            share_worst_heading=worst[code],
+            meaning=MEANINGS[code],
+            colour=COLOURS[code],
+        )
+        for code, name in enumerate(ZONES)
+    )
+
+
+def _place(finding: Finding) -> PlacePart:
+    place: Place = finding.place
+    return PlacePart(
+        number=place.number,
+        zone=place.zone,
+        x_m=place.x,
+        y_m=place.y,
+        length_m=place.length,
+        width_m=place.width,
+        area_m2=place.area,
+        direction_deg=_degrees(place.direction),
+        level=place.level,
+        major_radius_m=place.major_radius,
+        minor_radius_m=place.minor_radius,
+        best_heading_deg=_degrees(place.best_heading),
+        worst_heading_deg=_degrees(place.worst_heading),
+        severity_m2=place.severity,
+        sees=_sight(finding.sight),
+        picture=place_picture(place.number),
+    )
+
+
+def _sight(sight: Sight) -> SightPart:
+    return SightPart(
+        heading_deg=math.degrees(sight.theta),
+        beams=sight.beams,
+        without_echo=sight.silent,
+        at_unknown_space=int(sight.frontier.sum()),
+        surfaces=sight.surfaces,
+        directions=sight.directions,
+        sentence=sight.sentence,
+    )
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)

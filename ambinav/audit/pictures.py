@@ -1,0 +1,80 @@
+"""The pictures of an audit: two floor maps with numbered places, and one scan for each place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+
+from ambinav.audit.audit import Audit, Finding, degrees
+from ambinav.audit.document import FLOOR_LEVEL, FLOOR_ZONES, place_picture
+from ambinav.audit.places import Place
+from ambinav.maps.drawing import save_figure
+from ambinav.maps.plot import plot_layer, plot_zones
+from ambinav.maps.plot_scan import plot_scan
+
+
+def save_pictures(
+    audit: Audit, folder: Path, progress: Callable[[float], None] | None = None
+) -> None:
+    """Draw all pictures into `folder`; `progress` is called with the fraction done."""
+    places = [finding.place for finding in audit.findings]
+    total = 2 + len(places)
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done / total)
+
+    axes = plot_zones(audit.amap, heading=audit.heading)
+    mark_places(axes, places)
+    save_figure(axes, folder / FLOOR_ZONES)
+    tell(1)
+    axes = plot_layer(audit.amap, "level", heading=audit.heading)
+    mark_places(axes, places)
+    save_figure(axes, folder / FLOOR_LEVEL)
+    tell(2)
+    for finding in audit.findings:
+        save_figure(plot_finding(audit, finding), folder / place_picture(finding.place.number))
+        tell(2 + finding.place.number)
+
+
+def mark_places(axes: Axes, places: Iterable[Place]) -> None:
+    """Number the places on a floor map: a round label on each place's point."""
+    for place in sorted(places, key=lambda place: -place.number):
+        axes.annotate(
+            str(place.number),
+            (place.x, place.y),
+            ha="center",
+            va="center_baseline",
+            fontsize=10,
+            fontweight="bold",
+            color="black",
+            bbox={
+                "boxstyle": "circle,pad=0.25",
+                "facecolor": "white",
+                "edgecolor": "black",
+                "linewidth": 1.2,
+            },
+            path_effects=[withStroke(linewidth=2, foreground="white")],
+            zorder=10,
+        )
+
+
+def plot_finding(audit: Audit, finding: Finding) -> Axes:
+    """Draw what the scanner sees at a place."""
+    place = finding.place
+    slide = None
+    if place.direction is not None:
+        slide = (place.direction, place.major_radius)
+    title = f"Place {place.number}: {place.zone} at ({place.x:.1f}, {place.y:.1f}) m"
+    if place.worst_heading is not None:
+        title += f", heading {degrees(finding.sight.theta)}"
+    return plot_scan(
+        audit.environment.segments,
+        finding.sight,
+        audit.environment.free,
+        slide=slide,
+        title=title,
+    )

@@ -1,0 +1,203 @@
+"""The worst places of an ambiguity map: connected regions, ranked by ambiguity times area."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
+
+from ambinav.audit.regions import Labels, find_regions, passable
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+
+Floats = NDArray[np.float64]
+
+GAP = 1.0
+"""Metres of other floor that a region may bridge: a doorway does not cut a corridor in two."""
+LEAST_AREA = 1.0
+"""Square metres; smaller regions join a neighbour or are left out."""
+_PRONOUNCED = 0.3
+"""Difference of major and minor from which a weak direction is told."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A connected region where the robot may get lost.
+
+    Attributes:
+        number: Rank, from 1 for the worst.
+        zone: "corridor" or "open".
+        x: Metres; the most ambiguous point, deep inside the region.
+        y: Metres.
+        area: Square metres of the region.
+        length: Metres; the region's smallest enclosing rectangle, its longer side.
+        width: Metres; its shorter side.
+        direction: Radians in [0, pi): along it the robot slides unseen; None if there is no one
+            direction.
+        level: Mean ambiguity level of the region, in [0, 1].
+        major_radius: Metres at (x, y): how far the robot can slide unseen along the direction.
+        minor_radius: Metres at (x, y): the same across it.
+        best_heading: Radians; the least ambiguous heading at (x, y). None if it does not matter.
+        worst_heading: Radians; the most ambiguous one. None if it does not matter.
+        outline: (xmin, ymin, xmax, ymax) of the region, metres.
+    """
+
+    number: int
+    zone: str
+    x: float
+    y: float
+    area: float
+    length: float
+    width: float
+    direction: float | None
+    level: float
+    major_radius: float
+    minor_radius: float
+    best_heading: float | None
+    worst_heading: float | None
+    outline: tuple[float, float, float, float]
+
+    @property
+    def severity(self) -> float:
+        """Mean level times area, square metres: what the ranking goes by."""
+        return self.level * self.area
+
+
+def find_places(
+    amap: AmbiguityMap,
+    count: int | None = None,
+    heading: str | float = "mean",
+    *,
+    gap: float = GAP,
+    least_area: float = LEAST_AREA,
+) -> tuple[Place, ...]:
+    """Find the regions of corridor and open zones, the worst first.
+
+    Args:
+        amap: The map.
+        count: How many at most; None: all.
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        gap: Metres, see `GAP`.
+        least_area: Square metres, see `LEAST_AREA`.
+
+    Returns:
+        Places numbered from 1; empty if there are none.
+
+    Raises:
+        InputError: no such heading.
+    """
+    floor = {
+        name: np.nan_to_num(amap.floor(name, heading).values.astype(np.float64))
+        for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
+    }
+    zone = amap.floor("zone", heading).values
+    axis = np.where(floor["major"] - floor["minor"] >= _PRONOUNCED, floor["direction"], np.nan)
+    clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64))
+    labels = find_regions(
+        zone,
+        (CORRIDOR, OPEN),
+        axis,
+        passable(amap.dataset["free"].values, clearance, amap.spacing),
+        gap=round(gap / amap.spacing),
+        least=max(1, round(least_area / amap.spacing**2)),
+    )
+    found = int(labels.max(initial=0))
+    index = np.arange(1, found + 1)
+    severity = ndimage.sum_labels(floor["level"], labels, index)
+    worst = index[np.argsort(-severity, kind="stable")][:count]
+    boxes = ndimage.find_objects(labels)
+    return tuple(
+        _describe(amap, labels, boxes[label - 1], int(label), number, zone, floor, axis)
+        for number, label in enumerate(worst.tolist(), start=1)
+    )
+
+
+def _describe(
+    amap: AmbiguityMap,
+    labels: Labels,
+    box: tuple[slice, slice],
+    label: int,
+    number: int,
+    zone: NDArray[np.uint8],
+    floor: dict[str, Floats],
+    axis: Floats,
+) -> Place:
+    """Measure one region; `box` is the part of the lattice that holds it."""
+    inside = labels[box] == label
+    x = amap.dataset["x"].values[box[1]]
+    y = amap.dataset["y"].values[box[0]]
+    level = floor["level"][box]
+    row, column = _representative(inside, level)
+    # Rounded, so that all reports print the same: 20.95 and 20.950000001 differ in one decimal.
+    px, py = round(float(x[column]), 6), round(float(y[row]), 6)
+    rows, columns = np.nonzero(inside)
+    length, width = _extent(x[columns], y[rows], amap.spacing)
+    half = amap.spacing / 2
+    counts = np.bincount(zone[box][inside], minlength=len(ZONES))
+    kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]
+    best, worst = _headings(amap, px, py)
+    return Place(
+        number=number,
+        zone=kind,
+        x=px,
+        y=py,
+        area=float(inside.sum() * amap.spacing**2),
+        length=length,
+        width=width,
+        direction=_mean_axis(axis[box][inside], (floor["major"] - floor["minor"])[box][inside]),
+        level=float(level[inside].mean()),
+        major_radius=float(floor["major_radius"][box][row, column]),
+        minor_radius=float(floor["minor_radius"][box][row, column]),
+        best_heading=best,
+        worst_heading=worst,
+        outline=(
+            float(x[0] - half), float(y[0] - half), float(x[-1] + half), float(y[-1] + half)
+        ),
+    )  # fmt: skip
+
+
+def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]:
+    """Cell that stands for the region: among its worst tenth the deepest, then most central."""
+    limit = np.quantile(level[inside], 0.9) - 1e-6
+    depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
+    rows, columns = np.nonzero(inside & (level >= limit))
+    all_rows, all_columns = np.nonzero(inside)
+    off = np.hypot(rows - all_rows.mean(), columns - all_columns.mean())
+    # A cell of depth counts for more than any distance from the centre of the region.
+    best = int(np.lexsort((off, -np.round(depth[rows, columns], 6)))[0])
+    return int(rows[best]), int(columns[best])
+
+
+def _extent(x: Floats, y: Floats, spacing: float) -> tuple[float, float]:
+    """Sides of the smallest rectangle around the cells, the longer first, metres."""
+    rectangle = minimum_rotated_rectangle(MultiPoint(np.column_stack([x, y])))
+    if not isinstance(rectangle, Polygon):
+        return float(rectangle.length) + spacing, spacing
+    corners = np.asarray(rectangle.exterior.coords)
+    first, second = np.hypot(*np.diff(corners[:3], axis=0).T) + spacing
+    return float(max(first, second)), float(min(first, second))
+
+
+def _mean_axis(axis: Floats, weight: Floats) -> float | None:
+    """Mean of axes (period pi); None if few have one or they do not agree."""
+    known = np.isfinite(axis)
+    if known.sum() < 0.5 * axis.size:
+        return None
+    resultant = np.sum(weight[known] * np.exp(2j * axis[known])) / np.sum(weight[known])
+    if abs(resultant) < 0.5:
+        return None
+    angle = float(np.angle(resultant)) / 2.0
+    return angle if angle >= 0.0 else (angle + math.pi) % math.pi
+
+
+def _headings(amap: AmbiguityMap, x: float, y: float) -> tuple[float | None, float | None]:
+    """Least and most ambiguous heading at a point, radians; None where it does not matter."""
+    if "theta" not in amap.dataset["level"].dims:
+        return None, None
+    theta = amap.dataset["theta"].values
+    level = amap.dataset["level"].sel(x=x, y=y, method="nearest").values
+    return float(theta[np.argmin(level)]), float(theta[np.argmax(level)])

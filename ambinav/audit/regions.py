@@ -1,0 +1,128 @@
+"""Connected regions of the floor that share a zone, never joined through a wall."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+Labels = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+_ALIGNED = math.radians(20.0)
+"""Pieces of corridor are one corridor if their weak directions differ by less."""
+
+
+def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
+    """Free cells that no wall can pass between.
+
+    A wall may have no thickness, and then no cell of its own. Of two neighbours on either side of
+    one at least one lies within half a cell of it, so without the cells close to walls no path
+    along neighbours crosses a wall.
+    """
+    return free & (clearance > 0.5 * spacing * (1 + 1e-6))
+
+
+def find_regions(
+    zone: NDArray[np.uint8],
+    codes: tuple[int, ...],
+    direction: Floats,
+    open_way: Mask,
+    *,
+    gap: int,
+    least: int,
+) -> Labels:
+    """Label the regions of the given zones, each of one zone.
+
+    Pieces of the same zone that lie at most `gap` cells apart, along free floor, are one region
+    if their weak directions agree. Regions of fewer than `least` cells join their largest
+    neighbour within that gap; those without one are left out.
+
+    Args:
+        zone: (ny, nx) zone codes.
+        codes: Zones to look for. Directions are compared where `direction` is not NaN.
+        direction: (ny, nx) weak direction in radians, NaN where none is pronounced.
+        open_way: (ny, nx) cells that connect, see `passable`.
+        gap: Cells.
+        least: Cells.
+
+    Returns:
+        (ny, nx), 0 outside of regions, otherwise 1 .. N without holes in the numbering.
+    """
+    labels = np.zeros(zone.shape, dtype=np.int32)
+    owner: list[int] = [0]
+    for code in codes:
+        found, count = ndimage.label((zone == code) & open_way)
+        labels = np.where(found > 0, found + len(owner) - 1, labels).astype(np.int32)
+        owner += [code] * count
+    owners = np.array(owner)
+    reach = _spread(labels, open_way, (gap + 1) // 2)
+    labels = _join_pieces(labels, reach, owners, direction)
+    labels = _join_small(labels, reach, least)
+    # Cells close to a wall were left out; they go to the region that they touch.
+    claim = np.isin(zone, codes) & (labels == 0) & ~open_way
+    labels = np.where(claim, _spread(labels, claim, 2), labels)
+    return _numbered(labels)
+
+
+def _spread(labels: Labels, way: Mask, steps: int) -> Labels:
+    """Grow all labels by `steps` cells along `way`; the larger label wins a tie."""
+    cross = ndimage.generate_binary_structure(2, 1)
+    for _ in range(steps):
+        grown = ndimage.grey_dilation(labels, footprint=cross)
+        labels = np.where((labels == 0) & way, grown, labels).astype(np.int32)
+    return labels
+
+
+def _touching(labels: Labels) -> NDArray[np.int32]:
+    """Pairs (a, b), a < b, of labels that lie side by side, shape (n, 2)."""
+    pairs = []
+    for first, second in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
+        border = (first != second) & (first > 0) & (second > 0)
+        pairs.append(np.stack([first[border], second[border]], axis=-1))
+    both = np.concatenate(pairs)
+    return np.unique(np.sort(both, axis=1), axis=0)
+
+
+def _join_pieces(
+    labels: Labels, reach: Labels, owners: NDArray[np.int_], direction: Floats
+) -> Labels:
+    """Give touching regions of one zone and one direction the same label."""
+    index = np.arange(len(owners))
+    known = np.isfinite(direction) & (labels > 0)
+    axis = np.zeros(len(owners), dtype=np.complex128)
+    np.add.at(axis, labels[known], np.exp(2j * direction[known]))
+    for a, b in _touching(reach).tolist():
+        turned = abs(np.angle(axis[a] * np.conj(axis[b]))) / 2.0
+        if owners[a] == owners[b] and turned < _ALIGNED:
+            index[_root(index, b)] = _root(index, a)
+    roots = np.array([_root(index, i) for i in range(len(index))], dtype=np.int32)
+    np.copyto(reach, roots[reach])
+    return roots[labels]
+
+
+def _join_small(labels: Labels, reach: Labels, least: int) -> Labels:
+    """Give regions of fewer than `least` cells to their largest neighbour, or drop them."""
+    size = np.bincount(labels.ravel(), minlength=int(labels.max()) + 1)
+    target = np.where(size >= least, np.arange(size.size), 0).astype(np.int32)
+    best = np.zeros(size.size, dtype=np.int64)
+    for a, b in _touching(reach).tolist():
+        for small, big in ((a, b), (b, a)):
+            if size[small] < least <= size[big] and size[big] > best[small]:
+                best[small], target[small] = size[big], big
+    return target[labels]
+
+
+def _root(index: NDArray[np.int_], i: int) -> int:
+    while index[i] != i:
+        index[i] = index[index[i]]
+        i = int(index[i])
+    return i
+
+
+def _numbered(labels: Labels) -> Labels:
+    _, dense = np.unique(np.append(labels.ravel(), 0), return_inverse=True)
+    return dense[:-1].reshape(labels.shape).astype(np.int32)

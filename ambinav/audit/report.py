@@ -1,0 +1,134 @@
+"""Writing an audit into a folder: report.html, report.md, report.json and the pictures."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from jinja2 import Environment as Templates
+from jinja2 import PackageLoader, StrictUndefined
+
+from ambinav.audit.audit import Audit, metres2, percent
+from ambinav.audit.document import FORMAT, Document, document
+from ambinav.audit.pictures import save_pictures
+from ambinav.errors import InputError
+from ambinav.files import replacing
+
+JSON: Final = "report.json"
+HTML: Final = "report.html"
+MARKDOWN: Final = "report.md"
+
+
+def check_output(folder: str | Path) -> Path:
+    """Check that a report may be written to `folder`: that nothing else would be lost.
+
+    Returns:
+        The absolute path.
+
+    Raises:
+        InputError: it is a file, or a folder that holds something else than an earlier report.
+    """
+    path = Path(folder).absolute()
+    if not path.exists():
+        return path
+    if not path.is_dir():
+        raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
+    foreign = sorted(item.name for item in path.iterdir() if not _is_ours(item.name))
+    if foreign or (any(path.iterdir()) and not _is_report(path / JSON)):
+        what = f"{foreign[0]} and perhaps more" if foreign else "files"
+        raise InputError(
+            f"{folder}: this folder holds {what}, which is not of an earlier report and would be "
+            "lost; choose a new folder."
+        )
+    return path
+
+
+def write_report(
+    audit: Audit, folder: str | Path, progress: Callable[[float], None] | None = None
+) -> Document:
+    """Write the report, whole or not at all; an earlier report in `folder` is replaced.
+
+    Args:
+        audit: What to report.
+        folder: Where to.
+        progress: Called with the fraction done, 0 to 1.
+
+    Returns:
+        What report.json holds.
+
+    Raises:
+        InputError: see `check_output`; or the place is not writable.
+    """
+    path = check_output(folder)
+    report = document(audit)
+    with replacing(path) as fresh:
+        fresh.mkdir()
+        save_pictures(audit, fresh, progress)
+        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
+        inlined = {name: _data_uri(fresh / name) for name in _pictures(report)}
+        (fresh / HTML).write_text(render("report.html.j2", report, inlined), encoding="utf-8")
+    return report
+
+
+def render(template: str, report: Document, pictures: dict[str, str] | None = None) -> str:
+    """Fill a template with a report.
+
+    Args:
+        template: Name of a file in the folder templates.
+        report: The figures.
+        pictures: What stands for each picture's file name; None: the file name itself.
+    """
+    templates = Templates(
+        loader=PackageLoader("ambinav.audit", "templates"),
+        autoescape=template.endswith(".html.j2"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    templates.filters["percent"] = percent
+    templates.filters["metres2"] = metres2
+    templates.filters["cell"] = _cell
+    named = pictures or {name: name for name in _pictures(report)}
+    return templates.get_template(template).render(report=report, pictures=named)
+
+
+def _pictures(report: Document) -> list[str]:
+    return [*report.pictures, *(place.picture for place in report.places)]
+
+
+def _data_uri(path: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def _cell(value: object) -> str:
+    """A parameter as a reader wants it in a table."""
+    if value is None:
+        return "default"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_cell(entry)}" for key, entry in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_cell, value))
+    return str(value)
+
+
+def _is_ours(name: str) -> bool:
+    if name.endswith(".png"):
+        return name.startswith(("floor-", "place-"))
+    return name in (JSON, HTML, MARKDOWN)
+
+
+def _is_report(path: Path) -> bool:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT

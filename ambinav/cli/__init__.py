@@ -1,0 +1,66 @@
+"""The command line: `ambinav audit | map | presets | calibrate`.
+
+Every command lives in a module of its own, and imports what computes only when it runs, so that
+`ambinav --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from ambinav.cli.audit import audit
+from ambinav.cli.calibrate import calibrate
+from ambinav.cli.map import build
+from ambinav.cli.presets import presets
+
+app = typer.Typer(
+    name="ambinav",
+    help="Perceptual ambiguity maps: where a building leaves a range scanner lost.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("audit")(audit)
+app.command("map")(build)
+app.command("presets")(presets)
+app.command("calibrate")(calibrate)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from ambinav import __version__
+
+        typer.echo(f"ambinav {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Perceptual ambiguity maps: where a building leaves a range scanner lost."""
+
+
+def main() -> None:
+    """Run the command line; exit status 0, 2 (your input), 1 (our fault) or 130 (interrupted)."""
+    # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        app()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(128 + number)

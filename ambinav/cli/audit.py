@@ -1,0 +1,106 @@
+"""`ambinav audit`: the report on a building and a scanner."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.audit.document import Document
+
+
+def audit(
+    map_file: options.MapFile,
+    scanner: options.Scanner,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for the report; an earlier report there is replaced.",
+            show_default=False,
+        ),
+    ],
+    spacing: options.Spacing = 0.1,
+    radius: options.Radius = 0.5,
+    headings: options.Headings = None,
+    map_std: options.MapStd = None,
+    places: Annotated[
+        int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
+    ] = 10,
+    as_json: options.AsJson = False,
+) -> None:
+    """Report where a building leaves a scanner lost: pictures, zones, the worst places.
+
+    Writes report.html (stands alone), report.md, report.json and the pictures.
+
+    Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out`
+    """
+    with reporting():
+        options.check_numbers(spacing, radius, headings, map_std)
+        if places < 0:
+            raise InputError(f"--places: {places} is negative; give 0 or more.")
+        from ambinav.audit.report import check_output
+
+        check_writable(output)
+        check_output(output)
+        environment, chosen = options.load(map_file, scanner, spacing)
+        with progress_bars(as_json) as bars:
+            amap = options.make_map(
+                environment,
+                chosen,
+                spacing=spacing,
+                radius=radius,
+                headings=headings,
+                map_std=map_std,
+                progress=bars("ambiguity"),
+            )
+            from ambinav.audit.audit import audit as examine
+            from ambinav.audit.report import write_report
+
+            found = examine(amap, environment, chosen, places=places)
+            report = write_report(found, output, progress=bars("report"))
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(report, output)
+
+
+def _show(report: Document, output: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.audit.audit import metres2, percent
+
+    console = Console(highlight=False)
+    zones = Table(box=None, pad_edge=False)
+    for title in ("zone", "share", "area"):
+        zones.add_column(title, justify="left" if title == "zone" else "right")
+    for zone in report.zones:
+        zones.add_row(zone.zone, percent(zone.share), metres2(zone.area_m2))
+    console.print(Text(report.summary), "", zones, sep="\n")
+    if report.places:
+        worst = Table(box=None, pad_edge=False)
+        for title in ("place", "zone", "x, y", "extent", "area", "direction", "level"):
+            worst.add_column(title, justify="left" if title == "zone" else "right")
+        for place in report.places:
+            direction = place.direction_deg
+            worst.add_row(
+                str(place.number),
+                place.zone,
+                f"{place.x_m:.1f}, {place.y_m:.1f} m",
+                f"{place.length_m:.1f} x {place.width_m:.1f} m",
+                metres2(place.area_m2),
+                "none" if direction is None else f"{direction:.0f}°",
+                f"{place.level:.2f}",
+            )
+        console.print("", worst, sep="\n")
+    console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)

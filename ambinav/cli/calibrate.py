@@ -1,0 +1,79 @@
+"""`ambinav calibrate`: a sensor fitted to measured pairs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ambinav.cli.options import AsJson
+from ambinav.cli.running import above_zero, check_writable, not_negative, reporting
+
+
+def calibrate(
+    pairs: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CSV",
+            help="Measured pairs, metres: the columns true_range and reading.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="The sensor to write.", show_default=False
+        ),
+    ],
+    max_range: Annotated[
+        float,
+        typer.Option(
+            "--max-range", metavar="M", help="Farthest range read, metres.", show_default=False
+        ),
+    ],
+    resolution: Annotated[
+        float,
+        typer.Option(
+            "--resolution",
+            metavar="M",
+            help="One step of the reading, metres.",
+            show_default=False,
+        ),
+    ],
+    min_range: Annotated[
+        float, typer.Option("--min-range", metavar="M", help="Nearest range read, metres.")
+    ] = 0.0,
+    as_json: AsJson = False,
+) -> None:
+    """Fit a sensor's bias and deviation to measured pairs, and show the residuals.
+
+    Example: `ambinav calibrate pairs.csv -o sensor.yaml --max-range 5.6 --resolution 0.001`
+    """
+    with reporting():
+        above_zero(max_range, "--max-range", "5.6")
+        above_zero(resolution, "--resolution", "0.001")
+        not_negative(min_range, "--min-range", "0.02")
+        check_writable(output)
+        from ambinav.sensing.sensor import RangeSensor
+
+        sensor = RangeSensor.fit(
+            pairs, max_range=max_range, resolution=resolution, min_range=min_range
+        )
+        fit = sensor.calibration
+        assert fit is not None, "RangeSensor.fit keeps its calibration"
+        sensor.to_yaml(output)
+        if as_json:
+            residuals = fit.residuals
+            result = {
+                "output": str(output),
+                "pairs": int(residuals.size),
+                "sensor": sensor.to_plain(),
+                "residual_rms_m": round(float((residuals**2).mean() ** 0.5), 6),
+                "residual_largest_m": round(float(abs(residuals).max()), 6),
+            }
+            typer.echo(json.dumps(result, indent=2))
+        else:
+            typer.echo(fit.report())
+            typer.echo(f"sensor: {output}")

@@ -1,0 +1,76 @@
+"""`ambinav map`: the ambiguity map alone."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import check_writable, progress_bars, reporting
+
+
+def build(
+    map_file: options.MapFile,
+    scanner: options.Scanner,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="OUT.zarr",
+            help="The map to write; an older map there is replaced.",
+            show_default=False,
+        ),
+    ],
+    spacing: options.Spacing = 0.1,
+    radius: options.Radius = 0.5,
+    headings: options.Headings = None,
+    map_std: options.MapStd = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Compute a building's ambiguity map for a scanner and store it.
+
+    Example: `ambinav map office.yaml --scanner hokuyo-urg-04lx -o office.zarr`
+    """
+    with reporting():
+        options.check_numbers(spacing, radius, headings, map_std)
+        from ambinav.maps.store import check_target
+
+        check_writable(output)
+        check_target(output)
+        environment, chosen = options.load(map_file, scanner, spacing)
+        start = time.perf_counter()
+        with progress_bars(as_json) as bars:
+            amap = options.make_map(
+                environment,
+                chosen,
+                spacing=spacing,
+                radius=radius,
+                headings=headings,
+                map_std=map_std,
+                progress=bars("ambiguity"),
+            )
+        seconds = time.perf_counter() - start
+        amap.save(output)
+        if as_json:
+            result = {
+                "output": str(output),
+                "environment": environment.name,
+                "scanner": chosen.name,
+                "cells": int(amap.dataset["free"].sum()),
+                "free_area_m2": round(amap.free_area, 2),
+                "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,
+                "zones": [
+                    {"zone": s.zone, "share": round(s.share, 4), "area_m2": round(s.area, 2)}
+                    for s in amap.zone_shares()
+                ],
+                "seconds": round(seconds, 3),
+            }
+            typer.echo(json.dumps(result, indent=2))
+        else:
+            typer.echo(repr(amap))
+            typer.echo(f"map: {output}")

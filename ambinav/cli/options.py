@@ -1,0 +1,128 @@
+"""Arguments and options that several commands take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli.running import Progress, above_zero, not_negative
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.sensing.scanner import RangeScanner
+
+MapFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MAP",
+        help="The building: a map_server .yaml, a .geojson or a .wkt file.",
+        show_default=False,
+    ),
+]
+Scanner = Annotated[
+    str,
+    typer.Option(
+        "--scanner",
+        "-s",
+        metavar="PRESET|FILE",
+        help="A preset (see `ambinav presets`) or a scanner .yaml file.",
+        show_default=False,
+    ),
+]
+Spacing = Annotated[
+    float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
+]
+Radius = Annotated[
+    float,
+    typer.Option(
+        "--radius", metavar="M", help="How far around a pose look-alikes are sought, metres."
+    ),
+]
+Headings = Annotated[
+    int | None,
+    typer.Option(
+        "--headings",
+        metavar="N",
+        help="Number of headings of the robot.",
+        show_default="the scanner decides",
+    ),
+]
+MapStd = Annotated[
+    float | None,
+    typer.Option(
+        "--map-std",
+        metavar="M",
+        help="Standard deviation of the walls in the map, metres.",
+        show_default="the map's resolution",
+    ),
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
+]
+
+
+def check_numbers(
+    spacing: float, radius: float, headings: int | None, map_std: float | None
+) -> None:
+    """Check what can be checked before the map is read.
+
+    Raises:
+        InputError: an option has a value that cannot be used.
+    """
+    above_zero(spacing, "--spacing", "0.1")
+    above_zero(radius, "--radius", "0.5")
+    not_negative(map_std, "--map-std", "0.05")
+    if headings is not None and headings < 1:
+        raise InputError(f"--headings: {headings} is not a number of headings; give 1 or more.")
+
+
+def load(map_file: Path, scanner: str, spacing: float) -> tuple[Environment, RangeScanner]:
+    """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
+
+    Raises:
+        InputError: one cannot be used, or the spacing exceeds the building.
+    """
+    from ambinav.geometry.environment import load_environment
+    from ambinav.sensing.scanner import RangeScanner
+
+    chosen = RangeScanner.load(scanner)
+    environment = load_environment(map_file)
+    xmin, ymin, xmax, ymax = environment.bounds
+    if spacing > max(xmax - xmin, ymax - ymin):
+        raise InputError(
+            f"--spacing: {spacing:g} m is larger than the building in {map_file} "
+            f"({xmax - xmin:.3g} x {ymax - ymin:.3g} m); give less, e.g. 0.1."
+        )
+    return environment, chosen
+
+
+def make_map(
+    environment: Environment,
+    scanner: RangeScanner,
+    *,
+    spacing: float,
+    radius: float,
+    headings: int | None,
+    map_std: float | None,
+    progress: Progress,
+) -> AmbiguityMap:
+    """Build the map.
+
+    Raises:
+        InputError: an option does not suit this building.
+    """
+    from ambinav.ambiguity.build import build_map
+
+    return build_map(
+        environment,
+        scanner,
+        spacing=spacing,
+        radius=radius,
+        headings=headings,
+        map_std=map_std,
+        progress=progress,
+    )

@@ -1,0 +1,72 @@
+"""`ambinav presets`: the scanners that come along."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated
+
+import typer
+
+from ambinav.cli.options import AsJson
+from ambinav.cli.running import reporting
+
+
+def presets(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="Print this preset's YAML, e.g. to start a file of your own from.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the scanners that come along, or print one as YAML.
+
+    Example: `ambinav presets hokuyo-urg-04lx > my-scanner.yaml`
+    """
+    with reporting():
+        from ambinav.sensing.presets import preset_path, preset_summaries
+
+        if name is not None:
+            text = preset_path(name).read_text(encoding="utf-8")
+            if as_json:
+                import yaml
+
+                typer.echo(json.dumps(yaml.safe_load(text), indent=2))
+            else:
+                typer.echo(text, nl=False)
+            return
+        found = preset_summaries()
+        if as_json:
+            rows = [
+                {
+                    "name": preset.name,
+                    "kind": preset.kind,
+                    "beams": preset.beams,
+                    "aperture_deg": round(math.degrees(preset.aperture), 3),
+                    "max_range_m": preset.max_range,
+                    "description": preset.description,
+                    "source": preset.source,
+                }
+                for preset in found
+            ]
+            typer.echo(json.dumps(rows, indent=2))
+            return
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table(box=None, pad_edge=False)
+        for title in ("name", "kind", "beams", "aperture", "range", "description"):
+            numeric = title in ("beams", "aperture", "range")
+            table.add_column(
+                title,
+                justify="right" if numeric else "left",
+                no_wrap=title != "description",
+                overflow="fold",
+            )
+        for preset in found:
+            table.add_row(*preset.row()[:6])
+        Console(highlight=False).print(table)

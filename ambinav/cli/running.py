@@ -1,0 +1,134 @@
+"""What all commands share: errors to exit status, notes, progress, JSON, checks of numbers."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TextIO
+
+import typer
+
+from ambinav.errors import InputError, InputWarning
+
+Progress = Callable[[float], None]
+
+BAD_INPUT = 2
+OUR_FAULT = 1
+INTERRUPTED = 130
+
+
+@contextlib.contextmanager
+def reporting() -> Iterator[None]:
+    """Turn what a command raises into a sentence on stderr and an exit status.
+
+    `InputError` gives 2, Ctrl-C 130, anything unforeseen 1 with its traceback. An `InputWarning`
+    becomes a note on stderr, each only once.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", InputWarning)
+        warnings.showwarning = _Notes()
+        try:
+            yield
+        except InputError as error:
+            _say(f"ambinav: error: {error}")
+            raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            _say("ambinav: interrupted, nothing was written.")
+            raise typer.Exit(INTERRUPTED) from None
+        except (typer.Exit, typer.Abort):
+            raise
+        except BrokenPipeError:
+            # Whoever read our output has stopped; there is nobody left to tell.
+            raise typer.Exit(OUR_FAULT) from None
+        except Exception as error:
+            traceback.print_exc()
+            _say(f"ambinav: this is our fault, please report it: {type(error).__name__}: {error}")
+            raise typer.Exit(OUR_FAULT) from None
+
+
+class _Notes:
+    """Prints input warnings, each once."""
+
+    def __init__(self) -> None:
+        self.told: set[str] = set()
+
+    def __call__(
+        self,
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if str(message) not in self.told:
+            self.told.add(str(message))
+            _say(f"ambinav: note: {message}")
+
+
+@contextlib.contextmanager
+def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
+    """Yield what starts a progress bar: given its text, it returns what takes the fraction done.
+
+    Bars are drawn on stderr, and only on a terminal.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda text: lambda fraction: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bars:
+
+        def start(text: str) -> Callable[[float], None]:
+            task = bars.add_task(text, total=1.0)
+            return lambda fraction: bars.update(task, completed=fraction)
+
+        yield start
+
+
+def check_writable(output: Path) -> None:
+    """Check, before the long work, that `output` can be made; make nothing yet.
+
+    Raises:
+        InputError: the nearest folder that exists is not a folder, or is not writable.
+    """
+    place = output.absolute().parent
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        raise InputError(f"{output}: {place} is a file, not a folder; choose another output.")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise InputError(f"{output}: the folder {place} is not writable; choose another output.")
+
+
+def above_zero(value: float | None, option: str, example: str) -> None:
+    """Check a number that must be finite and above zero; None passes.
+
+    Raises:
+        InputError: it is not.
+    """
+    if value is not None and not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{option}: {value:g} is not above zero; give metres, e.g. {example}.")
+
+
+def not_negative(value: float | None, option: str, example: str) -> None:
+    """Check a number that must be finite and not negative; None passes.
+
+    Raises:
+        InputError: it is not.
+    """
+    if value is not None and not (math.isfinite(value) and value >= 0.0):
+        raise InputError(f"{option}: {value:g} is not zero or above; give metres, e.g. {example}.")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

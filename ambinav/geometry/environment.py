@@ -1,0 +1,239 @@
+"""The environment: free space, the segments that bound it, and what can be asked of them."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely import affinity
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError
+from ambinav.geometry.grid import SegmentGrid
+from ambinav.geometry.raycast import cast_rays, clearances
+from ambinav.geometry.segments import Segments
+from ambinav.geometry.triangulation import Triangulation
+
+# A drawn plan differs from the building: walls stand about this far, in metres, from their line.
+DRAWING_STD = 0.02
+# A segment lies on the border of the free space if its middle is this near to it, in metres.
+ON_BORDER = 1e-6
+
+
+class Environment:
+    """Static surroundings of a robot: free space bounded by segments, in the map frame.
+
+    Args:
+        segments: Walls and frontiers. Those inside `free` are walls without thickness.
+        free: Polygon or MultiPolygon of the free space, metres.
+        name: What reports call it.
+        source: The file that it came from.
+        checksum: SHA-256 of its files.
+        resolution: Edge of a cell in metres if it came from an occupancy grid.
+        notes: What was repaired or left out when it was read.
+
+    Raises:
+        InputError: no free space, or no segment.
+    """
+
+    def __init__(
+        self,
+        segments: Segments,
+        free: BaseGeometry,
+        *,
+        name: str = "environment",
+        source: Path | None = None,
+        checksum: str = "",
+        resolution: float | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        origin = str(source) if source is not None else name
+        if free.is_empty or free.area <= 0.0:
+            raise InputError(f"{origin}: there is no free space in it; give a map with free cells.")
+        if len(segments) == 0:
+            raise InputError(f"{origin}: nothing bounds its free space; give a map with walls.")
+        self.segments = segments
+        self.free = free
+        self.name = name
+        self.source = source
+        self.checksum = checksum
+        self.resolution = resolution
+        self.notes = notes
+
+    def __repr__(self) -> str:
+        """Name, size and counts."""
+        xmin, ymin, xmax, ymax = self.bounds
+        return (
+            f"Environment({self.name!r}, {xmax - xmin:.1f} x {ymax - ymin:.1f} m, "
+            f"{self.free.area:.0f} m2 free, {len(self.segments)} segments)"
+        )
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) of the free space and the segments, metres."""
+        a, b = self.free.bounds, self.segments.bounds
+        return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+    @property
+    def map_std(self) -> float:
+        """Standard deviation of the walls' position: the grid's resolution, or `DRAWING_STD`."""
+        return DRAWING_STD if self.resolution is None else self.resolution
+
+    @cached_property
+    def grid(self) -> SegmentGrid:
+        """The segments in a grid, for single rays and clearances."""
+        return SegmentGrid.build(self.segments)
+
+    @cached_property
+    def triangulation(self) -> Triangulation:
+        """The free space as triangles, for scans and for what is free."""
+        return Triangulation.build(self.free, self.segments.xy[self._thin])
+
+    @cached_property
+    def border_segment(self) -> NDArray[np.int32]:
+        """For each border edge of the triangulation the segment that it lies on, int32, (K,)."""
+        lines = shapely.linestrings(self.segments.xy.reshape(-1, 2, 2))
+        border = self.triangulation.border
+        middles = shapely.points((border[:, :2] + border[:, 2:]) / 2)
+        return np.asarray(shapely.STRtree(lines).nearest(middles), dtype=np.int32)
+
+    @cached_property
+    def _thin(self) -> NDArray[np.bool_]:
+        """Mask over the segments: those that run through the free space."""
+        middle = (self.segments.xy[:, :2] + self.segments.xy[:, 2:]) / 2
+        edge = self.free.boundary
+        shapely.prepare(edge)
+        return ~np.asarray(shapely.dwithin(edge, shapely.points(middle), ON_BORDER), dtype=np.bool_)
+
+    def is_free(
+        self, x: ArrayLike, y: ArrayLike, radius: float = 0.0
+    ) -> NDArray[np.bool_] | bool:
+        """Whether a disc of `radius` metres around (x, y) lies in the free space.
+
+        Args:
+            x: Metres, map frame, any shape.
+            y: Metres, map frame, broadcast against x.
+            radius: Metres; 0 for a point.
+
+        Returns:
+            Booleans of the broadcast shape; a plain bool for plain numbers.
+        """
+        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        flat_x, flat_y = np.ascontiguousarray(xs).ravel(), np.ascontiguousarray(ys).ravel()
+        inside = self.triangulation.contains(flat_x, flat_y)
+        if radius > 0.0:
+            inside &= self._clearance(flat_x, flat_y, radius * (1 + 1e-6) + 1e-9) >= radius
+        return inside.reshape(xs.shape) if xs.ndim else bool(inside[0])
+
+    def clearance(
+        self, x: ArrayLike, y: ArrayLike, limit: float = math.inf
+    ) -> NDArray[np.float64] | float:
+        """Distance in metres from (x, y) to the nearest segment, at most `limit`; broadcast."""
+        xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        flat = self._clearance(
+            np.ascontiguousarray(xs).ravel(), np.ascontiguousarray(ys).ravel(), limit
+        )
+        return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
+
+    def cast(
+        self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
+    ) -> NDArray[np.float64] | float:
+        """Exact distance along rays to the first segment.
+
+        Args:
+            x: Origins, metres, map frame, any shape.
+            y: Origins, metres, map frame.
+            angle: Directions, radians counter-clockwise from the map's x axis.
+            max_range: How far to look, metres.
+
+        Returns:
+            Distances of the broadcast shape in metres, `max_range` where nothing is hit, nan
+            where the ray is not finite; a plain float for plain numbers.
+        """
+        distance, _ = self.cast_hits(x, y, angle, max_range)
+        return distance if distance.ndim else float(distance)
+
+    def cast_hits(
+        self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """As `cast`, and the index of the segment that was hit, -1 for none; always arrays."""
+        if not max_range > 0.0:
+            raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
+        xs, ys, angles = np.broadcast_arrays(
+            np.asarray(x, dtype=float), np.asarray(y, dtype=float), np.asarray(angle, dtype=float)
+        )
+        parts = [np.ascontiguousarray(part).ravel() for part in (xs, ys, angles)]
+        finite = np.isfinite(parts[0]) & np.isfinite(parts[1]) & np.isfinite(parts[2])
+        if not finite.all():
+            parts = [np.where(finite, part, 0.0) for part in parts]
+        distance, segment = cast_rays(self.grid, parts[0], parts[1], parts[2], float(max_range))
+        distance[~finite] = np.nan
+        segment[~finite] = -1
+        return distance.reshape(xs.shape), segment.reshape(xs.shape)
+
+    def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
+        """Unit normals, shape (..., 2), of segments by index: to the left of a to b; nan for -1."""
+        index = np.asarray(segment, dtype=np.int64)
+        xy = self.segments.xy[np.maximum(index, 0)]
+        along = xy[..., 2:] - xy[..., :2]
+        normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.where((index >= 0)[..., None], normal, np.nan)
+
+    def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:
+        """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
+        turned = affinity.rotate(self.free, angle, origin=(0.0, 0.0), use_radians=True)
+        return Environment(
+            self.segments.transformed(angle, dx, dy),
+            affinity.translate(turned, dx, dy),
+            name=self.name,
+            source=self.source,
+            checksum=self.checksum,
+            resolution=self.resolution,
+            notes=self.notes,
+        )
+
+    def _clearance(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
+    ) -> NDArray[np.float64]:
+        return clearances(self.grid, x, y, min(limit, 1e9))
+
+
+def load_environment(
+    path: str | Path, *, tolerance: float | None = None, gap: float | None = None
+) -> Environment:
+    """Read an environment: map_server YAML, GeoJSON or WKT, told apart by the file's suffix.
+
+    Args:
+        path: .yaml or .yml with its image beside it; .geojson or .json; .wkt.
+        tolerance: How far a wall may move when a map is simplified, metres (maps only; two cells
+            if None).
+        gap: Gaps in walls and specks up to this size are closed, metres (maps only; one cell if
+            None).
+
+    Raises:
+        InputError: the file cannot be used; the message says why.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        from ambinav.geometry.boundary import environment_from_grid
+        from ambinav.geometry.occupancy import load_map_server
+
+        return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
+    if suffix in (".geojson", ".json", ".wkt"):
+        from ambinav.geometry.polygons import load_polygons
+
+        if tolerance is not None or gap is not None:
+            raise InputError(
+                f"{path}: tolerance and gap are for occupancy maps; leave them out for polygons."
+            )
+        return load_polygons(path)
+    raise InputError(
+        f"{path}: the suffix {suffix or '(none)'} names no known format; "
+        "give a map_server .yaml, a .geojson or a .wkt file."
+    )

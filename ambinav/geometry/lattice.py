@@ -1,0 +1,136 @@
+"""The lattice of free poses over an environment, and which neighbours a wall parts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycast import cast_one
+
+# Column and row steps to the eight neighbours; the opposite of direction k is k + 4 (mod 8).
+STEPS = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1]])
+MAX_CELLS = 200_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Square lattice of points; a point is free if it lies in the free space.
+
+    Attributes:
+        environment: What it lies over.
+        spacing: Distance between neighbours, metres.
+        x: Coordinates of the columns, float64, shape (C,), metres, map frame.
+        y: Coordinates of the rows, float64, shape (R,), ascending.
+        free: bool, shape (R, C).
+    """
+
+    environment: Environment
+    spacing: float
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    free: NDArray[np.bool_]
+
+    @classmethod
+    def over(cls, environment: Environment, spacing: float) -> Lattice:
+        """Lay a lattice over the free space; its points are multiples of `spacing` plus half.
+
+        Raises:
+            InputError: the spacing is not a positive number, so small that the lattice does not
+                fit into memory, or so large that no point of it is free.
+        """
+        if not (math.isfinite(spacing) and spacing > 0.0):
+            raise InputError(f"spacing is {spacing}; give a positive number of metres.")
+        xmin, ymin, xmax, ymax = environment.free.bounds
+        size = f"{xmax - xmin:.2f} x {ymax - ymin:.2f} m"
+        if spacing > max(xmax - xmin, ymax - ymin):
+            raise InputError(
+                f"spacing is {spacing:g} m but the free space of {environment.name} is only "
+                f"{size}; give a smaller spacing."
+            )
+        columns = np.arange(math.floor(xmin / spacing), math.floor(xmax / spacing) + 1)
+        rows = np.arange(math.floor(ymin / spacing), math.floor(ymax / spacing) + 1)
+        if len(columns) * len(rows) > MAX_CELLS:
+            raise InputError(
+                f"spacing is {spacing:g} m, which makes {len(columns) * len(rows):.3g} cells of "
+                f"{environment.name} ({size}); give a larger spacing."
+            )
+        x, y = (columns + 0.5) * spacing, (rows + 0.5) * spacing
+        inside = np.empty((len(y), len(x)), dtype=np.bool_)
+        for row, height in enumerate(y):
+            inside[row] = environment.triangulation.contains(x, np.full_like(x, height))
+        if not inside.any():
+            raise InputError(
+                f"spacing is {spacing:g} m, and no point of that lattice is free in "
+                f"{environment.name} ({size}); give a smaller spacing."
+            )
+        return cls(environment, spacing, x, y, inside)
+
+    @cached_property
+    def index(self) -> NDArray[np.int32]:
+        """Running number of each free point, row by row, int32, shape (R, C); -1 if not free."""
+        index = np.full(self.free.shape, -1, dtype=np.int32)
+        index[self.free] = np.arange(int(self.free.sum()), dtype=np.int32)
+        return index
+
+    @cached_property
+    def rows_columns(self) -> NDArray[np.int32]:
+        """Row and column of each free point, int32, shape (N, 2)."""
+        return np.argwhere(self.free).astype(np.int32)
+
+    @property
+    def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x and y of the free points, each of shape (N,), metres."""
+        rows_columns = self.rows_columns
+        return self.x[rows_columns[:, 1]], self.y[rows_columns[:, 0]]
+
+    @cached_property
+    def links(self) -> NDArray[np.uint8]:
+        """Per free point, uint8, shape (N,): bit k is set if no segment parts it from STEPS[k]."""
+        x, y = self.points
+        links = np.zeros(len(x), dtype=np.uint8)
+        _link(
+            self.rows_columns, self.index, x, y, self.spacing, STEPS,
+            *self.environment.grid.arrays, links,
+        )  # fmt: skip
+        # The second half of the directions is the first half seen from the other side.
+        _link_back(self.rows_columns, self.index, STEPS, links)
+        return links
+
+    def clearance(self, limit: float) -> NDArray[np.float64]:
+        """Distance of each free point, shape (N,), to the nearest segment, at most `limit`."""
+        return np.asarray(self.environment.clearance(*self.points, limit))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _link(rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns, start, item, line, links):  # type: ignore[no-untyped-def]  # fmt: skip
+    for i in prange(x.size):
+        bits = 0
+        for k in range(4):
+            row, column = rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]
+            if row < 0 or column < 0 or row >= index.shape[0] or column >= index.shape[1]:
+                continue
+            if index[row, column] < 0:
+                continue
+            length = math.hypot(steps[k, 0], steps[k, 1])
+            ux, uy = steps[k, 0] / length, steps[k, 1] / length
+            reach = length * spacing
+            _, hit = cast_one(x[i], y[i], ux, uy, reach, x0, y0, cell, rows, columns, start, line)
+            if hit < 0:
+                bits |= 1 << k
+        links[i] = bits
+
+
+@njit(cache=True, nogil=True)
+def _link_back(rows_columns, index, steps, links):  # type: ignore[no-untyped-def]
+    for i in range(links.size):
+        for k in range(4):
+            if links[i] & (1 << k):
+                j = index[rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]]
+                links[j] |= 1 << (k + 4)

@@ -1,0 +1,67 @@
+"""Wall segments: the one geometry that every ray is cast against."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+WALL: Final = 0
+FRONTIER: Final = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Straight pieces of wall, or of the frontier to unknown space, in the map frame.
+
+    Attributes:
+        xy: End points, float64, shape (N, 4), columns ax, ay, bx, by, metres.
+        kind: uint8, shape (N,): `WALL` or `FRONTIER`.
+    """
+
+    xy: NDArray[np.float64]
+    kind: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        """Bring both arrays to their type and order and drop segments of no length."""
+        xy = np.ascontiguousarray(self.xy, dtype=np.float64).reshape(-1, 4)
+        kind = np.ascontiguousarray(self.kind, dtype=np.uint8).reshape(-1)
+        if len(xy) != len(kind):
+            raise ValueError(f"Segments: {len(xy)} segments but {len(kind)} kinds.")
+        if not np.isfinite(xy).all():
+            raise ValueError("Segments: an end point is not finite.")
+        extended = (xy[:, 0] != xy[:, 2]) | (xy[:, 1] != xy[:, 3])
+        object.__setattr__(self, "xy", np.ascontiguousarray(xy[extended]))
+        object.__setattr__(self, "kind", np.ascontiguousarray(kind[extended]))
+
+    def __len__(self) -> int:
+        """Number of segments."""
+        return len(self.xy)
+
+    @property
+    def walls(self) -> NDArray[np.bool_]:
+        """Mask, shape (N,): True where the segment is a wall and not a frontier."""
+        return self.kind == WALL
+
+    @property
+    def lengths(self) -> NDArray[np.float64]:
+        """Length of each segment in metres, shape (N,)."""
+        return np.hypot(self.xy[:, 2] - self.xy[:, 0], self.xy[:, 3] - self.xy[:, 1])
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) in metres."""
+        x, y = self.xy[:, 0::2], self.xy[:, 1::2]
+        return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+    def transformed(self, angle: float, dx: float, dy: float) -> Segments:
+        """Turn about the origin by `angle` (radians, counter-clockwise), then shift (metres)."""
+        c, s = math.cos(angle), math.sin(angle)
+        x, y = self.xy[:, 0::2], self.xy[:, 1::2]
+        turned = np.empty_like(self.xy)
+        turned[:, 0::2] = c * x - s * y + dx
+        turned[:, 1::2] = s * x + c * y + dy
+        return Segments(turned, self.kind)

@@ -1,0 +1,1 @@
+"""Ambiguity maps: reading, sampling, storing and drawing them."""

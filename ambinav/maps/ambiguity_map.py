@@ -1,0 +1,281 @@
+"""The ambiguity map: layers over a building's floor, read at any pose, stored and opened again."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, overload
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.segments import Segments
+from ambinav.maps import interpolation, schema, store
+from ambinav.maps.zones import NOT_FREE, ZONES
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ZoneShare:
+    """How much of the free floor lies in a zone.
+
+    Attributes:
+        zone: Name of the zone.
+        area: Square metres.
+        share: Of the whole free area, in [0, 1].
+    """
+
+    zone: str
+    area: float
+    share: float
+
+
+class _Prepared(NamedTuple):
+    """A layer as plain arrays; an axis is kept as cosine and sine of its double angle."""
+
+    parts: tuple[NDArray[np.float32], ...]
+    nearest: bool
+
+
+class AmbiguityMap:
+    """How ambiguous every place of a building is for one scanner.
+
+    A thin class over an `xarray.Dataset`: coordinates x, y (cell centres, metres) and, where the
+    scanner does not look all around, theta (radians); layers over (y, x) or (y, x, theta), NaN
+    where a robot cannot stand. Sampling keeps copies of the layers that it reads, so the dataset
+    must not be changed afterwards.
+
+    Attributes:
+        dataset: All layers, the walls and, in attrs, where everything comes from.
+    """
+
+    def __init__(self, dataset: xr.Dataset, *, source: str = "dataset") -> None:
+        """Take a dataset made by `build_map` or read from disk.
+
+        Args:
+            dataset: Layers and attributes; see `ambinav.maps.schema`.
+            source: Named in error messages: where the dataset comes from.
+
+        Raises:
+            InputError: the dataset is not an ambiguity map; the message says what is missing.
+        """
+        schema.check(dataset, source)
+        self.dataset = dataset
+        self._layers = schema.layers(dataset)
+        self._free = np.ascontiguousarray(dataset["free"].values, dtype=np.bool_)
+        dx, dy = schema.spacings(dataset, source)
+        self._origin = [float(dataset["x"].values[0]), float(dataset["y"].values[0]), 0.0]
+        self._step = [dx, dy, 2.0 * math.pi]
+        if self.has_theta:
+            theta = dataset["theta"].values
+            self._origin[2] = float(theta[0])
+            self._step[2] = 2.0 * math.pi / theta.size
+        self._prepared: dict[str, _Prepared] = {}
+
+    @classmethod
+    def open(cls, path: str | Path) -> AmbiguityMap:
+        """Read a map that `save` wrote.
+
+        Raises:
+            InputError: there is no such folder, or it does not hold an ambiguity map.
+        """
+        return cls(store.read(Path(path)), source=str(path))
+
+    def save(self, path: str | Path) -> None:
+        """Write the map as a zarr store, whole or not at all.
+
+        Args:
+            path: Folder to make. An older map there is replaced.
+
+        Raises:
+            InputError: the place is not writable, or holds something that is not a map.
+        """
+        store.write(self.dataset, Path(path))
+
+    @property
+    def has_theta(self) -> bool:
+        """Whether the heading of the robot matters."""
+        return "theta" in self.dataset.coords
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of all layers, aggregates over heading included."""
+        return self._layers
+
+    @property
+    def spacing(self) -> float:
+        """Distance between cell centres, metres."""
+        return self._step[0]
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) of the lattice, edges of the outermost cells, metres."""
+        ny, nx = self._free.shape
+        x, y, dx, dy = *self._origin[:2], *self._step[:2]
+        return x - dx / 2, y - dy / 2, x + (nx - 0.5) * dx, y + (ny - 0.5) * dy
+
+    @property
+    def segments(self) -> Segments:
+        """The walls and frontiers that the map was computed from."""
+        return Segments(self.dataset["segments"].values, self.dataset["segment_kind"].values)
+
+    @property
+    def free_area(self) -> float:
+        """Area of all free cells, square metres."""
+        return float(self._free.sum()) * self._step[0] * self._step[1]
+
+    @overload
+    def sample(self, layer: str, x: float, y: float, theta: float | None = None) -> float: ...
+
+    @overload
+    def sample(
+        self, layer: str, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None
+    ) -> Floats | float: ...
+
+    def sample(
+        self, layer: str, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None
+    ) -> Floats | float:
+        """Read a layer at poses.
+
+        Linear in x and y between cell centres, and in heading if the layer has one. Corners
+        inside a wall are left out. `direction` is interpolated as an axis (period pi). `zone`,
+        `free` and `best_heading` are read from the nearest cell.
+
+        Args:
+            layer: Name of a layer.
+            x: Metres; arrays broadcast against y and theta.
+            y: Metres.
+            theta: Radians. None reads the `_mean` aggregate of a layer with headings. A layer
+                without headings is the same for every theta.
+
+        Returns:
+            The layer's unit, in the broadcast shape; a float if all arguments are. NaN where the
+            nearest cell is not free or outside of the map (`free` itself: 0).
+
+        Raises:
+            InputError: there is no such layer, or it needs a heading.
+        """
+        name = self._resolve(layer, theta is not None)
+        parts, nearest = self._prepare(name)
+        poses = np.broadcast_arrays(
+            *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
+        )
+        flat = [np.ascontiguousarray(v).ravel() for v in poses]
+        origin = (self._origin[0], self._origin[1], self._origin[2])
+        step = (self._step[0], self._step[1], self._step[2])
+        if nearest:
+            values = interpolation.nearest(parts[0], origin, step, *flat)
+            if name == "free":
+                values = np.nan_to_num(values)
+        else:
+            found = [interpolation.linear(p, self._free, origin, step, *flat) for p in parts]
+            values = found[0]
+            if len(found) == 2:
+                values = 0.5 * np.arctan2(found[1], found[0])
+                values[values < 0.0] += np.pi
+                values[values >= np.pi] = 0.0  # a hair below zero rounds up to pi
+        shaped: Floats = values.reshape(poses[0].shape)
+        return float(shaped) if shaped.ndim == 0 else shaped
+
+    def floor(self, layer: str, heading: str | float = "mean") -> xr.DataArray:
+        """One layer over the floor, whatever the robot's heading.
+
+        Args:
+            layer: Name of a layer, without suffix.
+            heading: "mean", "best" or "worst" over all headings, or one heading in radians. A
+                layer whose best or worst is not stored is read at the heading of the lowest or
+                highest `level`.
+
+        Returns:
+            Dims (y, x). A layer without headings is returned as it is.
+
+        Raises:
+            InputError: no such layer, or no such heading.
+        """
+        self._resolve(layer, True)
+        data = self.dataset[layer]
+        if isinstance(heading, str) and heading not in schema.AGGREGATES:
+            raise InputError(
+                f"heading: {heading!r} is none of {', '.join(schema.AGGREGATES)} or an angle."
+            )
+        if "theta" not in data.dims:
+            return data
+        if isinstance(heading, str):
+            stored = f"{layer}_{heading}"
+            if stored in self.dataset:
+                return self.dataset[stored]
+            if heading == "mean":
+                raise InputError(f"{layer}: the map keeps no mean over heading; give an angle.")
+            level = self.dataset["level"].fillna(2.0 if heading == "best" else -1.0)
+            index = level.argmin("theta") if heading == "best" else level.argmax("theta")
+            return data.isel(theta=index).drop_vars("theta")
+        if not math.isfinite(heading):
+            raise InputError(f"heading: {heading} is not an angle; give radians.")
+        x, y = np.meshgrid(self.dataset["x"].values, self.dataset["y"].values)
+        values = np.asarray(self.sample(layer, x, y, heading))
+        if data.dtype.kind == "u":
+            values = np.nan_to_num(values, nan=NOT_FREE).astype(data.dtype)
+        coords = {"y": self.dataset["y"], "x": self.dataset["x"]}
+        return xr.DataArray(values, coords, ("y", "x"), layer, data.attrs)
+
+    def zone_shares(self, heading: str | float = "mean") -> tuple[ZoneShare, ...]:
+        """Share and area of every zone of the free floor, in the order of ZONES.
+
+        Raises:
+            InputError: no such heading.
+        """
+        zone = self.floor("zone", heading).values[self._free].astype(np.intp)
+        counts = np.bincount(zone[zone < len(ZONES)], minlength=len(ZONES))
+        total = max(int(counts.sum()), 1)
+        cell = self._step[0] * self._step[1]
+        return tuple(
+            ZoneShare(name, float(count * cell), float(count / total))
+            for name, count in zip(ZONES, counts, strict=True)
+        )
+
+    def __repr__(self) -> str:
+        """Environment, scanner, size and shares of the zones, in a few lines."""
+        ny, nx = self._free.shape
+        headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
+        shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares())
+        return (
+            f"<AmbiguityMap of {self.dataset.attrs['environment']!r} "
+            f"for {self.dataset.attrs['scanner']!r}\n"
+            f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
+            f"{self.free_area:.0f} m^2 free: {shares}\n"
+            f"  layers: {', '.join(self._layers)}>"
+        )
+
+    def _resolve(self, layer: str, has_heading: bool) -> str:
+        """Name of the variable to read: the `_mean` aggregate if a heading is needed but absent."""
+        if layer not in self._layers:
+            close = difflib.get_close_matches(layer, self._layers, n=3, cutoff=0.4)
+            offer = f"did you mean {' or '.join(close)}?" if close else "see amap.layers."
+            raise InputError(f"{layer!r}: the map has no such layer; {offer}")
+        if has_heading or "theta" not in self.dataset[layer].dims:
+            return layer
+        mean = f"{layer}_mean"
+        if mean not in self.dataset:
+            raise InputError(f"{layer}: the map keeps no mean over heading; give theta.")
+        return mean
+
+    def _prepare(self, layer: str) -> _Prepared:
+        ready = self._prepared.get(layer)
+        if ready is None:
+            data = self.dataset[layer]
+            values = data.values.astype(np.float32)
+            if data.dims == ("y", "x"):
+                values = values[:, :, np.newaxis]
+            if layer != "free":
+                values[~self._free] = np.nan
+            parts: tuple[NDArray[np.float32], ...] = (np.ascontiguousarray(values),)
+            if schema.is_axis(layer):
+                parts = (np.cos(2.0 * values), np.sin(2.0 * values))
+            ready = _Prepared(parts, schema.is_nearest(layer))
+            self._prepared[layer] = ready
+        return ready

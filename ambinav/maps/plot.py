@@ -1,0 +1,196 @@
+"""Pictures of an ambiguity map: the zones of the floor, and any layer as a continuous scale."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.maps import drawing, schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import COLOURS, NOT_FREE, OUTSIDE_COLOUR, ZONES
+
+Heading = str | float
+
+_SHARES: Final = frozenset({"ambiguity", "major", "minor", "level", "heading"})
+"""Layers that run from 0 to 1: drawn on that scale, so that pictures can be compared."""
+
+_BELOW: Final[dict[str, Any]] = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.01)}
+_BESIDE: Final[dict[str, Any]] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
+
+
+def plot_zones(
+    amap: AmbiguityMap,
+    ax: Axes | None = None,
+    heading: Heading = "mean",
+    *,
+    strokes: bool = True,
+    title: str | None = None,
+) -> Axes:
+    """Draw the floor in the four zones, with walls and the weak direction.
+
+    Args:
+        amap: The map.
+        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        strokes: Whether to draw the weak direction.
+        title: None names the environment and the scanner.
+
+    Raises:
+        InputError: no such heading.
+    """
+    axes = drawing.new_axes(_view(amap)) if ax is None else ax
+    palette = np.array([to_rgba(colour) for colour in (*COLOURS, OUTSIDE_COLOUR)])
+    zone = amap.floor("zone", heading).values
+    _image(axes, amap, palette[np.where(zone == NOT_FREE, len(ZONES), zone)])
+    _finish(axes, amap, title or _title(amap, "Zones", heading))
+    if strokes:
+        _strokes(axes, amap, heading)
+    handles: list[Patch | Line2D] = [
+        Patch(
+            facecolor=colour,
+            edgecolor="#555555",
+            linewidth=0.6,
+            label=f"{share.zone}\n{share.share:.0%}, {_area(share.area)}",
+        )
+        for share, colour in zip(amap.zone_shares(heading), COLOURS, strict=True)
+    ]
+    if strokes:
+        handles.append(
+            Line2D([], [], color=drawing.WALL_COLOUR, linewidth=1.3, label="weak\ndirection")
+        )
+    axes.legend(
+        handles=handles,
+        frameon=False,
+        fontsize=11,
+        handlelength=1.6,
+        columnspacing=1.4,
+        borderaxespad=0.2,
+        **_BESIDE if drawing.is_tall(_view(amap)) else {**_BELOW, "ncol": len(handles)},
+    )
+    return axes
+
+
+def plot_layer(
+    amap: AmbiguityMap,
+    layer: str,
+    ax: Axes | None = None,
+    heading: Heading = "mean",
+    *,
+    strokes: bool = False,
+    title: str | None = None,
+) -> Axes:
+    """Draw one layer on a continuous scale with a colour bar; dark is ambiguous.
+
+    Args:
+        amap: The map.
+        layer: Name of a layer, without suffix. Angles are drawn in degrees on a cyclic scale.
+        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        strokes: Whether to draw the weak direction too.
+        title: None names the layer, the environment and the scanner.
+
+    Raises:
+        InputError: no such layer or heading, or a layer of classes.
+    """
+    if schema.base_name(layer) in ("zone", "free"):
+        raise InputError(f"{layer}: this layer holds classes; draw it with plot_zones.")
+    data = amap.floor(layer, heading)
+    values = data.values.astype(np.float64)
+    label = str(data.attrs.get("long_name", layer))
+    units = str(data.attrs.get("units", ""))
+    axes = drawing.new_axes(_view(amap)) if ax is None else ax
+    if units == "rad" or schema.is_axis(layer):
+        values, units = np.degrees(values), "degrees"
+        top = 180.0 if schema.is_axis(layer) else 360.0
+        # The only cyclic scale that is perceptually uniform passes through a near white, hence
+        # the darker grey outside.
+        norm, colours, outside = Normalize(0.0, top), "twilight", "#A6A6A6"
+        values = np.mod(values, top)
+    else:
+        # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
+        # are the dark ones. cividis fades into the grey outside.
+        norm, colours, outside = Normalize(0.0, _top(layer, values)), "viridis_r", OUTSIDE_COLOUR
+    image = _image(axes, amap, values, cmap=colours, norm=norm)
+    _finish(axes, amap, title or _title(amap, label, heading), outside)
+    if strokes:
+        _strokes(axes, amap, heading)
+    bar = axes.figure.colorbar(
+        image, ax=axes, location="right", fraction=0.03, pad=0.01, aspect=30, shrink=0.8
+    )
+    bar.set_label(label if units in ("", "1") else f"{label} ({units})")
+    bar.outline.set_linewidth(0.5)
+    return axes
+
+
+def _view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
+    """Bounds of the free cells and a small margin: maps often lie in a sea of unknown cells."""
+    free = amap.dataset["free"].values
+    x, y = amap.dataset["x"].values, amap.dataset["y"].values
+    columns, rows = np.nonzero(free.any(axis=0))[0], np.nonzero(free.any(axis=1))[0]
+    if columns.size == 0:
+        return amap.bounds
+    left, right, low, high = x[columns[0]], x[columns[-1]], y[rows[0]], y[rows[-1]]
+    margin = amap.spacing + 0.01 * max(right - left, high - low)
+    return (
+        float(left - margin), float(low - margin), float(right + margin), float(high + margin)
+    )  # fmt: skip
+
+
+def _image(
+    axes: Axes, amap: AmbiguityMap, values: NDArray[np.float64], **scale: object
+) -> AxesImage:
+    xmin, ymin, xmax, ymax = amap.bounds
+    return axes.imshow(
+        values,
+        extent=(xmin, xmax, ymin, ymax),
+        origin="lower",
+        interpolation="nearest",
+        zorder=1,
+        **scale,  # type: ignore[arg-type]
+    )
+
+
+def _finish(axes: Axes, amap: AmbiguityMap, title: str, outside: str = OUTSIDE_COLOUR) -> None:
+    drawing.frame(axes, _view(amap), outside)
+    drawing.draw_walls(axes, amap.segments)
+    drawing.draw_scale_bar(axes)
+    axes.set_title(title, fontsize=13, loc="left")
+
+
+def _strokes(axes: Axes, amap: AmbiguityMap, heading: Heading) -> None:
+    major, minor, direction = (
+        amap.floor(name, heading).values.astype(np.float64)
+        for name in ("major", "minor", "direction")
+    )
+    x, y = amap.dataset["x"].values, amap.dataset["y"].values
+    depth = amap.dataset["clearance"].values.astype(np.float64)
+    drawing.draw_weak_direction(axes, x, y, direction, major - minor, depth)
+
+
+def _title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
+    text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
+    if not amap.has_theta:
+        return text
+    if isinstance(heading, str):
+        return f"{text} ({heading} over all headings)"
+    return f"{text} (heading {math.degrees(heading):.0f}°)"
+
+
+def _top(layer: str, values: NDArray[np.float64]) -> float:
+    if schema.base_name(layer) in _SHARES:
+        return 1.0
+    known = values[np.isfinite(values)]
+    return float(known.max()) if known.size and known.max() > 0.0 else 1.0
+
+
+def _area(area: float) -> str:
+    return f"{area:.0f} m²" if area >= 10 else f"{area:.1f} m²"

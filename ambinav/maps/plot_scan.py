@@ -1,0 +1,227 @@
+"""A picture of one scan: the walls around a robot and what becomes of every beam."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Wedge
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+from shapely import Polygon as ShapelyPolygon
+
+from ambinav.geometry.segments import Segments
+from ambinav.maps import drawing
+from ambinav.maps.zones import OUTSIDE_COLOUR
+
+Floats = NDArray[np.float64]
+
+RETURNED_COLOUR: Final = "#2C7FB8"
+SILENT_COLOUR: Final = "#D95F0E"
+ROBOT_COLOUR: Final = "#1A1A1A"
+_MANY = 120
+"""Beams from which lines are drawn thinner, so that they do not fill the picture."""
+
+
+class Scan(Protocol):
+    """One scan in the map frame, B beams; `ambinav.audit.sight.Sight` is one."""
+
+    @property
+    def x(self) -> float:
+        """Metres; where the robot is."""
+
+    @property
+    def y(self) -> float:
+        """Metres."""
+
+    @property
+    def theta(self) -> float:
+        """Heading, radians."""
+
+    @property
+    def origin(self) -> Floats:
+        """(B, 2) metres; where each beam starts."""
+
+    @property
+    def axis(self) -> Floats:
+        """(B,) radians; where each beam points."""
+
+    @property
+    def aperture(self) -> Floats:
+        """(B,) radians; full angle of each beam's cone, 0 for a laser."""
+
+    @property
+    def max_range(self) -> Floats:
+        """(B,) metres."""
+
+    @property
+    def distance(self) -> Floats:
+        """(B,) metres; inf without echo."""
+
+    @property
+    def hit(self) -> Floats:
+        """(B, 2) metres; NaN without echo."""
+
+
+def plot_scan(
+    segments: Segments,
+    scan: Scan,
+    free: ShapelyPolygon | MultiPolygon | None = None,
+    ax: Axes | None = None,
+    *,
+    slide: tuple[float, float] | None = None,
+    title: str = "",
+) -> Axes:
+    """Draw a scan over the walls: beams that return, beams without echo, the robot.
+
+    Args:
+        segments: Walls and frontiers.
+        scan: The scan.
+        free: Free space, drawn white on grey; None leaves all white.
+        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
+            as a double arrow, never shorter than can be seen.
+        title: Above the picture.
+    """
+    reach = _reach(scan)
+    bounds = (scan.x - reach, scan.y - reach, scan.x + reach, scan.y + reach)
+    axes = drawing.new_axes(bounds, longest=6.4) if ax is None else ax
+    drawing.frame(axes, bounds, "white" if free is None else OUTSIDE_COLOUR)
+    if free is not None:
+        _draw_free(axes, free, bounds)
+    drawing.draw_walls(axes, segments, width=1.5)
+    returned = np.isfinite(scan.distance)
+    _draw_beams(axes, scan, returned)
+    _draw_robot(axes, scan, reach)
+    if slide is not None:
+        _draw_slide(axes, scan, slide, reach)
+    drawing.draw_scale_bar(axes)
+    _legend(axes, returned, slide)
+    axes.set_title(title, fontsize=10, loc="left")
+    return axes
+
+
+def _reach(scan: Scan) -> float:
+    """Half the side of the picture, metres: all beams, or with a long range all echoes."""
+    echoes = scan.distance[np.isfinite(scan.distance)]
+    longest = float(scan.max_range.max())
+    if echoes.size == scan.distance.size:
+        longest = float(echoes.max())
+    offset = float(np.hypot(scan.origin[:, 0] - scan.x, scan.origin[:, 1] - scan.y).max())
+    return 1.06 * (longest + offset)
+
+
+def _draw_free(
+    axes: Axes, free: ShapelyPolygon | MultiPolygon, bounds: tuple[float, float, float, float]
+) -> None:
+    shown = free.intersection(ShapelyPolygon.from_bounds(*bounds))
+    for part in getattr(shown, "geoms", [shown]):
+        if isinstance(part, ShapelyPolygon) and not part.is_empty:
+            axes.add_patch(Polygon(np.asarray(part.exterior.coords), color="white", zorder=1.0))
+            for hole in part.interiors:
+                axes.add_patch(
+                    Polygon(np.asarray(hole.coords), color=OUTSIDE_COLOUR, linewidth=0, zorder=1.1)
+                )
+
+
+def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
+    few = scan.axis.size <= _MANY
+    width = 0.9 if few else 0.35
+    end = scan.origin + scan.max_range[:, None] * np.column_stack(
+        [np.cos(scan.axis), np.sin(scan.axis)]
+    )
+    end[returned] = scan.hit[returned]
+    lines = np.stack([scan.origin, end], axis=1)
+    cone = scan.aperture > 0
+    for mask, colour, style in (
+        (returned, RETURNED_COLOUR, "solid"),
+        (~returned, SILENT_COLOUR, (0, (5, 4)) if few else "solid"),
+    ):
+        axes.add_collection(
+            LineCollection(
+                list(lines[mask & ~cone]),
+                colors=colour,
+                linewidths=width,
+                linestyles=style,
+                alpha=0.75,
+                zorder=2,
+            ),
+            autolim=False,
+        )
+        wedges = [
+            Wedge(
+                (float(scan.origin[i, 0]), float(scan.origin[i, 1])),
+                float(min(scan.distance[i], scan.max_range[i])),
+                math.degrees(scan.axis[i] - scan.aperture[i] / 2),
+                math.degrees(scan.axis[i] + scan.aperture[i] / 2),
+            )
+            for i in np.flatnonzero(mask & cone)
+        ]
+        axes.add_collection(
+            PatchCollection(
+                wedges, facecolors=colour, edgecolors=colour, alpha=0.22, linewidths=0.8, zorder=2
+            ),
+            autolim=False,
+        )
+    axes.plot(
+        *scan.hit[returned].T, ".", color=RETURNED_COLOUR, markersize=5 if few else 2.5, zorder=6
+    )
+
+
+def _draw_robot(axes: Axes, scan: Scan, reach: float) -> None:
+    size = 0.035 * reach
+    axes.add_patch(Circle((scan.x, scan.y), size, color=ROBOT_COLOUR, zorder=7))
+    c, s = math.cos(scan.theta), math.sin(scan.theta)
+    nose = np.array([[2.4, 0.0], [0.5, 0.85], [0.5, -0.85]]) * size
+    axes.add_patch(
+        Polygon(nose @ np.array([[c, s], [-s, c]]) + [scan.x, scan.y], color=ROBOT_COLOUR, zorder=7)
+    )
+
+
+def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float) -> None:
+    angle, radius = slide
+    half = max(radius, 0.18 * reach)
+    dx, dy = half * math.cos(angle), half * math.sin(angle)
+    axes.add_patch(
+        FancyArrowPatch(
+            (scan.x - dx, scan.y - dy),
+            (scan.x + dx, scan.y + dy),
+            arrowstyle="<|-|>",
+            mutation_scale=13,
+            shrinkA=0,
+            shrinkB=0,
+            linewidth=2.2,
+            color="#7B1FA2",
+            zorder=8,
+        )
+    )
+
+
+def _legend(axes: Axes, returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> None:
+    dashes: Literal["--", "-"] = "--" if returned.size <= _MANY else "-"
+    handles = [
+        Line2D([], [], color=RETURNED_COLOUR, marker=".", label=f"echo ({int(returned.sum())})"),
+        Line2D(
+            [],
+            [],
+            color=SILENT_COLOUR,
+            linestyle=dashes,
+            label=f"no echo ({int((~returned).sum())})",
+        ),
+    ]
+    if slide is not None:
+        handles.append(Line2D([], [], color="#7B1FA2", linewidth=2.2, label="slides unseen"))
+    axes.legend(
+        handles=handles,
+        loc="upper right",
+        bbox_to_anchor=(1.0, -0.005),
+        ncol=len(handles),
+        frameon=False,
+        fontsize=9,
+        borderaxespad=0.2,
+        columnspacing=1.2,
+    )

@@ -1,0 +1,140 @@
+"""What makes an xarray.Dataset an ambiguity map: its variables, attributes and suffixes."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from ambinav.errors import InputError
+
+REQUIRED_LAYERS: Final = (
+    "ambiguity",
+    "major",
+    "minor",
+    "major_radius",
+    "minor_radius",
+    "direction",
+    "level",
+    "zone",
+    "free",
+    "clearance",
+)
+REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind")
+REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
+
+AGGREGATES: Final = ("mean", "best", "worst")
+"""Suffixes of the two-dimensional summaries over heading: `level_mean`, `level_best` ..."""
+
+_FLOOR: Final = ("y", "x")
+_LAYER_DIMS: Final = (_FLOOR, ("y", "x", "theta"))
+
+
+def base_name(layer: str) -> str:
+    """Name of the layer without the suffix of an aggregate: `level_mean` -> `level`."""
+    stem, _, suffix = layer.rpartition("_")
+    return stem if stem and suffix in AGGREGATES else layer
+
+
+def is_axis(layer: str) -> bool:
+    """Whether the layer holds an axis: an angle with period pi."""
+    return base_name(layer) == "direction"
+
+
+def is_nearest(layer: str) -> bool:
+    """Whether values between cells mean nothing, so that the nearest cell is read.
+
+    A zone is a class. The best heading belongs to its cell: it jumps from one to the next.
+    """
+    return base_name(layer) in ("zone", "free", "best_heading")
+
+
+def layers(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Names of the variables over (y, x) or (y, x, theta), sorted."""
+    return tuple(
+        sorted(str(name) for name, values in dataset.items() if values.dims in _LAYER_DIMS)
+    )
+
+
+def check(dataset: xr.Dataset, source: str) -> None:
+    """Check that the dataset is an ambiguity map.
+
+    Args:
+        dataset: what to check.
+        source: where it comes from, for the message.
+
+    Raises:
+        InputError: something is missing or has the wrong shape; the message names it.
+    """
+    missing = [name for name in ("x", "y") if name not in dataset.coords]
+    missing += [name for name in REQUIRED if name not in dataset.data_vars]
+    missing += [f"attribute {name}" for name in REQUIRED_ATTRS if name not in dataset.attrs]
+    if missing:
+        raise InputError(
+            f"{source}: not an ambiguity map, it lacks {', '.join(missing)}; "
+            "make one with `ambinav map`."
+        )
+    for name in ("x", "y", "theta"):
+        if name in dataset.coords:
+            _check_even(np.asarray(dataset[name].values, dtype=np.float64), name, source)
+    if "theta" in dataset.coords:
+        theta = dataset["theta"].values
+        if theta.size > 1 and not math.isclose(
+            (theta[1] - theta[0]) * theta.size, 2 * math.pi, rel_tol=1e-6
+        ):
+            raise InputError(f"{source}: coordinate theta must divide a whole turn evenly.")
+    for name in REQUIRED_LAYERS:
+        dims = dataset[name].dims
+        if dims not in _LAYER_DIMS or (name in ("free", "clearance") and dims != _FLOOR):
+            raise InputError(
+                f"{source}: layer {name} has the dimensions {dims}, an ambiguity map has "
+                "(y, x) or (y, x, theta); make one with `ambinav map`."
+            )
+    shape = dataset["segments"].shape
+    if len(shape) != 2 or shape[1] != 4 or dataset["segment_kind"].shape != shape[:1]:
+        raise InputError(
+            f"{source}: segments has the shape {shape}, it must be (N, 4) with N segment_kind; "
+            "make a map with `ambinav map`."
+        )
+
+
+def spacings(dataset: xr.Dataset, source: str) -> tuple[float, float]:
+    """Distance between cell centres along x and y, metres.
+
+    A map that is one cell wide says it in its parameters only.
+
+    Raises:
+        InputError: the distance is told nowhere.
+    """
+    steps = [
+        float((values[-1] - values[0]) / (values.size - 1)) if values.size > 1 else math.nan
+        for values in (dataset["x"].values, dataset["y"].values)
+    ]
+    if any(map(math.isnan, steps)):
+        told = json.loads(dataset.attrs["parameters"]).get("spacing")
+        if not isinstance(told, int | float) or not told > 0:
+            raise InputError(
+                f"{source}: attribute parameters lacks a spacing above zero; "
+                "make the map with `ambinav map`."
+            )
+        steps = [float(told) if math.isnan(step) else step for step in steps]
+    return steps[0], steps[1]
+
+
+def _check_even(values: np.ndarray, name: str, source: str) -> None:
+    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
+        raise InputError(
+            f"{source}: coordinate {name} is not a row of finite numbers; "
+            "make the map with `ambinav map`."
+        )
+    steps = np.diff(values)
+    if steps.size and not (
+        steps.min() > 0.0 and np.allclose(steps, steps.mean(), rtol=1e-6, atol=1e-9)
+    ):
+        raise InputError(
+            f"{source}: coordinate {name} does not rise in equal steps; "
+            "make the map with `ambinav map`."
+        )

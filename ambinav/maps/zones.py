@@ -1,0 +1,35 @@
+"""The four zones of an ambiguity map: their codes, names, colours and meanings.
+
+Blue, orange, red and white are the scheme of Ruiz-Mayor, Crespo and Trivino (2017). The shades
+are chosen so that they stay apart for every common kind of colour blindness, and in grey print:
+the lightness falls from white over orange and blue to red.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+ZONES: Final = ("localizable", "transition", "corridor", "open")
+"""Names of the zones; the position in the tuple is the code in a map's `zone` layer."""
+
+LOCALIZABLE: Final = 0
+TRANSITION: Final = 1
+CORRIDOR: Final = 2
+OPEN: Final = 3
+NOT_FREE: Final = 255
+"""Code of a cell that no robot can stand in: wall, obstacle, unknown space."""
+
+COLOURS: Final = ("#5B9FCC", "#FFFFFF", "#FDB92E", "#B5172B")
+"""Fill of each zone, in the order of ZONES."""
+
+OUTSIDE_COLOUR: Final = "#D4D4D4"
+"""Fill of what is not free."""
+
+MEANINGS: Final = (
+    "the scan changes whichever way the robot moves: position is well determined",
+    "the border between zones: neither clearly determined nor clearly lost",
+    "the scan stays the same along one direction: the robot can slide along a wall or corridor "
+    "without noticing",
+    "the scan stays the same in every direction: nothing useful is in range",
+)
+"""What each zone tells, in plain words, in the order of ZONES."""

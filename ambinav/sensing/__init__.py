@@ -1,0 +1,23 @@
+"""Range sensors, the scanners made of them, their calibration and the presets."""
+
+from __future__ import annotations
+
+from ambinav.sensing.calibration import CalibrationFit
+from ambinav.sensing.curves import Polynomial, Table
+from ambinav.sensing.presets import PresetSummary, preset_names, preset_path, preset_summaries
+from ambinav.sensing.rays import RayTable
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+
+__all__ = [
+    "CalibrationFit",
+    "Polynomial",
+    "PresetSummary",
+    "RangeScanner",
+    "RangeSensor",
+    "RayTable",
+    "Table",
+    "preset_names",
+    "preset_path",
+    "preset_summaries",
+]

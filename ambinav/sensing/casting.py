@@ -1,0 +1,64 @@
+"""True ranges of a scanner's rays at many poses, in pieces that bound the memory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.sensing.rays import RayTable
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
+
+# Rays cast in one go; three arrays of this size are held at a time (48 MB).
+RAYS_AT_ONCE = 4_000_000
+
+
+def cast_beams(
+    env: Environment,
+    rays: RayTable,
+    max_range: float,
+    x: ArrayLike,
+    y: ArrayLike,
+    theta: ArrayLike,
+) -> NDArray[np.float32]:
+    """Return the nearest echo of each beam at each pose.
+
+    Args:
+        env: The environment to cast in.
+        rays: The rays of B beams.
+        max_range: How far to cast, metres.
+        x: Metres in the map frame; x, y and theta (radians) broadcast.
+        y: As x.
+        theta: As x.
+
+    Returns:
+        float32, shape (broadcast shape, B), metres; inf where nothing returns an echo,
+        nan where the sensor is outside the free space.
+
+    Raises:
+        InputError: a pose is not finite.
+    """
+    from ambinav.geometry import fan  # brings in numba: only when something is cast
+
+    poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
+    flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]
+    for axis, values in zip(("x", "y", "theta"), flat, strict=True):
+        finite = np.isfinite(values)
+        if not finite.all():
+            raise InputError(
+                f"pose: {axis} is {values[~finite][0]}; give finite metres and radians."
+            )
+    beams = len(rays.start) - 1
+    ranges = np.empty((len(flat[0]), beams), dtype=np.float32)
+    step = max(1, RAYS_AT_ONCE // len(rays))
+    for i in range(0, len(ranges), step):
+        px, py, heading = (values[i : i + step] for values in flat)
+        distance, _, incidence = fan.scan_rays(
+            env, px, py, heading, rays.origin, rays.angle, max_range
+        )
+        ranges[i : i + step] = rays.nearest(rays.echoes(distance, incidence))
+    return ranges.reshape(*poses[0].shape, beams)

@@ -1,0 +1,390 @@
+"""A range scanner: any set of range sensors, mounted anywhere on the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav.sensing.casting import cast_beams
+from ambinav.sensing.fields import as_count, read_text
+from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring
+from ambinav.sensing.presets import preset_names, preset_path
+from ambinav.sensing.rays import RayTable, make_rays
+from ambinav.sensing.scanner_file import parse_scanner, render_scanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav.sensing.symmetry import rotation_order
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+# A scanner that is the same again after a turn of at most 30 degrees looks all around.
+ALL_AROUND_ORDER = 12
+
+
+@dataclass(frozen=True)
+class RangeScanner:
+    """A set of beams, each of some range sensor and mounted somewhere on the robot.
+
+    Build it with `planar`, `ring`, `mixed`, `from_mounts`, `from_preset` or `from_yaml`.
+
+    Attributes:
+        parts: The beams, grouped by sensor and layout, in order.
+        name: What reports call it.
+        description: One line on what it is.
+        source: Where its figures come from.
+
+    Raises:
+        InputError: there is no part.
+    """
+
+    parts: tuple[Part, ...]
+    name: str = "scanner"
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that there is something to scan with."""
+        object.__setattr__(self, "parts", tuple(self.parts))
+        if not self.parts:
+            raise InputError(f"scanner {self.name!r} has no beams; give it at least one part.")
+
+    # -- making one --------------------------------------------------------------------------
+
+    @classmethod
+    def planar(
+        cls,
+        sensor: RangeSensor,
+        beams: int,
+        aperture: float,
+        mount: Mount = CENTRE,
+        *,
+        name: str = "planar scanner",
+    ) -> RangeScanner:
+        """Make a planar scanner.
+
+        Args:
+            sensor: The sensor of every beam.
+            beams: Number of beams.
+            aperture: Radians from the first to the last beam; 2 pi is the full circle, where
+                beam k looks to yaw - pi + 2 pi k / beams.
+            mount: x, y (metres) and yaw (radians) in the robot frame.
+            name: What reports call it.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        return cls((Part(sensor, Planar(beams, aperture, mount)),), name)
+
+    @classmethod
+    def ring(
+        cls,
+        sensor: RangeSensor,
+        count: int,
+        radius: float,
+        start: float = 0.0,
+        *,
+        name: str = "ring",
+    ) -> RangeScanner:
+        """Make a ring of sensors around the robot's centre that face outward.
+
+        Args:
+            sensor: The sensor of every beam.
+            count: Number of sensors.
+            radius: Distance from the centre, metres.
+            start: Direction of the first sensor, radians; the rest follow counter-clockwise.
+            name: What reports call it.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        return cls((Part(sensor, Ring(count, radius, start)),), name)
+
+    @classmethod
+    def mixed(cls, *scanners: RangeScanner, name: str = "mixed scanner") -> RangeScanner:
+        """Put several scanners on one robot; the beams follow in the order given."""
+        sources = dict.fromkeys(s.source for s in scanners if s.source)
+        parts = tuple(part for s in scanners for part in s.parts)
+        return cls(parts, name, source="; ".join(sources))
+
+    @classmethod
+    def from_mounts(
+        cls,
+        sensors: RangeSensor | Sequence[RangeSensor],
+        mounts: ArrayLike,
+        sensor_of_beam: ArrayLike | None = None,
+        *,
+        name: str = "scanner",
+    ) -> RangeScanner:
+        """Make a scanner beam by beam.
+
+        Args:
+            sensors: The sensor, or several.
+            mounts: x, y (metres) and yaw (radians) of each beam, shape (B, 3).
+            sensor_of_beam: Index into `sensors` of each beam, shape (B,); None: all the first.
+            name: What reports call it.
+
+        Returns:
+            A scanner with the beams in this order. Its `sensors` are the distinct ones, in the
+            order of their first beam.
+
+        Raises:
+            InputError: the shapes do not fit, or an index names no sensor.
+        """
+        known = (sensors,) if isinstance(sensors, RangeSensor) else tuple(sensors)
+        table = np.asarray(mounts, dtype=np.float64)
+        if table.ndim != 2 or table.shape[1] != 3:
+            raise InputError(f"mounts have the shape {table.shape}; give (beams, 3): x, y, yaw.")
+        index = np.zeros(len(table), dtype=np.intp)
+        if sensor_of_beam is not None:
+            index = np.asarray(sensor_of_beam, dtype=np.intp)
+        if index.shape != (len(table),) or not np.isin(index, np.arange(len(known))).all():
+            raise InputError(
+                f"sensor_of_beam has the shape {index.shape}; give one index from 0 to "
+                f"{len(known) - 1} for each of the {len(table)} mounts."
+            )
+        rows = zip(index.tolist(), (tuple(row) for row in table.tolist()), strict=True)
+        parts = tuple(
+            Part(known[i], Mounts(tuple(mount for _, mount in run)))
+            for i, run in groupby(rows, key=lambda row: row[0])
+        )
+        return cls(parts, name)
+
+    @classmethod
+    def from_preset(cls, name: str) -> RangeScanner:
+        """Load a scanner that comes with ambinav (see `preset_names`).
+
+        Raises:
+            InputError: there is no such preset; the nearest names are offered.
+        """
+        return cls.from_yaml(preset_path(name))
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> RangeScanner:
+        """Read a scanner file (the format is in `scanner_file`).
+
+        Raises:
+            InputError: the file or a field cannot be used.
+        """
+        path = Path(path)
+        return cls.from_yaml_text(read_text(path), file=str(path), default_name=path.stem)
+
+    @classmethod
+    def from_yaml_text(
+        cls, text: str, *, file: str = "scanner YAML", default_name: str = "scanner"
+    ) -> RangeScanner:
+        """Read a scanner from YAML text, as `to_yaml` gives it; `file` names it in messages."""
+        said = parse_scanner(text, file, default_name)
+        return cls(said.parts, said.name, said.description, said.source)
+
+    @classmethod
+    def load(cls, preset_or_path: str | Path) -> RangeScanner:
+        """Load a preset by its name, or else a scanner file.
+
+        Raises:
+            InputError: it is neither, or the file cannot be used.
+        """
+        text, path = str(preset_or_path), Path(preset_or_path)
+        if text in preset_names():
+            return cls.from_preset(text)
+        if path.exists() or path.suffix.lower() in (".yaml", ".yml") or len(path.parts) > 1:
+            return cls.from_yaml(path)
+        return cls.from_preset(text)
+
+    def to_yaml(self, path: str | Path | None = None) -> str:
+        """Return the scanner as YAML text, and write it to `path` if one is given.
+
+        Reading it back gives an equal scanner; an angle that no number of degrees stands for
+        exactly comes back within 1e-15 of itself.
+        """
+        text = render_scanner(self.name, self.description, self.source, self.parts)
+        if path is not None:
+            with replacing(Path(path)) as fresh:
+                fresh.write_text(text, encoding="utf-8")
+        return text
+
+    # -- its beams ---------------------------------------------------------------------------
+
+    @cached_property
+    def sensors(self) -> tuple[RangeSensor, ...]:
+        """The distinct sensors, in the order of their first beam."""
+        return tuple(dict.fromkeys(part.sensor for part in self.parts))
+
+    @cached_property
+    def mounts(self) -> NDArray[np.float64]:
+        """x, y (metres) and yaw (radians) of each beam's axis in the robot frame, (B, 3)."""
+        return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
+
+    @cached_property
+    def sensor_of_beam(self) -> NDArray[np.intp]:
+        """Index into `sensors` of each beam, shape (B,)."""
+        counts = [len(part.layout.mounts()) for part in self.parts]
+        index = [self.sensors.index(part.sensor) for part in self.parts]
+        return _fixed(np.repeat(np.array(index, dtype=np.intp), counts))
+
+    @property
+    def beams(self) -> int:
+        """Number of beams B."""
+        return len(self.mounts)
+
+    @cached_property
+    def max_range(self) -> float:
+        """Farthest range of any sensor, metres."""
+        return max(sensor.max_range for sensor in self.sensors)
+
+    @property
+    def kind(self) -> str:
+        """The word "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
+        cones = {sensor.aperture > 0 for sensor in self.sensors}
+        return "mixed" if len(cones) == 2 else "sonar" if cones == {True} else "laser"
+
+    @property
+    def aperture(self) -> float:
+        """Field of view in radians: the turn less the widest gap between the beams' axes.
+
+        Where the scanner looks all around, or a part of it spans the circle, it is 2 pi.
+        """
+        fans = (part.layout for part in self.parts if isinstance(part.layout, Planar))
+        if self.looks_all_around or any(fan.full_circle and fan.beams > 1 for fan in fans):
+            return TURN
+        yaw = np.sort(self.mounts[:, 2] % TURN)
+        return TURN - float(np.diff(yaw, append=yaw[0] + TURN).max())
+
+    @cached_property
+    def rotation_order(self) -> int:
+        """Largest n such that a turn of the robot by 2 pi / n gives the same beams again."""
+        return rotation_order(self.mounts, self.sensor_of_beam)
+
+    @property
+    def looks_all_around(self) -> bool:
+        """Whether a turn by some angle of at most 30 degrees gives the same beams again.
+
+        Then ambiguity does not depend on the heading beyond the spacing of the beams.
+        """
+        return self.rotation_order >= ALL_AROUND_ORDER
+
+    def rays(self) -> RayTable:
+        """Return the rays to cast: one for a laser beam, an odd number for a cone."""
+        return self._rays
+
+    @cached_property
+    def _rays(self) -> RayTable:
+        def of_beam(values: Iterable[float]) -> NDArray[np.float64]:
+            return np.array(list(values))[self.sensor_of_beam]
+
+        limits = (math.inf if s.max_incidence is None else s.max_incidence for s in self.sensors)
+        return make_rays(
+            self.mounts,
+            of_beam(s.aperture for s in self.sensors),
+            of_beam(s.max_range for s in self.sensors),
+            of_beam(limits),
+        )
+
+    def thinned(self, max_beams: int) -> RangeScanner:
+        """Return a scanner with an evenly chosen subset of at most `max_beams` beams.
+
+        Each part gets an equal share, and what a small part leaves over goes to the others, so a
+        few sonars stay beside a thinned laser. A full circle stays evenly spaced, a partial fan
+        symmetric (see `Planar.thinned`).
+
+        Raises:
+            InputError: `max_beams` is below the number of parts.
+        """
+        max_beams = as_count(max_beams, "max_beams")
+        if self.beams <= max_beams:
+            return self
+        if max_beams < len(self.parts):
+            raise InputError(
+                f"max_beams is {max_beams}; scanner {self.name!r} has {len(self.parts)} parts and "
+                "each keeps at least one beam."
+            )
+        sizes = [len(part.layout.mounts()) for part in self.parts]
+        parts, left = list(self.parts), max_beams
+        for done, i in enumerate(sorted(range(len(parts)), key=sizes.__getitem__)):
+            layout = parts[i].layout.thinned(left // (len(parts) - done))
+            parts[i] = Part(parts[i].sensor, layout)
+            left -= len(layout.mounts())
+        name = f"{self.name} ({max_beams - left} of {self.beams} beams)"
+        return RangeScanner(tuple(parts), name, self.description, self.source)
+
+    # -- using it ----------------------------------------------------------------------------
+
+    def scan(
+        self, env: Environment, x: ArrayLike, y: ArrayLike, theta: ArrayLike
+    ) -> NDArray[np.float32]:
+        """Return the true range of each beam at each pose.
+
+        Args:
+            env: Where the robot is. The frontier to unknown space stops a beam as a wall does.
+            x: Metres in the map frame; x, y and theta broadcast.
+            y: Metres in the map frame.
+            theta: Heading in radians.
+
+        Returns:
+            float32, shape (broadcast shape, B), metres from the sensor; inf where nothing
+            returns an echo within the sensor's maximum range, nan where the sensor is outside
+            the free space. A cone's range is the smallest over its rays that return one.
+
+        Raises:
+            InputError: a pose is not finite.
+        """
+        return cast_beams(env, self.rays(), self.max_range, x, y, theta)
+
+    def read(
+        self,
+        env: Environment,
+        x: ArrayLike,
+        y: ArrayLike,
+        theta: ArrayLike,
+        rng: np.random.Generator,
+    ) -> NDArray[np.float32]:
+        """Return simulated readings at each pose: `scan`, then calibration, noise, resolution.
+
+        Same arguments and shape as `scan`; too near is -inf, no echo inf (REP 117).
+
+        Raises:
+            InputError: a pose is not finite, or puts a sensor outside the free space.
+        """
+        ranges = self.scan(env, x, y, theta)
+        outside = np.isnan(ranges).any(axis=-1)
+        if outside.any():
+            px, py = (np.broadcast_to(v, outside.shape)[outside].flat[0] for v in (x, y))
+            raise InputError(
+                f"pose: at x = {px:g}, y = {py:g} a sensor of scanner {self.name!r} is outside the "
+                "free space; keep the robot clear of walls."
+            )
+        return self.capture(ranges, rng)
+
+    def capture(self, true_ranges: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return one simulated reading of each true range, shape (..., B) as `scan` gives them.
+
+        Raises:
+            InputError: the last axis is not B long, or a true range is NaN or negative.
+        """
+        ranges = np.asarray(true_ranges)
+        if ranges.shape[-1:] != (self.beams,):
+            raise InputError(
+                f"true ranges have the shape {ranges.shape}; the last axis must be the "
+                f"{self.beams} beams of scanner {self.name!r}."
+            )
+        readings = np.empty(ranges.shape, dtype=np.float32)
+        for i, sensor in enumerate(self.sensors):
+            beams = self.sensor_of_beam == i
+            readings[..., beams] = sensor.read(ranges[..., beams], rng)
+        return readings
+
+
+def _fixed(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    array.flags.writeable = False
+    return array

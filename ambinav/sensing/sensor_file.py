@@ -1,0 +1,72 @@
+"""The YAML form of a sensor: a mapping of its fields, angles in degrees.
+
+name: my sonar
+source: where the figures come from
+aperture_deg: 30            # full cone; 0 (the default) is a laser
+min_range: 0.15             # metres, like all lengths; default 0
+max_range: 5.0
+resolution: 0.01
+bias: 0.0                   # or {polynomial: [...]} or {table: {range: [...], value: [...]}}
+std: {polynomial: [0.002, 0.005]}
+max_incidence_deg: 25       # left out: every angle returns an echo
+random_share: 0.01          # the default
+lost_share: 0.0             # the default
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ambinav.sensing import curves
+from ambinav.sensing.fields import Fields, as_degrees
+
+if TYPE_CHECKING:
+    from ambinav.sensing.sensor import RangeSensor
+
+FIELDS = (
+    *("name", "source", "aperture_deg", "min_range", "max_range", "resolution", "bias", "std"),
+    *("max_incidence_deg", "random_share", "lost_share"),
+)
+
+
+def parse_sensor(plain: object, where: str) -> dict[str, Any]:
+    """Return the arguments of `RangeSensor` for what YAML gave; `where` names it in messages.
+
+    Raises:
+        InputError: a field is unknown, missing or of the wrong type.
+    """
+    given = Fields(plain, where, FIELDS)
+    bias = given.raw("bias") if "bias" in given else 0.0
+    limited = "max_incidence_deg" in given and given.raw("max_incidence_deg") is not None
+    return {
+        "name": given.text("name", ""),
+        "source": given.text("source", ""),
+        "aperture": given.angle("aperture_deg", 0.0),
+        "min_range": given.number("min_range", 0.0),
+        "max_range": given.number("max_range"),
+        "resolution": given.number("resolution"),
+        "bias": curves.as_curve(bias, given.place("bias")),
+        "std": curves.as_curve(given.raw("std"), given.place("std")),
+        "max_incidence": given.angle("max_incidence_deg") if limited else None,
+        "random_share": given.number("random_share", 0.01),
+        "lost_share": given.number("lost_share", 0.0),
+    }
+
+
+def render_sensor(sensor: RangeSensor) -> dict[str, object]:
+    """Return the YAML form of a sensor as a mapping; empty texts are left out."""
+    plain: dict[str, object] = {
+        "name": sensor.name,
+        "source": sensor.source,
+        "aperture_deg": as_degrees(sensor.aperture),
+        "min_range": sensor.min_range,
+        "max_range": sensor.max_range,
+        "resolution": sensor.resolution,
+        "bias": curves.to_plain(sensor.bias),
+        "std": curves.to_plain(sensor.std),
+        "random_share": sensor.random_share,
+        "lost_share": sensor.lost_share,
+    }
+    if sensor.max_incidence is not None:
+        plain["max_incidence_deg"] = as_degrees(sensor.max_incidence)
+    return {key: value for key, value in plain.items() if value != ""}

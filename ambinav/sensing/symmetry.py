@@ -1,0 +1,60 @@
+"""How far a set of beams can be turned about the robot's centre and be the same set again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+TOLERANCE = 1e-6
+TURN = 2.0 * math.pi
+
+
+def rotation_order(mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]) -> int:
+    """Return the largest n such that a turn by 2 pi / n maps the beams onto themselves.
+
+    Args:
+        mounts: x, y, yaw of each beam in the robot frame, shape (B, 3), metres and radians.
+        sensor_of_beam: Which sensor each beam has, shape (B,).
+
+    Returns:
+        n of at least 1; positions and angles count as equal within 1e-6.
+    """
+    yaws = [mounts[rows, 2] % TURN for rows in _alike(mounts, sensor_of_beam)]
+    share = math.gcd(*(len(yaw) for yaw in yaws))
+    orders = (n for n in range(share, 1, -1) if share % n == 0)
+    return next((n for n in orders if all(_invariant(yaw, n) for yaw in yaws)), 1)
+
+
+def _alike(mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Group the beams that a turn could map onto each other.
+
+    They have the same sensor, and see the robot's centre at the same place.
+    """
+    x, y, yaw = mounts.T
+    along = x * np.cos(yaw) + y * np.sin(yaw)
+    across = y * np.cos(yaw) - x * np.sin(yaw)
+    left, groups = np.arange(len(mounts)), []
+    while len(left):
+        first = left[0]
+        same = (
+            (sensor_of_beam[left] == sensor_of_beam[first])
+            & (np.abs(along[left] - along[first]) < TOLERANCE)
+            & (np.abs(across[left] - across[first]) < TOLERANCE)
+        )
+        groups.append(left[same])
+        left = left[~same]
+    return groups
+
+
+def _invariant(yaw: NDArray[np.float64], n: int) -> bool:
+    """Whether a turn by 2 pi / n maps these directions onto themselves."""
+    turned = np.sort((yaw + TURN / n) % TURN)
+    # Rounding may move a direction across 0, so both lists are also compared one place on.
+    original = np.sort(yaw)
+    for shift in (-1, 0, 1):
+        difference = np.roll(turned, shift) - original
+        if np.all(np.abs((difference + math.pi) % TURN - math.pi) < TOLERANCE):
+            return True
+    return False

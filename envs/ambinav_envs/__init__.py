@@ -1,0 +1,1 @@
+"""Gymnasium plug-in of ambinav: navigation environments rewarded by the ambiguity map."""

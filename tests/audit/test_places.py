@@ -1,0 +1,136 @@
+"""The worst places of a map whose regions are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ambinav.audit.places import find_places
+from ambinav.audit.regions import find_regions, passable
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN
+from tests.maps import synthetic
+
+
+def grid(picture: str) -> np.ndarray:
+    """Zone codes drawn as text, top row last: c corridor, o open, . localizable, # wall."""
+    code = {"c": CORRIDOR, "o": OPEN, ".": 0, "#": 255}
+    rows = [[code[letter] for letter in line.strip()] for line in picture.strip().splitlines()]
+    return np.array(rows[::-1], dtype=np.uint8)
+
+
+def regions(picture: str, direction: float | np.ndarray = 0.0, gap: int = 2, least: int = 3):
+    zone = grid(picture)
+    axis = np.where(zone == CORRIDOR, direction, np.nan)
+    return find_regions(zone, (CORRIDOR, OPEN), axis, zone != 255, gap=gap, least=least)[::-1]
+
+
+def test_zones_are_regions_of_their_own():
+    found = regions(
+        """
+        cccc#ooo
+        cccc#ooo
+        """
+    )
+    assert found.max() == 2
+    assert (found[:, :4] == found[0, 0]).all()
+    assert (found[:, 5:] == found[0, 7]).all()
+    assert (found[:, 4] == 0).all()
+
+
+def test_pieces_across_a_small_gap_are_one():
+    assert regions("cccc..cccc").max() == 1
+    assert regions("cccc...cccc").max() == 2
+    assert regions("cccc##cccc").max() == 2
+
+
+def test_the_gap_itself_does_not_belong_to_the_region():
+    assert (regions("cccc..cccc") == [[1, 1, 1, 1, 0, 0, 1, 1, 1, 1]]).all()
+
+
+def test_corridors_that_run_differently_stay_apart():
+    turned = np.array([[0.0] * 5 + [math.pi / 2] * 5])
+    assert regions("cccccccccc", turned).max() == 1  # one piece, whatever its direction
+    assert regions("cccc..cccc", turned).max() == 2
+    almost = np.array([[math.radians(178)] * 5 + [math.radians(2)] * 5])
+    assert regions("cccc..cccc", almost).max() == 1
+
+
+def test_small_regions_join_a_larger_neighbour_or_vanish():
+    assert (regions("ccccoo") == 1).all()
+    assert regions("cccc...oo").max() == 1
+    assert (regions("cccc...oo")[0, 7:] == 0).all()
+    assert regions("oo").max() == 0
+    assert regions("....").max() == 0
+
+
+def test_a_wall_without_thickness_parts_regions():
+    # Both rows are free; the wall runs between them, so clearance is half a cell there.
+    zone = np.full((6, 8), CORRIDOR, dtype=np.uint8)
+    clearance = np.repeat([[0.25], [0.15], [0.05], [0.05], [0.15], [0.25]], 8, axis=1)
+    way = passable(np.ones_like(zone, dtype=bool), clearance, 0.1)
+    found = find_regions(zone, (CORRIDOR,), np.zeros(zone.shape), way, gap=4, least=1)
+    assert found.max() == 2
+    # The cells at the wall belong to their own side.
+    assert (found[:3] == found[0, 0]).all()
+    assert (found[3:] == found[5, 0]).all()
+
+
+@pytest.mark.parametrize("headings", [0, 8])
+def test_places_of_the_known_building(headings):
+    places = find_places(AmbiguityMap(synthetic.dataset(headings)))
+    assert [place.number for place in places] == [1, 2, 3, 4, 5, 6]
+    assert [place.severity for place in places] == sorted(
+        (place.severity for place in places), reverse=True
+    )
+    hall, corridor, *rims = places
+    assert (hall.zone, hall.direction) == ("open", None)
+    assert (hall.length, hall.width, hall.area) == pytest.approx((6.0, 6.0, 36.0))
+    assert (hall.x, hall.y) == pytest.approx((21.0, 5.0), abs=0.1)
+    assert corridor.zone == "corridor"
+    assert corridor.direction == pytest.approx(0.0, abs=1e-6)
+    assert (corridor.length, corridor.width, corridor.area) == pytest.approx((11.0, 2.0, 22.0))
+    assert (corridor.x, corridor.y) == pytest.approx((10.0, 2.0), abs=0.1)
+    assert corridor.outline == pytest.approx((4.5, 1.0, 15.5, 3.0))
+    assert {round(rim.direction or 0.0, 3) for rim in rims} == {0.0, round(math.pi / 2, 3)}
+    for rim in rims:
+        assert rim.area == pytest.approx(12.0)
+    assert hall.level == pytest.approx(0.925 if headings == 0 else 0.925 * 0.75, abs=1e-4)
+    if headings:
+        assert hall.best_heading == pytest.approx(0.0)
+        assert hall.worst_heading == pytest.approx(math.pi)
+    else:
+        assert hall.best_heading is None
+
+
+def test_the_representative_point_is_a_worst_one_inside_the_region():
+    dataset = synthetic.dataset()
+    bad = (dataset["x"] > 12.0) & (dataset["x"] < 13.5) & (dataset["zone"] == CORRIDOR)
+    dataset["level"] = dataset["level"].where(~bad, 0.6).astype(np.float32)
+    place = find_places(AmbiguityMap(dataset))[1]
+    assert 12.0 < place.x < 13.5
+    assert place.y == pytest.approx(2.0, abs=0.1)
+
+
+def test_an_l_shaped_region_is_marked_inside():
+    dataset = synthetic.dataset()
+    # Everything open in the room but its upper right quarter.
+    room = (dataset["x"] < 4) & dataset["free"]
+    ell = room & ~((dataset["x"] > 1) & (dataset["y"] > 1))
+    dataset["zone"] = dataset["zone"].where(~ell, OPEN).astype(np.uint8)
+    dataset["level"] = dataset["level"].where(~ell, 1.0).astype(np.float32)
+    amap = AmbiguityMap(dataset)
+    place = next(p for p in find_places(amap) if p.x < 4)
+    assert amap.sample("zone", place.x, place.y) == OPEN
+    assert place.area == pytest.approx(4 + 3)
+
+
+def test_count_limits_and_a_harmless_map_has_none():
+    amap = AmbiguityMap(synthetic.dataset())
+    assert len(find_places(amap, 2)) == 2
+    assert find_places(amap, 0) == ()
+    dataset = synthetic.dataset()
+    dataset["zone"] = dataset["zone"].where(~dataset["free"], 0).astype(np.uint8)
+    assert find_places(AmbiguityMap(dataset)) == ()

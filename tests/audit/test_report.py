@@ -1,0 +1,179 @@
+"""The report: complete, standing alone, and never half-written."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+from PIL import Image
+
+from ambinav.audit import pictures
+from ambinav.audit.audit import audit, metres2, percent
+from ambinav.audit.document import Document, document
+from ambinav.audit.report import check_output, write_report
+from ambinav.errors import InputError
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from tests.maps import synthetic
+
+FILES = {
+    "report.html", "report.md", "report.json", "floor-zones.png", "floor-level.png",
+    "place-01.png", "place-02.png", "place-03.png", "place-04.png",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(examined, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "out"
+    write_report(examined, path)
+    return path
+
+
+class Links(HTMLParser):
+    """Collects everything that a page loads or points to, and its text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.links += [value for name, value in attrs if name in ("src", "href", "data", "action")]
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_all_files_are_there(folder):
+    assert {item.name for item in folder.iterdir()} == FILES
+    assert [item.name for item in folder.parent.iterdir()] == ["out"]
+    for name in FILES:
+        if name.endswith(".png"):
+            with Image.open(folder / name) as picture:
+                assert min(picture.size) > 500
+
+
+def test_html_stands_alone(folder):
+    page = (folder / "report.html").read_text()
+    links = Links()
+    links.feed(page)
+    assert len(links.links) == 6
+    assert all(link.startswith("data:image/png;base64,") for link in links.links)
+    assert not re.search(r"https?:|file:|url\(|@import|<script", page)
+    text = " ".join(" ".join(links.text).split())
+    for expected in (
+        "synthetic <building>",  # escaped in the source, so that it arrives as text
+        "test laser",
+        "can tell its position well on 23 %",
+        "one ring was not closed",
+        "ab" * 32,
+        "None of the 60 beams returns an echo",
+        "36 m²",
+    ):
+        assert expected in text, expected
+    assert "<building>" not in page
+
+
+def test_markdown_points_at_files_that_exist(folder):
+    text = (folder / "report.md").read_text()
+    linked = re.findall(r"\]\(([^)]+)\)", text)
+    assert set(linked) == {name for name in FILES if name.endswith(".png")}
+    assert "| corridor | 50 % | 70 m² |" in text
+    assert "{{" not in text
+
+
+def test_json_follows_its_schema_and_is_rounded(folder, examined):
+    data = json.loads((folder / "report.json").read_text())
+    assert Document.model_validate(data) == document(examined)
+    assert data["format"] == "ambinav-audit/1"
+    assert data["places_in_all"] == 6
+    assert len(data["places"]) == 4
+    worst = data["places"][0]
+    assert (worst["zone"], worst["area_m2"], worst["direction_deg"]) == ("open", 36.0, None)
+    assert worst["x_m"] == 20.95
+    assert worst["sees"]["without_echo"] == 60
+    assert {zone["zone"]: zone["area_m2"] for zone in data["zones"]}["corridor"] == 70.0
+    assert sum(zone["share"] for zone in data["zones"]) == pytest.approx(1.0, abs=1e-3)
+    assert data["parameters"]["radius"] == 0.5
+    assert data["environment"]["sha256"] == "ab" * 32
+    for number in re.findall(r"\d+\.\d+", json.dumps(data["places"])):
+        assert len(number.split(".")[1]) <= 4
+
+
+def test_the_scanner_in_the_report_can_be_used_again(folder, laser):
+    yaml = json.loads((folder / "report.json").read_text())["scanner"]["yaml"]
+    assert type(laser).from_yaml_text(yaml) == laser
+
+
+def test_summary_in_words(examined):
+    assert examined.summary == (
+        "With test laser a robot can tell its position well on 23 % of the 140 m² of free floor "
+        "of synthetic <building>. On 50 % (70 m²) it can slide along a wall or corridor without "
+        "noticing. On 26 % (36 m²) it has nothing to hold on to in any direction. The worst of 6 "
+        "places is an open area over 36 m² around x = 20.9 m, y = 5.0 m."
+    )
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.0, "0 %"), (0.0004, "less than 0.1 %"), (0.004, "0.4 %"), (0.5, "50 %")]
+)
+def test_small_shares_are_not_nothing(share, text):
+    assert percent(share) == text
+    assert metres2(1234.5) == "1,234 m²"
+
+
+def test_headings_are_told(building, laser, tmp_path):
+    found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
+    report = write_report(found, tmp_path / "out")
+    assert report.headings == "mean over all headings"
+    assert [zone.share_best_heading for zone in report.zones][2] == pytest.approx(0.5)
+    assert (report.places[0].best_heading_deg, report.places[0].worst_heading_deg) == (0.0, 180.0)
+    assert report.places[0].sees.heading_deg == 180.0
+    assert "best 0°, worst 180°" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_no_places_at_all(building, laser, tmp_path):
+    found = audit(AmbiguityMap(synthetic.dataset()), building, laser, places=0)
+    write_report(found, tmp_path / "out")
+    assert "6 places were found, none is listed" in (tmp_path / "out" / "report.md").read_text()
+    with pytest.raises(InputError, match="places: -1"):
+        audit(AmbiguityMap(synthetic.dataset()), building, laser, places=-1)
+
+
+def test_an_earlier_report_is_replaced_whole(examined, building, laser, tmp_path):
+    write_report(examined, tmp_path / "out")
+    fewer = audit(AmbiguityMap(synthetic.dataset()), building, laser, places=1)
+    write_report(fewer, tmp_path / "out")
+    assert not (tmp_path / "out" / "place-02.png").exists()
+
+
+def test_a_failed_report_leaves_the_earlier_one(examined, tmp_path, monkeypatch):
+    write_report(examined, tmp_path / "out")
+    before = (tmp_path / "out" / "report.json").stat().st_mtime_ns
+
+    def fail(*arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pictures, "plot_finding", fail)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(examined, tmp_path / "out")
+    assert {item.name for item in (tmp_path / "out").iterdir()} == FILES
+    assert (tmp_path / "out" / "report.json").stat().st_mtime_ns == before
+    assert [item.name for item in tmp_path.iterdir()] == ["out"]
+
+
+def test_other_folders_are_never_replaced(tmp_path):
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match=r"thesis\.tex .*choose a new folder"):
+        check_output(tmp_path / "home")
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "place-of-birth.png").write_bytes(b"")
+    with pytest.raises(InputError, match="not of an earlier report"):
+        check_output(tmp_path / "pictures")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is a file"):
+        check_output(tmp_path / "file")
+    (tmp_path / "empty").mkdir()
+    assert check_output(tmp_path / "empty") == tmp_path / "empty"

@@ -1,0 +1,147 @@
+"""Pictures: what is drawn where, read back from the artists and from the pixels."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ambinav.errors import InputError
+from ambinav.maps import drawing
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.plot import plot_layer, plot_zones
+from ambinav.maps.zones import COLOURS, OUTSIDE_COLOUR, ZONES
+from tests.maps import synthetic
+
+
+@pytest.fixture(scope="module")
+def amap() -> AmbiguityMap:
+    return AmbiguityMap(synthetic.dataset())
+
+
+def colour_at(axes, x: float, y: float) -> tuple[int, int, int]:
+    """Colour of the picture at a point of the map, 0 to 255."""
+    axes.figure.canvas.draw()
+    pixels = np.asarray(axes.figure.canvas.buffer_rgba())
+    column, row = axes.transData.transform((x, y))
+    return tuple(pixels[pixels.shape[0] - 1 - int(row), int(column), :3].tolist())
+
+
+def byte(colour: str) -> tuple[int, int, int]:
+    return tuple(round(255 * part) for part in to_rgb(colour))
+
+
+def strokes(axes) -> np.ndarray:
+    """Middle and direction of the strokes, (n, 4)."""
+    lines = max(
+        (c for c in axes.collections if isinstance(c, LineCollection)), key=lambda c: c.zorder
+    )
+    ends = np.array(lines.get_segments())
+    return np.hstack([ends.mean(axis=1), ends[:, 1] - ends[:, 0]])
+
+
+def test_zones_have_their_colours_where_they_lie(amap):
+    axes = plot_zones(amap, strokes=False)
+    places = {"localizable": (2, 2), "transition": (4.2, 2), "corridor": (10, 2), "open": (21, 5)}
+    for zone, (x, y) in places.items():
+        assert colour_at(axes, x, y) == byte(COLOURS[ZONES.index(zone)]), zone
+    assert colour_at(axes, 10.0, 7.0) == byte(OUTSIDE_COLOUR)
+
+
+def test_colours_stay_apart_in_grey():
+    # ITU-R BT.709 luma of the linear colours: what a grey print keeps.
+    def lightness(colour: str) -> float:
+        linear = np.power(to_rgb(colour), 2.2)
+        return float(np.power(linear @ [0.2126, 0.7152, 0.0722], 1 / 2.2))
+
+    grey = sorted(lightness(colour) for colour in COLOURS)
+    assert min(np.diff(grey)) > 0.1
+
+
+def test_strokes_run_along_the_weak_direction(amap):
+    found = strokes(plot_zones(amap))
+    in_corridor = found[(found[:, 0] > 5) & (found[:, 0] < 15)]
+    assert len(in_corridor) > 20
+    assert np.abs(in_corridor[:, 3]).max() < 1e-6
+    left_of_hall = found[(found[:, 0] > 16) & (found[:, 0] < 18) & (abs(found[:, 1] - 5) < 2)]
+    assert np.abs(left_of_hall[:, 2]).max() < 1e-6
+    # None where all directions are alike, and never crowded.
+    for inside in ((0, 4, 0, 4), (18.1, 23.9, 2.1, 7.9)):
+        a, b, c, d = inside
+        x, y = found[:, 0], found[:, 1]
+        assert not ((x > a) & (x < b) & (y > c) & (y < d)).any()
+    gaps = np.hypot(*(found[:, None, :2] - found[None, :, :2]).transpose(2, 0, 1))
+    assert gaps[~np.eye(len(found), dtype=bool)].min() > 0.5
+
+
+def test_a_narrow_corridor_gets_strokes_too():
+    # 2 m wide in a building 300 m long: the patch of a stroke is wider than the corridor.
+    dataset = synthetic.dataset().isel(x=slice(50, 150))
+    x = np.linspace(0.0, 300.0, dataset.sizes["x"])
+    found = strokes(plot_zones(AmbiguityMap(dataset.assign_coords(x=x))))
+    assert len(found) > 30
+
+
+def test_legend_tells_shares_and_title_names_both(amap):
+    axes = plot_zones(amap)
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels[3] == "open\n26%, 36 m²"
+    assert axes.get_title(loc="left") == "Zones: made-up scanner in synthetic"
+
+
+@pytest.mark.parametrize(
+    ("width", "length"), [(27.0, 5.0), (4.0, 1.0), (3.9, 0.5), (1000.0, 200.0), (0.3, 0.05)]
+)
+def test_scale_bars_are_round(width, length):
+    assert drawing.round_length(width) == pytest.approx(length)
+
+
+def test_layer_runs_from_zero_to_one_and_dark_is_ambiguous(amap):
+    axes = plot_layer(amap, "level")
+    assert axes.images[0].get_clim() == (0.0, 1.0)
+    assert sum(colour_at(axes, 21, 5)) < sum(colour_at(axes, 10, 2)) < sum(colour_at(axes, 2, 2))
+
+
+def test_radii_and_angles_have_scales_of_their_own():
+    turning = AmbiguityMap(synthetic.dataset(headings=4))
+    assert plot_layer(turning, "major_radius").images[0].get_clim()[1] < 0.3
+    assert plot_layer(turning, "direction").images[0].get_clim() == (0.0, 180.0)
+    assert plot_layer(turning, "level", heading=0.5).get_title(loc="left").endswith("29°)")
+    with pytest.raises(InputError, match="plot_zones"):
+        plot_layer(turning, "zone")
+
+
+def test_draws_into_given_axes(amap):
+    figure = Figure()
+    first, second = figure.subplots(1, 2)
+    assert plot_zones(amap, first) is first
+    assert plot_layer(amap, "level", second, strokes=True) is second
+
+
+@pytest.mark.parametrize("part", [slice(None), slice(165, 200)])
+def test_saved_picture_has_no_wide_margins(amap, tmp_path, part):
+    tall = AmbiguityMap(amap.dataset.isel(x=part))
+    drawing.save_figure(plot_zones(tall), tmp_path / "a.png")
+    with Image.open(tmp_path / "a.png") as picture:
+        pixels = np.asarray(picture.convert("L"))
+    assert max(pixels.shape) > 1000
+    used = pixels < 250
+    rows, columns = np.nonzero(used.any(axis=1))[0], np.nonzero(used.any(axis=0))[0]
+    assert rows[0] < 40
+    assert columns[0] < 40
+    assert pixels.shape[0] - rows[-1] < 40
+    assert pixels.shape[1] - columns[-1] < 40
+
+
+def test_no_global_drawing_state():
+    code = (
+        "import sys, ambinav.maps.plot, ambinav.maps.plot_scan; print('pyplot' in str(sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"

@@ -1,0 +1,520 @@
+"""Scanners: beam geometry, symmetry, thinning, cones, readings and files."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import ambinav.geometry
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import Segments
+from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.sensing.rays import cone_offsets
+
+LASER = RangeSensor(name="laser", max_range=4.0, std=0.03, resolution=0.001)
+SONAR = RangeSensor(
+    name="sonar", max_range=6.0, std=0.02, resolution=0.01, aperture=math.radians(30)
+)
+MIRRORED = RangeSensor(
+    name="mirrored",
+    max_range=6.0,
+    std=0.02,
+    resolution=0.01,
+    aperture=math.radians(30),
+    max_incidence=math.radians(12),
+)
+
+Array = NDArray[Any]
+
+
+def brute_force(
+    env: Array, x: Array, y: Array, theta: Array, origin: Array, angle: Array, max_range: float
+) -> tuple[Array, Array, Array]:
+    """Cast rays at segments (N, 4) one by one: the plain stand-in for geometry.fan.scan_rays."""
+    distance = np.full((len(x), len(angle)), np.inf, dtype=np.float32)
+    segment = np.full(distance.shape, -1, dtype=np.int32)
+    incidence = np.zeros(distance.shape, dtype=np.float32)
+    for (i, t), (r, a) in itertools.product(enumerate(theta), enumerate(angle)):
+        ox = x[i] + math.cos(t) * origin[r, 0] - math.sin(t) * origin[r, 1]
+        oy = y[i] + math.sin(t) * origin[r, 0] + math.cos(t) * origin[r, 1]
+        dx, dy = math.cos(t + a), math.sin(t + a)
+        for s, (ax, ay, bx, by) in enumerate(env):
+            ex, ey = bx - ax, by - ay
+            cross = dx * ey - dy * ex
+            if abs(cross) < 1e-12:
+                continue
+            along = ((ax - ox) * ey - (ay - oy) * ex) / cross
+            part = ((ax - ox) * dy - (ay - oy) * dx) / cross
+            if 0 <= part <= 1 and 0 <= along <= max_range and along < distance[i, r]:
+                distance[i, r], segment[i, r] = along, s
+                incidence[i, r] = math.acos(min(1.0, abs(cross) / math.hypot(ex, ey)))
+    return distance, segment, incidence
+
+
+@pytest.fixture
+def plain_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cast by brute force, on environments that are plain arrays of segments."""
+    stand_in = SimpleNamespace(scan_rays=brute_force)
+    monkeypatch.setattr(ambinav.geometry, "fan", stand_in, raising=False)
+
+
+# A room of 6 m x 4 m about the origin, walls as ax, ay, bx, by.
+ROOM: Any = np.array(
+    [[-3, -2, 3, -2], [3, -2, 3, 2], [3, 2, -3, 2], [-3, 2, -3, -2]], dtype=np.float64
+)
+# One wall at x = 2 that runs on both sides as far as anything sees.
+WALL: Any = np.array([[2.0, -50.0, 2.0, 50.0]])
+
+
+# -- beams -------------------------------------------------------------------------------------
+
+
+def test_full_circle_has_the_angles_of_the_design() -> None:
+    scanner = RangeScanner.planar(
+        sensor=LASER, beams=60, aperture=2 * math.pi, mount=(0.1, 0.2, 0.3)
+    )
+    expected = 0.3 - math.pi + 2 * math.pi * np.arange(60) / 60
+    assert scanner.mounts[:, 2] == pytest.approx(expected)
+    assert (scanner.mounts[:, :2] == [0.1, 0.2]).all()
+    assert scanner.sensors == (LASER,)
+    assert scanner.beams == 60
+    assert scanner.max_range == 4.0
+
+
+def test_partial_fan_includes_both_ends_and_one_beam_looks_ahead() -> None:
+    fan = RangeScanner.planar(LASER, 5, math.pi / 2, mount=(0, 0, 1.0))
+    assert fan.mounts[:, 2] - 1.0 == pytest.approx(np.deg2rad([-45, -22.5, 0, 22.5, 45]))
+    for aperture in (0.0, 1.0, 2 * math.pi):
+        assert RangeScanner.planar(LASER, 1, aperture).mounts.tolist() == [[0, 0, 0]]
+
+
+def test_ring_faces_outward() -> None:
+    ring = RangeScanner.ring(SONAR, 4, 0.5, start=math.pi / 2)
+    assert ring.mounts == pytest.approx(
+        np.array([[0, 0.5, 90], [-0.5, 0, 180], [0, -0.5, 270], [0.5, 0, 360]])
+        * [1, 1, math.pi / 180]
+    )
+
+
+def test_mixed_keeps_order_and_names_each_sensor_once() -> None:
+    ring, fan = RangeScanner.ring(SONAR, 16, 0.2), RangeScanner.planar(LASER, 7, 1.0)
+    both = RangeScanner.mixed(ring, fan, ring)
+    assert both.sensors == (SONAR, LASER)
+    assert both.sensor_of_beam.tolist() == [0] * 16 + [1] * 7 + [0] * 16
+    assert both.kind == "mixed"
+    assert (ring.kind, fan.kind) == ("sonar", "laser")
+    assert both.max_range == 6.0
+
+
+def test_arrays_are_read_only() -> None:
+    scanner = RangeScanner.planar(LASER, 8, 1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        scanner.mounts[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("scanner", "order"),
+    [
+        (RangeScanner.planar(LASER, 60, 2 * math.pi), 60),
+        (RangeScanner.planar(LASER, 60, 2 * math.pi, mount=(0, 0, 0.7)), 60),
+        (RangeScanner.planar(LASER, 60, 2 * math.pi, mount=(0.2, 0, 0)), 1),
+        (RangeScanner.planar(LASER, 60, math.radians(240)), 1),
+        (RangeScanner.planar(LASER, 8, 2 * math.pi), 8),
+        (RangeScanner.ring(SONAR, 16, 0.2), 16),
+        (RangeScanner.ring(SONAR, 16, 0.2, start=0.123), 16),
+        (
+            RangeScanner.mixed(
+                RangeScanner.ring(SONAR, 16, 0.2), RangeScanner.planar(LASER, 60, 2 * math.pi)
+            ),
+            4,
+        ),
+        (
+            RangeScanner.mixed(
+                RangeScanner.ring(SONAR, 24, 0.2), RangeScanner.ring(LASER, 24, 0.3, start=0.1)
+            ),
+            24,
+        ),
+    ],
+)
+def test_rotation_order(scanner: RangeScanner, order: int) -> None:
+    assert scanner.rotation_order == order
+    assert scanner.looks_all_around == (order >= 12)
+    shuffled = np.random.default_rng(1).permutation(scanner.beams)
+    again = RangeScanner.from_mounts(
+        scanner.sensors, scanner.mounts[shuffled], scanner.sensor_of_beam[shuffled]
+    )
+    assert again.rotation_order == order
+
+
+def test_opposite_directions_count_as_sixty_beams_whatever_their_turns() -> None:
+    yaw = 2 * math.pi * np.arange(60) / 60 + 2 * math.pi * (np.arange(60) % 3)
+    mounts = np.column_stack([np.zeros((60, 2)), yaw])
+    assert RangeScanner.from_mounts(LASER, mounts).rotation_order == 60
+
+
+# -- thinning ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("beams", "most", "kept"),
+    [(360, 60, 60), (1440, 100, 96), (60, 60, 60), (60, 100, 60), (359, 60, 60), (64, 60, 32)],
+)
+def test_thinned_full_circle_stays_uniform(beams: int, most: int, kept: int) -> None:
+    whole = RangeScanner.planar(LASER, beams, 2 * math.pi)
+    thin = whole.thinned(most)
+    assert thin.beams == kept == thin.rotation_order
+    if beams % kept == 0:
+        assert np.abs(thin.mounts[:, 2] - whole.mounts[:: beams // kept, 2]).max() < 1e-12
+
+
+@pytest.mark.parametrize("beams", [181, 361, 541, 682, 683, 1081])
+@pytest.mark.parametrize("most", [1, 2, 30, 60, 61, 100])
+def test_thinned_fan_stays_symmetric_and_wide(beams: int, most: int) -> None:
+    whole = RangeScanner.planar(LASER, beams, math.radians(240), mount=(0, 0, 0.5))
+    thin = whole.thinned(most)
+    yaw = thin.mounts[:, 2] - 0.5
+    assert most / 2 < thin.beams <= most
+    assert yaw == pytest.approx(-yaw[::-1], abs=1e-12)
+    if most > 1:
+        step, stride = math.radians(240) / (beams - 1), float(np.diff(yaw)[0])
+        assert yaw[-1] >= math.radians(120) - stride / 2 - 1e-9
+        nearest = np.abs(yaw[:, None] + 0.5 - whole.mounts[None, :, 2]).min(axis=1)
+        assert nearest.max() <= step / 2 + 1e-9
+
+
+def test_thinned_mixed_keeps_the_sonars() -> None:
+    platform = RangeScanner.from_preset("pioneer-sonar-laser")
+    thin = platform.thinned(60)
+    assert thin.beams <= 60
+    assert (thin.sensor_of_beam == 0).sum() == 16
+    assert (thin.sensor_of_beam == 1).sum() > 30
+    assert "of 197 beams" in thin.name
+
+
+def test_thinned_mounts_do_not_depend_on_their_order() -> None:
+    whole = RangeScanner.planar(LASER, 120, 2 * math.pi)
+    shuffled = np.random.default_rng(0).permutation(120)
+    thin = RangeScanner.from_mounts(LASER, whole.mounts[shuffled]).thinned(60)
+    assert thin.rotation_order == 60
+    fan = RangeScanner.planar(LASER, 121, math.pi)
+    yaw = RangeScanner.from_mounts(LASER, fan.mounts).thinned(61).mounts[:, 2]
+    assert yaw == pytest.approx(fan.mounts[::2, 2])
+
+
+def test_thinned_ring_and_too_few() -> None:
+    assert RangeScanner.ring(SONAR, 16, 0.2).thinned(8).rotation_order == 8
+    with pytest.raises(InputError, match="has 2 parts"):
+        RangeScanner.from_preset("pioneer-sonar-laser").thinned(1)
+    with pytest.raises(InputError, match="max_beams is 0; give a whole number"):
+        RangeScanner.ring(SONAR, 16, 0.2).thinned(0)
+
+
+# -- rays and scans ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degrees", [0, 1, 4, 15, 30, 31])
+def test_cone_rays_are_odd_fine_and_include_edges_and_axis(degrees: int) -> None:
+    offsets = np.rad2deg(cone_offsets(math.radians(degrees)))
+    assert len(offsets) % 2 == 1
+    assert offsets[len(offsets) // 2] == pytest.approx(0.0, abs=1e-12)
+    if degrees:
+        assert offsets[[0, -1]] == pytest.approx([-degrees / 2, degrees / 2])
+        assert np.diff(offsets).max() <= 2.0 + 1e-9
+    else:
+        assert len(offsets) == 1
+
+
+def test_ray_table() -> None:
+    both = RangeScanner.mixed(
+        RangeScanner.ring(MIRRORED, 3, 0.2), RangeScanner.planar(LASER, 2, 1.0)
+    )
+    rays = both.rays()
+    assert rays.start.tolist() == [0, 17, 34, 51, 52, 53]
+    assert len(rays) == 53
+    assert rays.angle[8] == both.mounts[0, 2]
+    assert rays.origin[17:34] == pytest.approx(np.tile(both.mounts[1, :2], (17, 1)))
+    assert rays.max_range[[0, -1]].tolist() == [6.0, 4.0]
+    assert np.isinf(rays.max_incidence[-1])
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_scan_of_a_room() -> None:
+    scanner = RangeScanner.planar(LASER, 4, 2 * math.pi)  # looks to 180, -90, 0, 90 degrees
+    ranges = scanner.scan(ROOM, 0.5, 0.25, 0.0)
+    assert ranges.dtype == np.float32
+    assert ranges == pytest.approx([3.5, 2.25, 2.5, 1.75])
+    # Turned by 90 degrees and shifted: 180 -> -90, -90 -> 0, 0 -> 90, 90 -> 180.
+    assert scanner.scan(ROOM, 0.5, 0.25, math.pi / 2) == pytest.approx([2.25, 2.5, 1.75, 3.5])
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_scan_broadcasts_and_nothing_in_range_is_inf() -> None:
+    scanner = RangeScanner.planar(LASER, 4, 2 * math.pi)
+    x, theta = np.zeros((3, 1)), np.zeros(5)
+    assert scanner.scan(ROOM, x, 0.0, theta).shape == (3, 5, 4)
+    assert scanner.scan(ROOM, np.zeros(0), 0.0, 0.0).shape == (0, 4)
+    far = scanner.scan(WALL, -3.0, 0.0, 0.0)
+    assert np.isinf(far).all()
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_mount_moves_and_turns_the_beam() -> None:
+    scanner = RangeScanner.from_mounts(LASER, [[0.5, 0.0, 0.0], [0.0, 0.5, math.pi / 2]])
+    assert scanner.scan(ROOM, 0, 0, 0) == pytest.approx([2.5, 1.5])
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_a_cone_sees_the_smallest_over_its_rays() -> None:
+    cone = RangeScanner.from_mounts(SONAR, [[0, 0, math.radians(40)]])
+    # Against a wall at 2 m, the ray nearest to the normal is the one at 40 - 15 degrees.
+    assert cone.scan(WALL, 0, 0, 0) == pytest.approx([2 / math.cos(math.radians(25))])
+    # The same from the definition, ray by ray.
+    rays = cone.rays()
+    single = RangeScanner.from_mounts(
+        RangeSensor(max_range=6.0, std=0.02, resolution=0.01),
+        np.column_stack([rays.origin, rays.angle]),
+    )
+    for theta in np.linspace(-1.0, 1.0, 9):
+        of_rays = single.scan(ROOM, 0.3, -0.4, theta)
+        assert cone.scan(ROOM, 0.3, -0.4, theta) == pytest.approx([of_rays.min()])
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_oblique_surfaces_return_no_echo_and_hide_what_is_behind() -> None:
+    cone = RangeScanner.from_mounts(MIRRORED, [[0, 0, 0]])
+    assert cone.scan(WALL, 0, 0, 0) == pytest.approx([2.0])
+    # Turned by 20 degrees the normal is outside the cone, but 5 degrees off its edge: echo.
+    edge = 2 / math.cos(math.radians(5))
+    assert cone.scan(WALL, 0, 0, math.radians(20)) == pytest.approx([edge])
+    # By 28 degrees every ray meets the wall at 13 degrees or more: no echo.
+    assert np.isinf(cone.scan(WALL, 0, 0, math.radians(28))).all()
+    # A screen at 45 degrees before the wall echoes nothing, and hides the wall all the same.
+    hidden: Any = np.vstack([WALL, [[0.5, -1.0, 2.5, 1.0]]])
+    assert np.isinf(cone.scan(hidden, 0, 0, 0)).all()
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_each_sensor_has_its_own_range() -> None:
+    both = RangeScanner.from_mounts([LASER, SONAR], np.zeros((2, 3)), [0, 1])
+    ranges = both.scan(WALL, -3.0, 0.0, 0.0)  # the wall is 5 m away: beyond 4, within 6
+    assert np.isinf(ranges[0])
+    assert ranges[1] == pytest.approx(5.0)
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_permuting_the_beams_permutes_the_scan() -> None:
+    platform = RangeScanner.mixed(
+        RangeScanner.ring(MIRRORED, 8, 0.2), RangeScanner.planar(LASER, 9, 3.0, (0.1, 0, 0))
+    )
+    order = np.random.default_rng(5).permutation(platform.beams)
+    shuffled = RangeScanner.from_mounts(
+        platform.sensors, platform.mounts[order], platform.sensor_of_beam[order]
+    )
+    assert [shuffled.sensors[i].name for i in shuffled.sensor_of_beam] == [
+        platform.sensors[i].name for i in platform.sensor_of_beam[order]
+    ]
+    x, theta = np.array([0.0, 0.4, -1.0]), np.array([0.1, 2.0, 4.0])
+    expected = platform.scan(ROOM, x, 0.3, theta)[:, order]
+    assert (shuffled.scan(ROOM, x, 0.3, theta) == expected).all()
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_scanning_in_pieces_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ring = RangeScanner.ring(SONAR, 4, 0.1)
+    x = np.linspace(-2, 2, 11)
+    whole = ring.scan(ROOM, x, 0.0, 0.3)
+    monkeypatch.setattr("ambinav.sensing.casting.RAYS_AT_ONCE", 3 * len(ring.rays()))
+    assert (ring.scan(ROOM, x, 0.0, 0.3) == whole).all()
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_read_uses_each_sensor_and_gives_inf_for_no_echo() -> None:
+    both = RangeScanner.from_mounts([LASER, SONAR], np.zeros((2, 3)), [0, 1])
+    rng = np.random.default_rng(2)
+    readings = both.read(WALL, np.full(4000, -3.0), 0.0, 0.0, rng)
+    assert np.isinf(readings[:, 0]).mean() == pytest.approx(0.99, abs=0.01)
+    echoes = readings[:, 1][np.abs(readings[:, 1] - 5.0) < 0.2]
+    assert len(echoes) > 3900
+    assert echoes.mean() == pytest.approx(5.0, abs=2e-3)
+    assert echoes.std() == pytest.approx(0.02, rel=0.1)
+    again = both.read(WALL, np.full(4000, -3.0), 0.0, 0.0, np.random.default_rng(2))
+    assert (again == readings).all()
+
+
+@pytest.mark.usefixtures("plain_rays")
+def test_bad_poses_and_ranges() -> None:
+    scanner = RangeScanner.planar(LASER, 4, 2 * math.pi)
+    with pytest.raises(InputError, match="pose: theta is nan"):
+        scanner.scan(ROOM, 0.0, 0.0, [0.0, math.nan])
+    with pytest.raises(InputError, match="the last axis must be the 4 beams"):
+        scanner.capture(np.zeros((2, 3)), np.random.default_rng(0))
+
+
+def test_the_real_caster_agrees_with_brute_force_and_closed_forms() -> None:
+    box = shapely.box(-3.0, -2.0, 3.0, 2.0)
+    env = Environment(Segments(ROOM, np.zeros(4, dtype=np.uint8)), box, name="room")
+    platform = RangeScanner.mixed(
+        RangeScanner.ring(MIRRORED, 8, 0.2), RangeScanner.planar(LASER, 40, 4.0, (0.1, 0, 0.2))
+    )
+    rng = np.random.default_rng(11)
+    x, y = rng.uniform(-2.5, 2.5, 20), rng.uniform(-1.5, 1.5, 20)
+    theta = rng.uniform(-4, 4, 20)
+    rays = platform.rays()
+    distance, _, incidence = brute_force(ROOM, x, y, theta, rays.origin, rays.angle, 6.0)
+    expected = rays.nearest(rays.echoes(distance, incidence))
+    assert platform.scan(env, x, y, theta) == pytest.approx(expected, abs=1e-5)
+    assert np.isinf(expected).any()
+    four = RangeScanner.planar(LASER, 4, 2 * math.pi)
+    assert four.scan(env, 0.5, 0.25, 0.0) == pytest.approx([3.5, 2.25, 2.5, 1.75])
+
+
+def test_a_sensor_outside_the_free_space_reads_nothing() -> None:
+    box = shapely.box(-3.0, -2.0, 3.0, 2.0)
+    env = Environment(Segments(ROOM, np.zeros(4, dtype=np.uint8)), box, name="room")
+    ring = RangeScanner.ring(SONAR, 4, 0.2)
+    assert np.isnan(ring.scan(env, 2.9, 0.0, 0.0)).tolist() == [True, False, False, False]
+    with pytest.raises(InputError, match=r"at x = 2\.9, y = 0 a sensor .* outside the free space"):
+        ring.read(env, [0.0, 2.9], 0.0, 0.0, np.random.default_rng(0))
+
+
+# -- files and bad input -----------------------------------------------------------------------
+
+SENSOR_TEXT = "{max_range: 4, std: 0.03, resolution: 0.001}"
+
+
+def test_yaml_of_every_layout(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        f"""
+source: a data sheet
+parts:
+  - sensor: {SENSOR_TEXT}
+    planar: {{beams: 3, aperture_deg: 90, mount: [0.1, 0, 180]}}
+  - sensor: polaroid-6500-ring
+    ring: {{count: 8, radius: 0.3}}
+  - sensor: {SENSOR_TEXT}
+    mounts: [[0, 0.1, 90], [0, -0.1, -90]]
+"""
+    )
+    scanner = RangeScanner.from_yaml(path)
+    assert scanner.name == "robot"
+    assert scanner.beams == 13
+    assert len(scanner.sensors) == 2
+    assert np.rad2deg(scanner.mounts[:3, 2]) == pytest.approx([135, 180, 225])
+    assert scanner.mounts[-1] == pytest.approx([0, -0.1, -math.pi / 2])
+    assert RangeScanner.from_yaml_text(scanner.to_yaml()) == scanner
+
+
+def test_yaml_of_thinned_and_shuffled() -> None:
+    for name in ("hokuyo-urg-04lx", "pioneer-sonar-laser"):
+        thin = RangeScanner.from_preset(name).thinned(50)
+        again = RangeScanner.from_yaml_text(thin.to_yaml())
+        assert again.mounts == pytest.approx(thin.mounts, abs=1e-14)
+        assert again.sensors == thin.sensors
+
+
+def part(text: str) -> str:
+    return f"parts: [{{sensor: {SENSOR_TEXT}, {text}}}]"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("name: x", "the field 'parts' is missing"),
+        ("parts: []", "parts is []; give a list of parts"),
+        ("pats: []", "the field 'pats' is unknown; did you mean parts"),
+        ("parts: [3]", "parts[0] is 3; give a mapping"),
+        ("parts: [{planar: {beams: 3}}]", "parts[0]: the field 'sensor' is missing"),
+        ("parts: [{sensor: sick-lms20}]", "no scanner preset 'sick-lms20'; did you mean sick-lms2"),
+        ("parts: [{sensor: pioneer-sonar-laser}]", "has 2 kinds of sensor"),
+        (f"parts: [{{sensor: {SENSOR_TEXT}}}]", "the part has no layout; give exactly one of"),
+        (part("plannar: {}"), "'plannar' is unknown; did you mean planar"),
+        (part("ring: {}, planar: {}"), "the part has planar and ring; give exactly one"),
+        (part("planar: {beams: 3}"), "parts[0]: planar: the field 'aperture_deg' is missing"),
+        (part("planar: {beams: 3, aperture: 1}"), "'aperture' is unknown; did you mean aperture_d"),
+        (part("planar: {beams: 0, aperture_deg: 1}"), "planar: beams is 0; give a whole number"),
+        (part("planar: {beams: 2.5, aperture_deg: 1}"), "beams is 2.5"),
+        (part("planar: {beams: 2, aperture_deg: 400}"), "aperture is 400 degrees"),
+        (part("planar: {beams: 2, aperture_deg: 4, mount: [0, 0]}"), "mount is [0, 0]; give three"),
+        (part("ring: {count: 4, radius: -1}"), "ring: radius is -1.0"),
+        (part("mounts: []"), "mounts is empty"),
+        (part("mounts: [[0, 0, .nan]]"), "mounts[0][2] is nan"),
+        (part("mounts: 5"), "mounts is 5; give a list"),
+        (
+            "parts: [{sensor: {max_range: 1, min_range: 2, std: 0, resolution: 0.1}, ring: {}}]",
+            "parts[0]: sensor: max_range is 1.0",
+        ),
+    ],
+)
+def test_bad_scanner_files_name_file_and_field(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        RangeScanner.from_yaml(path)
+    assert str(caught.value).startswith(str(path))
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=2)
+    ),
+    max_leaves=5,
+)
+
+
+@given(
+    field=st.sampled_from(
+        [
+            *("name", "source", "parts", "sensor", "planar", "ring", "mounts", "max_range", "std"),
+            *("resolution", "aperture_deg", "bias", "random_share", "beams", "mount", "table"),
+        ]
+    ),
+    junk=JUNK,
+)
+def test_junk_in_any_field_gives_a_scanner_or_a_sentence(field: str, junk: object) -> None:
+    def spoilt(plain: object) -> object:
+        if isinstance(plain, dict):
+            return {k: junk if k == field else spoilt(v) for k, v in plain.items()}
+        return [spoilt(item) for item in plain] if isinstance(plain, list) else plain
+
+    text = RangeScanner.from_preset("pioneer-sonar-laser").to_yaml()
+    try:
+        RangeScanner.from_yaml_text(yaml.safe_dump(spoilt(yaml.safe_load(text))), file="f.yaml")
+    except InputError as error:
+        assert str(error).startswith("f.yaml")
+
+
+def test_bad_arguments() -> None:
+    with pytest.raises(InputError, match="has no beams"):
+        RangeScanner.mixed()
+    with pytest.raises(InputError, match=r"shape \(2,\)"):
+        RangeScanner.from_mounts(LASER, [0.0, 1.0])
+    with pytest.raises(InputError, match="index from 0 to 0"):
+        RangeScanner.from_mounts(LASER, np.zeros((2, 3)), [0, 1])
+    with pytest.raises(InputError, match="nan"):
+        RangeScanner.from_mounts(LASER, [[0.0, 0.0, math.nan]])
+    with pytest.raises(InputError, match="beams is 0"):
+        RangeScanner.planar(LASER, 0, 1.0)
+    with pytest.raises(InputError, match=r"radius is -0\.1"):
+        RangeScanner.ring(SONAR, 8, -0.1)
+
+
+def test_nothing_is_written_to_a_bad_place(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match="choose another output"):
+        RangeScanner.planar(LASER, 3, 1.0).to_yaml(tmp_path / "file" / "robot.yaml")

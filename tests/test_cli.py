@@ -1,0 +1,256 @@
+"""The command line as a user meets it: exit status, what goes to stdout, what is left on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import ambinav
+from ambinav.cli import app, options
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = ("audit", "map", "presets", "calibrate")
+
+# A room with a corridor 8 m long, as polygons.
+PLAN = {
+    "type": "FeatureCollection",
+    "features": [
+        {
+            "type": "Feature",
+            "properties": {"kind": "room", "name": "all"},
+            "geometry": {
+                "type": "Polygon",
+                "coordinates": [
+                    [[0, 0], [3, 0], [3, 1], [11, 1], [11, 2.5], [3, 2.5], [3, 3], [0, 3], [0, 0]]
+                ],
+            },
+        }
+    ],
+}
+SCANNER = """
+name: short laser
+parts:
+  - sensor: {max_range: 2.0, std: 0.02, resolution: 0.01}
+    planar: {beams: 36, aperture_deg: 360}
+"""
+
+
+@pytest.fixture
+def runner() -> CliRunner:
+    return CliRunner()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    """A working folder with a plan and a scanner."""
+    (tmp_path / "plan.geojson").write_text(json.dumps(PLAN))
+    (tmp_path / "scanner.yaml").write_text(SCANNER)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def files(folder: Path) -> set[str]:
+    return {item.name for item in folder.iterdir()}
+
+
+AUDIT = ("audit", "plan.geojson", "-s", "scanner.yaml", "-o", "out", "--spacing", "0.2")
+MAP = ("map", "plan.geojson", "-s", "scanner.yaml", "-o", "plan.zarr", "--spacing", "0.2")
+
+
+def test_audit_writes_a_report(runner, folder):
+    result = runner.invoke(app, AUDIT)
+    assert result.exit_code == 0, result.output
+    assert "can tell its position well on" in " ".join(result.stdout.split())
+    assert "out/report.html" in result.stdout
+    report = json.loads((folder / "out" / "report.json").read_text())
+    assert report["places"][0]["zone"] == "corridor"
+    direction = report["places"][0]["direction_deg"]
+    assert min(direction, 180 - direction) < 2.0
+    assert files(folder) == {"plan.geojson", "scanner.yaml", "out"}
+
+
+def test_audit_as_json_prints_nothing_else(runner, folder):
+    result = runner.invoke(app, [*AUDIT, "--json", "--places", "0"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout) == json.loads((folder / "out" / "report.json").read_text())
+
+
+def test_map_can_be_opened(runner, folder):
+    result = runner.invoke(app, [*MAP, "--json"])
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    amap = AmbiguityMap.open(folder / told["output"])
+    assert told["cells"] == int(amap.dataset["free"].sum())
+    assert amap.spacing == pytest.approx(0.2)
+    assert sum(zone["share"] for zone in told["zones"]) == pytest.approx(1.0, abs=1e-3)
+    again = runner.invoke(app, MAP)  # replaces its own
+    assert again.exit_code == 0
+    assert "plan.zarr" in again.stdout
+
+
+BAD = {
+    "no such map": (["audit", "none.yaml", "-s", "scanner.yaml", "-o", "out"], "none.yaml"),
+    "unknown suffix": (["map", "scanner.txt", "-s", "scanner.yaml", "-o", "out"], "suffix"),
+    "unknown preset": (["audit", "plan.geojson", "-s", "hokuyo-urg-04", "-o", "out"], "hokuyo"),
+    "no such scanner": (["audit", "plan.geojson", "-s", "my.yaml", "-o", "out"], "my.yaml"),
+    "spacing 0": ([*AUDIT, "--spacing", "0"], "--spacing: 0"),
+    "spacing nan": ([*AUDIT, "--spacing", "nan"], "--spacing: nan"),
+    "spacing too large": ([*AUDIT, "--spacing", "50"], "larger than the building"),
+    "radius negative": ([*MAP, "--radius", "-1"], "--radius: -1"),
+    "radius inf": ([*MAP, "--radius", "inf"], "--radius: inf"),
+    "map-std negative": ([*MAP, "--map-std", "-0.1"], "--map-std: -0.1"),
+    "no headings": ([*MAP, "--headings", "0"], "--headings: 0"),
+    "negative places": ([*AUDIT, "--places", "-3"], "--places: -3"),
+    "output is a file": ([*AUDIT, "-o", "plan.geojson"], "is a file"),
+    "output is in use": ([*AUDIT, "-o", "."], "plan.geojson"),
+    "map output is in use": ([*MAP, "-o", "."], "not an ambiguity map"),
+    "unknown preset shown": (["presets", "sick"], "sick"),
+    "no such pairs": (
+        ["calibrate", "no.csv", "-o", "s.yaml", "--max-range", "5", "--resolution", "0.01"],
+        "no.csv",
+    ),
+    "resolution 0": (
+        ["calibrate", "no.csv", "-o", "s.yaml", "--max-range", "5", "--resolution", "0"],
+        "--resolution",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_input_is_one_sentence_and_status_2(runner, folder, arguments, message):
+    before = files(folder)
+    result = runner.invoke(app, arguments)
+    assert result.exit_code == 2, result.output
+    errors = [line for line in result.stderr.splitlines() if "note:" not in line]
+    assert len(errors) == 1
+    assert errors[0].startswith("ambinav: error: ")
+    assert message in errors[0]
+    assert result.stdout == ""
+    assert files(folder) == before
+
+
+def test_the_output_is_checked_before_the_long_work(runner, folder, monkeypatch):
+    def never(*arguments: object, **options: object) -> None:
+        raise AssertionError("the map was built for nothing")
+
+    monkeypatch.setattr(options, "make_map", never)
+    for arguments in ([*AUDIT, "-o", "plan.geojson/out"], [*MAP, "-o", "plan.geojson/a.zarr"]):
+        result = runner.invoke(app, arguments)
+        assert result.exit_code == 2, result.output
+        assert "is a file, not a folder" in result.stderr
+
+
+def test_bad_input_makes_no_folders(runner, folder):
+    result = runner.invoke(app, ["audit", "none.yaml", "-s", "scanner.yaml", "-o", "a/b/out"])
+    assert result.exit_code == 2
+    assert not (folder / "a").exists()
+
+
+def test_wrong_usage_is_status_2(runner, folder):
+    for arguments in (["audit"], ["audit", "plan.geojson"], ["nonsense"], ["map", "--spacing"]):
+        assert runner.invoke(app, arguments).exit_code == 2
+
+
+def test_our_own_fault_is_status_1(runner, folder, monkeypatch):
+    def broken(*arguments: object, **options: object) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(options, "make_map", broken)
+    result = runner.invoke(app, MAP)
+    assert result.exit_code == 1
+    assert "our fault" in result.stderr
+    assert "a bug" in result.stderr
+    assert "ambinav: error:" not in result.stderr
+
+
+@pytest.mark.parametrize("arguments", [AUDIT, MAP])
+def test_interrupted_is_status_130_and_leaves_nothing(runner, folder, monkeypatch, arguments):
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(options, "make_map", interrupted)
+    before = files(folder)
+    assert runner.invoke(app, arguments).exit_code == 130
+    assert files(folder) == before
+
+
+def test_repairs_are_told_as_notes(runner, folder):
+    crossing = json.loads(json.dumps(PLAN))
+    ring = crossing["features"][0]["geometry"]["coordinates"][0]
+    ring[1], ring[2] = ring[2], ring[1]
+    (folder / "plan.geojson").write_text(json.dumps(crossing))
+    result = runner.invoke(app, [*MAP, "--json"])
+    assert result.exit_code == 0, result.output
+    assert "ambinav: note: " in result.stderr
+    json.loads(result.stdout)
+
+
+def test_presets(runner):
+    listed = runner.invoke(app, ["presets", "--json"])
+    rows = json.loads(listed.stdout)
+    assert {"hokuyo-urg-04lx", "polaroid-6500-ring"} <= {row["name"] for row in rows}
+    assert all(row["max_range_m"] > 0 and row["source"] for row in rows)
+    table = runner.invoke(app, ["presets"])
+    assert all(row["name"] in table.stdout for row in rows)
+    text = runner.invoke(app, ["presets", "hokuyo-urg-04lx"]).stdout
+    scanner = ambinav.RangeScanner.from_yaml_text(text)
+    assert scanner == ambinav.RangeScanner.from_preset("hokuyo-urg-04lx")
+    shown = json.loads(runner.invoke(app, ["presets", "hokuyo-urg-04lx", "--json"]).stdout)
+    assert shown["name"] == scanner.name
+
+
+def test_calibrate(runner, folder):
+    rng = np.random.default_rng(3)
+    true = np.linspace(0.2, 4.8, 200)
+    rows = np.column_stack([true, true + 0.02 + 0.01 * rng.standard_normal(200)])
+    np.savetxt(folder / "pairs.csv", rows, delimiter=",", header="true_range,reading", comments="")
+    arguments = ("calibrate", "pairs.csv", "-o", "s.yaml", "--max-range", "5")
+    result = runner.invoke(app, [*arguments, "--resolution", "0.01"])
+    assert result.exit_code == 0, result.output
+    assert "residuals" in result.stdout
+    sensor = ambinav.RangeSensor.from_yaml(folder / "s.yaml")
+    assert sensor.bias_at(2.0) == pytest.approx(0.02, abs=0.003)
+    told = json.loads(runner.invoke(app, [*arguments, "--resolution", "0.01", "--json"]).stdout)
+    assert told["pairs"] == 200
+    assert told["residual_rms_m"] == pytest.approx(0.01, rel=0.15)
+    (folder / "pairs.csv").write_text("true_range,reading\n1,1.01\n2,two\n")
+    bad = runner.invoke(app, [*arguments, "--resolution", "0.01"])
+    assert bad.exit_code == 2
+    assert "pairs.csv: line 3" in bad.stderr
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_an_example(runner, command):
+    text = runner.invoke(app, [command, "--help"]).stdout
+    assert f"Example: ambinav {command}" in " ".join(text.split())
+
+
+def run(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+        **options,
+    )
+
+
+def test_as_a_program(folder):
+    assert run("-m", "ambinav.cli", "--version").stdout == f"ambinav {ambinav.__version__}\n"
+    assert run("-m", "ambinav.cli", "audit", "none.yaml", "-s", "x", "-o", "out").returncode == 2
+
+
+def test_help_computes_nothing():
+    heavy = ("numpy", "numba", "xarray", "matplotlib", "shapely", "scipy", "torch", "ompl")
+    code = f"import ambinav.cli, sys; print([m for m in {heavy} if m in sys.modules])"
+    assert run("-c", code).stdout.strip() == "[]"
