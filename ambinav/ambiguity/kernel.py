@@ -18,13 +18,17 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
-from ambinav.ambiguity.returns import Returns
+from ambinav.ambiguity.returns import BeamTable, Returns
+from ambinav.geometry.lattice import STEPS
 
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
 # Pairs of scans less alike than exp(-18) add nothing and are left after the first step.
 NEGLIGIBLE = 18.0
 _Z_COUNT = round(Z_MAX / Z_STEP)
 
+U = np.uint64
+# Rows of `Returns.data`.
+D, X, Y, T, S = U(0), U(1), U(2), U(3), U(4)
 F0 = np.float32(0.0)
 F1 = np.float32(1.0)
 QUARTER = np.float32(0.25)
@@ -43,37 +47,35 @@ def invert(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def compare(data, p, ps, q, qs, limit, icap, use, evidence, tau, c0, c2):  # type: ignore[no-untyped-def]
+def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):  # type: ignore[no-untyped-def]
     """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
 
     Args:
-        data: see `Returns`, float32, (N, 5, W).
-        p, ps: row and first column of the scan at p.
-        q, qs: row and first column of the scan at q, whose pose the offset moves.
+        data: see `Returns`, float32, (N, 5, P).
+        p: the row of the one scan.
+        q: the row of the other, whose pose the offset moves.
         limit, icap, use: maximum range, inverse cap and use (1, or 0 for padding) of each beam,
-            float32, (B,).
-        evidence: table of evidence, float32, (B, Z), or None where bins are fine.
+            float32, (P,).
+        evidence: table of evidence, float32, (P, Z), or None where bins are fine.
         tau: beams per independent piece of evidence.
         c0, c2: variance of the offset in x and y, and in theta.
 
     Returns:
         I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
     """
-    pe, qe = ps + limit.size, qs + limit.size
-    d_p, v_p = data[p, 0, ps:pe], data[p, 4, ps:pe]
-    d_q, v_q = data[q, 0, qs:qe], data[q, 4, qs:qe]
-    gx_q, gy_q, gt_q = data[q, 1, qs:qe], data[q, 2, qs:qe], data[q, 3, qs:qe]
+    # Unsigned indices: numba then needs no test for negative ones, and the loops vectorize.
+    size, p, q = U(limit.size), U(p), U(q)
     f0, f2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
     g0, g1, g2 = F0, F0, F0
     a, b, c, d, e, f = F0, F0, F0, F0, F0, F0
     least = F0
-    for i in range(limit.size):
-        gx, gy, gt = gx_q[i], gy_q[i], gt_q[i]
-        inverse = use[i] / (v_p[i] + v_q[i])
-        seen = min(d_p[i], limit[i])
-        z = seen - d_q[i]
+    for i in range(size):
+        gx, gy, gt = data[q, X, i], data[q, Y, i], data[q, T, i]
+        inverse = use[i] / (data[p, S, i] + data[q, S, i])
+        seen = min(data[p, D, i], limit[i])
+        z = seen - data[q, D, i]
         # No echo at p: any range from the limit on agrees.
-        silent = (d_p[i] >= limit[i]) & (z < F0)
+        silent = (data[p, D, i] >= limit[i]) & (z < F0)
         z = F0 if silent else z
         room = (gx * gx + gy * gy) * f0 + gt * gt * f2
         u = z * z * inverse * QUARTER / (F1 + room * inverse)
@@ -103,12 +105,12 @@ def compare(data, p, ps, q, qs, limit, icap, use, evidence, tau, c0, c2):  # typ
     g0, g1, g2 = F0, F0, F0
     a, b, c, d, e, f = F0, F0, F0, F0, F0, F0
     total = F0
-    for i in range(limit.size):
-        gx, gy, gt = gx_q[i], gy_q[i], gt_q[i]
-        inverse = use[i] / (v_p[i] + v_q[i])
-        seen = min(d_p[i], limit[i])
+    for i in range(size):
+        gx, gy, gt = data[q, X, i], data[q, Y, i], data[q, T, i]
+        inverse = use[i] / (data[p, S, i] + data[q, S, i])
+        seen = min(data[p, D, i], limit[i])
         moved = gx * e0 + gy * e1 + gt * e2
-        z = seen - d_q[i] - moved
+        z = seen - data[q, D, i] - moved
         floor = seen - limit[i]
         # Out of range at the offset: the reading there is no echo, and moving changes nothing.
         silent = z <= floor
@@ -176,43 +178,40 @@ def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _sums(  # type: ignore[no-untyped-def]
-    begin, end, first, rows_columns, index, links, steps, offsets, side, spacing, starts,
+    begin, end, first, rows_columns, index, links, steps, offsets, spacing,
     data, limit, icap, use, evidence, tau, c0, c2, sums,
 ):  # fmt: skip
-    k = side // 2
+    k = np.abs(offsets).max()
+    side = 2 * k + 1
     for p in prange(begin, end):
         row, column = rows_columns[p, 0], rows_columns[p, 1]
         marks = np.empty(side * side, dtype=np.uint8)
         queue = np.empty(side * side, dtype=np.int32)
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
-        for h in range(starts.size):
-            s0 = starts[h]
-            weight = 0.0
-            count = 0
-            mxx = mxy = myy = fxx = fxy = fyy = 0.0
-            a = p - first
-            for o in range(offsets.shape[0]):
-                if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
-                    continue
-                q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
-                x, y = offsets[o, 1] * spacing, offsets[o, 0] * spacing
-                count += 1
-                fxx += x * x + c0
-                fxy += x * y
-                fyy += y * y + c0
-                alike, ox, oy, _, sxx, sxy, syy, _ = compare(
-                    data, a, s0, q, s0, limit, icap, use, evidence, tau, c0, c2
-                )
-                x += ox
-                y += oy
-                weight += alike
-                mxx += alike * (x * x + sxx)
-                mxy += alike * (x * y + sxy)
-                myy += alike * (y * y + syy)
-            out = sums[p - begin, h]
-            out[0] = weight / count
-            out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
-            out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
+        weight, count = 0.0, 0
+        mxx, mxy, myy, fxx, fxy, fyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for o in range(offsets.shape[0]):
+            if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
+                continue
+            q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
+            x, y = offsets[o, 1] * spacing, offsets[o, 0] * spacing
+            count += 1
+            fxx += x * x + c0
+            fxy += x * y
+            fyy += y * y + c0
+            alike, ox, oy, _, sxx, sxy, syy, _ = compare(
+                data, p - first, q, limit, icap, use, evidence, tau, c0, c2
+            )
+            x += ox
+            y += oy
+            weight += alike
+            mxx += alike * (x * x + sxx)
+            mxy += alike * (x * y + sxy)
+            myy += alike * (y * y + syy)
+        out = sums[p - begin]
+        out[0] = weight / count
+        out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
+        out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
 
 
 def neighbourhood_sums(
@@ -222,44 +221,40 @@ def neighbourhood_sums(
     rows_columns: NDArray[np.int32],
     index: NDArray[np.int32],
     links: NDArray[np.uint8],
-    steps: NDArray[np.int64],
     offsets: NDArray[np.int64],
     spacing: float,
-    starts: NDArray[np.int64],
     returns: Returns,
-    limit: NDArray[np.float32],
-    icap: NDArray[np.float32],
-    use: NDArray[np.float32],
+    beams: BeamTable,
     evidence: NDArray[np.float32] | None,
     tau: float,
     cell_variance: tuple[float, float],
 ) -> NDArray[np.float64]:
-    """Ambiguity and second moments of the free poses begin..end - 1.
+    """Ambiguity and second moments of the free poses begin to end - 1.
 
     Args:
-        begin, end: Running numbers of the poses to compute (see `Lattice.index`).
+        begin: Running number of the first pose to compute (see `Lattice.index`).
+        end: One past the last.
         first: Running number of the first pose in `returns` and `links`, which hold the
             neighbours of all these poses too.
-        rows_columns, index, links, steps: See `Lattice` (`links` from `first` on).
+        rows_columns: See `Lattice`.
+        index: See `Lattice`.
+        links: See `Lattice`; from pose `first` on.
         offsets: Row and column steps of the disc, shape (K, 2).
-        spacing: Metres.
-        starts: First column of `returns` for each heading, shape (H,).
+        spacing: Of the lattice, metres.
         returns: What the beams return.
-        limit, icap, use: See `BeamTable`.
-        evidence: Table of evidence, shape (B, Z), or None where all bins are fine.
+        beams: Their limits and caps.
+        evidence: Table of evidence, shape (P, Z), or None where all bins are fine.
         tau: Beams per independent piece of evidence.
         cell_variance: Variance of the offset within a cell in x and y (square metres), and in
             theta (square radians).
 
     Returns:
-        float64, shape (end - begin, H, 7): mean indistinguishability; second moments xx, xy, yy
-        of the look-alikes about the pose; the same of the free neighbourhood; square metres.
+        float64, shape (end - begin, 7): mean indistinguishability; second moments xx, xy, yy of
+        the look-alikes about the pose; the same of the free neighbourhood; square metres.
     """
-    side = 2 * int(np.abs(offsets).max(initial=0)) + 1
-    sums = np.empty((end - begin, len(starts), 7))
+    sums = np.empty((end - begin, 7))
     _sums(
-        begin, end, first, rows_columns, index, links, steps, offsets, side, spacing, starts,
-        returns.data, limit, icap, use, evidence, tau,
-        cell_variance[0], cell_variance[1], sums,
+        begin, end, first, rows_columns, index, links, STEPS, offsets, spacing, returns.data,
+        beams.limit, beams.inverse_cap, beams.use, evidence, tau, *cell_variance, sums,
     )  # fmt: skip
     return sums

@@ -29,12 +29,12 @@ LANES = 8
 
 @dataclass(frozen=True, eq=False)
 class Returns:
-    """Beams at N poses; W columns hold the beams of every heading (see `HeadingPlan`).
+    """Beams at N poses; the columns are the beams, padded as in `BeamTable`.
 
     One array holds all that the kernel reads of a pose side by side.
 
     Attributes:
-        data: float32, shape (N, 5, W). Row 0: true range in metres, beyond the maximum range
+        data: float32, shape (N, 5, P). Row 0: true range in metres, beyond the maximum range
             where nothing is in range, at least the minimum range. Rows 1 to 3: its derivative by
             x, y (1) and theta (metres per radian) of the robot. Row 4: half the squared effective
             deviation s^2 = sigma^2 + delta^2 / 12 + map_std^2, square metres; `BLIND` where the
@@ -45,17 +45,17 @@ class Returns:
 
     @property
     def range(self) -> NDArray[np.float32]:
-        """True range, shape (N, W), metres."""
+        """True range, shape (N, P), metres."""
         return self.data[:, 0]
 
     @property
     def gradient(self) -> NDArray[np.float32]:
-        """Derivative of the range by x, y and theta, shape (N, 3, W)."""
+        """Derivative of the range by x, y and theta, shape (N, 3, P)."""
         return self.data[:, 1:4]
 
     @property
     def variance(self) -> NDArray[np.float32]:
-        """Squared effective deviation s^2, shape (N, W), square metres."""
+        """Squared effective deviation s^2, shape (N, P), square metres."""
         return 2.0 * self.data[:, 4]
 
 

@@ -1,0 +1,198 @@
+"""Build the ambiguity map of an environment for a scanner, tile by tile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.dataset import assemble
+from ambinav.ambiguity.heading import turning_moments, turns
+from ambinav.ambiguity.indistinguishability import FINE, evidence_table
+from ambinav.ambiguity.kernel import neighbourhood_sums
+from ambinav.ambiguity.model import AmbiguityModel, independent_tau
+from ambinav.ambiguity.progress import reporter
+from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+
+# Headings of a map whose scanner does not look all around.
+HEADINGS = 8
+# Beams per turn of the scanner that take part: more tell nothing new, see `independent_tau`.
+BEAMS_PER_TURN = 60
+# Bytes of beam returns that are held at a time.
+TILE_BYTES = 256_000_000
+# Fewest poses in a tile, so that there is work for every thread.
+TILE_POSES = 4096
+
+
+def build_map(
+    env: Environment,
+    scanner: RangeScanner,
+    spacing: float = 0.1,
+    radius: float = 0.5,
+    headings: int | None = None,
+    map_std: float | None = None,
+    progress: bool | Callable[[float], None] = False,
+    *,
+    tau: float | None = None,
+    max_beams: int | None = None,
+    sigma_theta: float = 0.05,
+    outlier_share: float = 0.05,
+    low: float = 0.35,
+    high: float = 0.65,
+) -> AmbiguityMap:
+    """Compute how ambiguous every free pose of `env` is for `scanner`.
+
+    Args:
+        env: The environment.
+        scanner: The scanner.
+        spacing: Distance of the lattice's points, metres.
+        radius: Radius of the neighbourhood that a pose is compared with, metres.
+        headings: Number of headings, evenly from 0; None: one if the scanner looks all around
+            (the map then has no theta axis), else 8.
+        map_std: Standard deviation of the walls' position, metres; None: the resolution of an
+            occupancy map, 0.02 for drawn polygons.
+        progress: True for a progress bar on standard error, or a function that is called with
+            the share done, from 0 to 1.
+        tau: How many beams carry one independent piece of evidence, at least 1; None: as many
+            as make 7.5 pieces a turn.
+        max_beams: How many beams take part at the most, chosen evenly; None: 60 a turn.
+        sigma_theta: How well the heading is known beforehand, radians.
+        outlier_share: Share of beams that meet what is not on the map.
+        low: A radius ratio up to this counts as small when zones are told apart.
+        high: A radius ratio from this on counts as large.
+
+    Returns:
+        The map; its dataset's layers are named in `AmbiguityMap`.
+
+    Raises:
+        InputError: an argument is out of its range.
+    """
+    if not (math.isfinite(spacing) and spacing > 0.0):
+        raise InputError(f"spacing is {spacing}; give a positive number of metres.")
+    if not (math.isfinite(radius) and radius >= spacing):
+        raise InputError(
+            f"radius is {radius} m and spacing {spacing:g} m; the neighbourhood needs a radius "
+            "of at least one spacing."
+        )
+    if headings is not None and headings < 1:
+        raise InputError(f"headings is {headings}; give at least 1, or leave it out.")
+    thinned = _thin(scanner, max_beams)
+    model = AmbiguityModel(
+        radius=radius,
+        map_std=env.map_std if map_std is None else map_std,
+        tau=independent_tau(thinned) if tau is None else tau,
+        sigma_theta=sigma_theta,
+        outlier_share=outlier_share,
+        low=low,
+        high=high,
+    )
+    lattice = Lattice.over(env, spacing)
+    if headings is None and not scanner.looks_all_around:
+        headings = HEADINGS
+    theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
+    with reporter(progress, f"{env.name}, {scanner.name}") as report:
+        sums, turning = _compute(lattice, thinned, model, theta, report)
+    return AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, sums, turning))
+
+
+def _thin(scanner: RangeScanner, max_beams: int | None) -> RangeScanner:
+    """Leave out beams that tell nothing new."""
+    if max_beams is None:
+        share = scanner.aperture / (2 * math.pi)
+        max_beams = max(round(BEAMS_PER_TURN * share), 1)
+        max_beams = max(max_beams, len(scanner.parts))
+    return scanner.thinned(max_beams)
+
+
+@dataclass(frozen=True)
+class _Tile:
+    """Running numbers of the poses of a band of rows, and of those that it is compared with."""
+
+    begin: int
+    end: int
+    first: int
+    last: int
+
+
+def _tiles(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[_Tile]:
+    """Bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
+    before = np.concatenate([[0], np.cumsum(lattice.free.sum(axis=1))])
+    rows = len(lattice.y)
+    most = max(TILE_BYTES // bytes_per_pose, TILE_POSES)
+    row = 0
+    while row < rows:
+        first = int(before[max(row - reach, 0)])
+        until = row + 1
+        while until < rows and before[min(until + 1 + reach, rows)] - first <= most:
+            until += 1
+        last = int(before[min(until + reach, rows)])
+        if before[until] > before[row]:
+            yield _Tile(int(before[row]), int(before[until]), first, last)
+        row = until
+
+
+def _compute(
+    lattice: Lattice,
+    scanner: RangeScanner,
+    model: AmbiguityModel,
+    theta: NDArray[np.float64] | None,
+    report: Callable[[float], None],
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Sums of the kernel, shape (N, H, 7), and, without theta, turning moments, shape (N, 2)."""
+    table = BeamTable.of(scanner, model.map_std, model.outlier_share)
+    told = _evidence(table)
+    angles = np.zeros(1) if theta is None else theta
+    reach = math.floor(model.radius / lattice.spacing + 1e-9)
+    steps = np.arange(-reach, reach + 1)
+    rows, columns = (axis.ravel() for axis in np.meshgrid(steps, steps, indexing="ij"))
+    near = (rows**2 + columns**2) * lattice.spacing**2 <= model.radius**2 * (1 + 1e-9)
+    offsets = np.stack([rows[near], columns[near]], axis=1)
+    cell = (lattice.spacing**2 / 4, model.sigma_theta**2)
+    x, y = lattice.points
+    sums = np.empty((len(x), len(angles), 7))
+    turning = np.empty((len(x), 2)) if theta is None and scanner.looks_all_around else None
+    beams = turns(scanner) if turning is not None else None
+    width = len(table.limit)
+    held = np.empty((len(angles), 0, 5, width), dtype=np.float32)
+    first = last = 0
+    for tile in _tiles(lattice, reach, len(angles) * 5 * width * 4):
+        # Rows that this tile shares with the one before are not cast again.
+        fresh = max(last, tile.first)
+        data = np.zeros((len(angles), tile.last - tile.first, 5, width), dtype=np.float32)
+        data[:, :, 4] = 1.0
+        data[:, : fresh - tile.first] = held[:, tile.first - first : fresh - first]
+        for h, angle in enumerate(angles):
+            beam_returns(
+                lattice.environment, scanner, table, x[fresh : tile.last], y[fresh : tile.last],
+                float(angle), data[h, fresh - tile.first :],
+            )  # fmt: skip
+            sums[tile.begin : tile.end, h] = neighbourhood_sums(
+                tile.begin, tile.end, tile.first, lattice.rows_columns, lattice.index,
+                lattice.links[tile.first : tile.last], offsets, lattice.spacing, Returns(data[h]),
+                table, told, model.tau, cell,
+            )  # fmt: skip
+            report((tile.begin + (tile.end - tile.begin) * (h + 1) / len(angles)) / len(x))
+        if turning is not None and beams is not None:
+            turning[tile.begin : tile.end] = turning_moments(
+                Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
+                told, model.tau,
+            )  # fmt: skip
+        held, first, last = data, tile.first, tile.last
+    report(1.0)
+    return sums, turning
+
+
+def _evidence(table: BeamTable) -> NDArray[np.float32] | None:
+    """Table of evidence, one row a beam, or None where all bins are fine."""
+    if table.width.max() <= FINE:
+        return None
+    widths, beam = np.unique(table.width, return_inverse=True)
+    return np.asarray(evidence_table(widths)[np.pad(beam, (0, len(table.limit) - len(beam)))])

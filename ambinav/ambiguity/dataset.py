@@ -1,0 +1,158 @@
+"""Put the layers of an ambiguity map into an xarray.Dataset with units and provenance."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+from datetime import UTC, datetime
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.tensor import classify, principal_axes, relative_radii
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.sensing.scanner import RangeScanner
+
+# Long name and unit of each layer; aggregates over heading add theirs in brackets.
+LAYERS = {
+    "ambiguity": ("probability that a neighbouring pose gives the same scan", "1"),
+    "major": ("major ambiguity radius relative to the free neighbourhood", "1"),
+    "minor": ("minor ambiguity radius relative to the free neighbourhood", "1"),
+    "level": ("ambiguity level, mean of major and minor", "1"),
+    "major_radius": ("how far the robot can slide unseen in the weak direction", "m"),
+    "minor_radius": ("how far the robot can slide unseen across the weak direction", "m"),
+    "direction": ("weak direction, axis of the major radius", "rad"),
+    "zone": (", ".join(f"{code}: {name}" for code, name in enumerate(ZONES)), "code"),
+    "heading": ("how far the robot can turn unseen, relative to any turn", "1"),
+    "heading_radius": ("how far the robot can turn unseen", "rad"),
+    "clearance": ("distance to the nearest wall or frontier", "m"),
+    "free": ("in the free space", "bool"),
+    "best_heading": ("heading of the lowest level", "rad"),
+}
+# Layers that are averaged over heading, and those that are also read at the best and worst one.
+AVERAGED = ("ambiguity", "major", "minor", "level", "major_radius", "minor_radius")
+CHOSEN = ("ambiguity", "major", "minor", "level", "zone")
+SUMMARY = {"mean": "mean over heading", "best": "at the best heading", "worst": "at the worst one"}
+LIBRARIES = ("numpy", "numba", "shapely", "xarray")
+
+Values = dict[str, NDArray[np.float64]]
+
+
+def assemble(
+    lattice: Lattice,
+    scanner: RangeScanner,
+    thinned: RangeScanner,
+    model: AmbiguityModel,
+    theta: NDArray[np.float64] | None,
+    sums: NDArray[np.float64],
+    turning: NDArray[np.float64] | None,
+) -> xr.Dataset:
+    """Make the dataset of an ambiguity map.
+
+    Args:
+        lattice: The lattice, with N free points.
+        scanner: The scanner that the map is for.
+        thinned: The beams of it that took part.
+        model: The parameters.
+        theta: Headings, radians, shape (H,), or None for a map without heading.
+        sums: The kernel's sums, shape (N, H, 7).
+        turning: Turning moments, shape (N, 2), or None.
+    """
+    layers = relative_radii(sums)
+    zone = classify(layers["major"], layers["minor"], model.low, model.high)
+    variables: dict[str, xr.DataArray] = {}
+
+    def add(name: str, values: NDArray[np.generic], summary: str = "") -> None:
+        long_name, units = LAYERS[name]
+        dtype: type[np.generic] = np.uint8 if name == "zone" else np.float32
+        empty = NOT_FREE if name == "zone" else np.nan
+        full = np.full((*lattice.free.shape, *values.shape[1:]), empty, dtype=dtype)
+        full[lattice.free] = values
+        dims = ("y", "x", "theta")[: full.ndim]
+        attrs = {"long_name": f"{long_name} ({SUMMARY[summary]})" if summary else long_name}
+        key = f"{name}_{summary}" if summary else name
+        variables[key] = xr.DataArray(full, dims=dims, attrs=attrs | {"units": units})
+
+    for name, values in (layers | {"zone": zone}).items():
+        add(name, values[:, 0] if theta is None else values)
+    if theta is not None:
+        _summarize(layers, zone, theta, sums, model, add)
+    if turning is not None:
+        add("heading_radius", turning[:, 0])
+        add("heading", np.minimum(turning[:, 0] / turning[:, 1], 1.0))
+    add("clearance", lattice.clearance(np.inf))
+    long_name, units = LAYERS["free"]
+    variables["free"] = xr.DataArray(
+        lattice.free, dims=("y", "x"), attrs={"long_name": long_name, "units": units}
+    )
+    segments = lattice.environment.segments
+    variables["segments"] = xr.DataArray(
+        segments.xy,
+        dims=("segment", "end"),
+        attrs={"long_name": "end points ax, ay, bx, by of walls and frontiers", "units": "m"},
+    )
+    variables["segment_kind"] = xr.DataArray(
+        segments.kind, dims=("segment",), attrs={"long_name": "0: wall, 1: frontier", "units": "code"}
+    )
+    coords = {
+        "x": ("x", lattice.x, {"long_name": "x of the cell's centre", "units": "m"}),
+        "y": ("y", lattice.y, {"long_name": "y of the cell's centre", "units": "m"}),
+    }
+    if theta is not None:
+        coords["theta"] = ("theta", theta, {"long_name": "heading", "units": "rad"})
+    return xr.Dataset(variables, coords, _provenance(lattice, scanner, thinned, model, theta))
+
+
+def _summarize(layers, zone, theta, sums, model, add) -> None:  # type: ignore[no-untyped-def]
+    """Add the aggregates over heading."""
+    for name in AVERAGED:
+        add(name, layers[name].mean(axis=1), "mean")
+    major, minor = layers["major"].mean(axis=1), layers["minor"].mean(axis=1)
+    add("zone", classify(major, minor, model.low, model.high), "mean")
+    mean = sums.mean(axis=1)
+    add("direction", principal_axes(mean[:, 1], mean[:, 2], mean[:, 3])[2], "mean")
+    order = np.argsort(layers["level"], axis=1, kind="stable")
+    for summary, place in (("best", order[:, :1]), ("worst", order[:, -1:])):
+        for name in CHOSEN:
+            values = zone if name == "zone" else layers[name]
+            add(name, np.take_along_axis(values, place, axis=1)[:, 0], summary)
+    add("best_heading", theta[order[:, 0]])
+
+
+def _provenance(
+    lattice: Lattice,
+    scanner: RangeScanner,
+    thinned: RangeScanner,
+    model: AmbiguityModel,
+    theta: NDArray[np.float64] | None,
+) -> dict[str, str]:
+    """Attributes that say what the map was made of."""
+    env = lattice.environment
+    parameters = {
+        "spacing": lattice.spacing,
+        **model.as_dict(),
+        "headings": None if theta is None else len(theta),
+        "beams_used": thinned.beams,
+        "beams": scanner.beams,
+        "free_poses": int(lattice.free.sum()),
+    }
+    versions = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return {
+        "title": f"Ambiguity map of {env.name} for {scanner.name}",
+        "frame": "map",
+        "units": "metres, radians",
+        "environment": env.name,
+        "environment_source": "" if env.source is None else str(env.source),
+        "environment_sha256": env.checksum,
+        "environment_notes": json.dumps(list(env.notes)),
+        "scanner": scanner.name,
+        "scanner_yaml": scanner.to_yaml(),
+        "parameters": json.dumps(parameters),
+        "ambinav_version": importlib.metadata.version("ambinav"),
+        "versions": json.dumps({"python": platform.python_version(), **versions}),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+    }

@@ -1,0 +1,69 @@
+"""From second moments to radii, direction, level and zone (DESIGN 3.5)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, TRANSITION
+
+
+def principal_axes(
+    xx: NDArray[np.float64], xy: NDArray[np.float64], yy: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Square roots of the eigenvalues of [[xx, xy], [xy, yy]] and the first one's direction.
+
+    Returns:
+        Major and minor radius in the root of the tensor's unit, and the direction of the major
+        axis in radians in [0, pi); all of the arguments' shape.
+    """
+    middle = (xx + yy) / 2
+    half = np.hypot((xx - yy) / 2, xy)
+    direction = np.mod(0.5 * np.arctan2(2 * xy, xx - yy), np.pi)
+    # np.mod of a tiny negative angle rounds up to pi itself.
+    direction = np.where(direction >= np.pi, 0.0, direction)
+    return np.sqrt(middle + half), np.sqrt(np.maximum(middle - half, 0.0)), direction
+
+
+def relative_radii(
+    sums: NDArray[np.float64],
+) -> dict[str, NDArray[np.float64]]:
+    """Layers of the ambiguity tensor.
+
+    Args:
+        sums: shape (..., 7): see `ambinav.ambiguity.kernel.neighbourhood_sums`.
+
+    Returns:
+        ambiguity; major_radius and minor_radius (metres); direction (radians, [0, pi));
+        major and minor: the radii over the free neighbourhood's along the same axes, in [0, 1];
+        level, their mean. Each of shape (...).
+    """
+    ambiguity, mxx, mxy, myy, fxx, fxy, fyy = np.moveaxis(sums, -1, 0)
+    major_radius, minor_radius, direction = principal_axes(mxx, mxy, myy)
+    c, s = np.cos(direction), np.sin(direction)
+    free_along = np.sqrt(c * c * fxx + 2 * c * s * fxy + s * s * fyy)
+    free_across = np.sqrt(s * s * fxx - 2 * c * s * fxy + c * c * fyy)
+    major = np.minimum(major_radius / free_along, 1.0)
+    minor = np.minimum(minor_radius / free_across, 1.0)
+    return {
+        "ambiguity": np.minimum(ambiguity, 1.0),
+        "major_radius": major_radius,
+        "minor_radius": minor_radius,
+        "direction": direction,
+        "major": major,
+        "minor": minor,
+        "level": (major + minor) / 2,
+    }
+
+
+def classify(
+    major: NDArray[np.float64], minor: NDArray[np.float64], low: float, high: float
+) -> NDArray[np.uint8]:
+    """Zone of each pose: open if both ratios are large, corridor if one is and the other small,
+    localizable if both are small, transition in between.
+    """  # noqa: D205
+    zone = np.full(major.shape, TRANSITION, dtype=np.uint8)
+    zone[np.maximum(major, minor) <= low] = LOCALIZABLE
+    zone[(np.maximum(major, minor) >= high) & (np.minimum(major, minor) <= low)] = CORRIDOR
+    zone[np.minimum(major, minor) >= high] = OPEN
+    return zone
