@@ -93,6 +93,11 @@ def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
 
 
 def evidence_table(widths: NDArray[np.float64]) -> NDArray[np.float32]:
-    """`evidence` at multiples of `Z_STEP` up to `Z_MAX`, one row a width: float32, (W, Z)."""
-    z = np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP
-    return np.stack([evidence(z, float(width)) for width in widths]).astype(np.float32)
+    """`evidence` over that of fine bins, z^2 / 4, at multiples of `Z_STEP`: float32, (W, Z).
+
+    One row a width, from z = 0 to `Z_MAX` and one step more; the ratio is smooth where the
+    evidence itself starts from nothing, so it can be interpolated linearly.
+    """
+    # At z = 0 the ratio is a limit; 0.01 is near enough for float32 and far enough for float64.
+    z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
+    return np.stack([evidence(z, float(w)) / (z * z / 4.0) for w in widths]).astype(np.float32)

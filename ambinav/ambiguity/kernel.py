@@ -121,9 +121,9 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):  # type: ignor
             place = min(math.sqrt(z * z * inverse), Z_TOP) * PER_STEP
             k = min(np.int32(place), np.int32(_Z_COUNT))
             share = place - np.float32(k)
-            told = evidence[i, k] * (F1 - share) + evidence[i, k + 1] * share
-            slope = inverse * (told / u if u > np.float32(1e-6) else F1)
-            u = told
+            ratio = evidence[i, k] * (F1 - share) + evidence[i, k + 1] * share
+            slope = inverse * ratio
+            u *= ratio
         x = u * icap[i]
         t = F1 / np.float32(math.sqrt(F1 + x * x))
         w = F0 if silent else slope * t * t * t

@@ -54,7 +54,7 @@ def scan_rays(
     origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)
-        mine = mine[np.argsort(np.mod(ray_angle[mine], 2 * math.pi), kind="stable")]
+        mine = mine[_counter_clockwise(ray_angle[mine])]
         angles = ray_angle[mine]
         kernel(
             x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range), mine,
@@ -62,6 +62,16 @@ def scan_rays(
             distance, edge, oblique,
         )  # fmt: skip
     return distance, edge, oblique
+
+
+def _counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Order of the rays, counter-clockwise from the widest gap on, so that no two neighbours in
+    the list are apart by more than half a turn unless nothing lies between them.
+    """  # noqa: D205
+    turned = np.mod(angles, 2 * math.pi)
+    order = np.argsort(turned, kind="stable")
+    gaps = np.diff(turned[order], append=turned[order[0]] + 2 * math.pi)
+    return np.roll(order, -1 - int(gaps.argmax()))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

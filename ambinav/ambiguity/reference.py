@@ -1,0 +1,157 @@
+"""The whole definition in plain NumPy, one pose at a time: the oracle of the fast kernel.
+
+Nothing here is clever. Every ray is cast against every segment, every neighbour is found by
+walking from cell to cell, every scan is compared beam by beam in float64.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.indistinguishability import evidence
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import FRONTIER
+from ambinav.sensing.scanner import RangeScanner
+
+Vector = NDArray[np.float64]
+
+
+def cast(env: Environment, x: float, y: float, angle: float) -> tuple[float, int]:
+    """Distance to the first segment along a ray, and which; inf and -1 for none."""
+    u = np.array([math.cos(angle), math.sin(angle)])
+    a = env.segments.xy[:, :2] - (x, y)
+    e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cross = u[0] * e[:, 1] - u[1] * e[:, 0]
+        t = (a[:, 0] * e[:, 1] - a[:, 1] * e[:, 0]) / cross
+        s = (a[:, 0] * u[1] - a[:, 1] * u[0]) / cross
+    t = np.where((t >= 0) & (s >= -1e-9) & (s <= 1 + 1e-9), t, np.inf)
+    return float(t.min()), int(t.argmin()) if np.isfinite(t.min()) else -1
+
+
+def beams(
+    env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """Ranges (B,), gradients (B, 3), effective variances (B,) and bin widths (B,) at a pose."""
+    ranges, gradients, variances, widths = [], [], [], []
+    rays = scanner.rays()
+    for b in range(scanner.beams):
+        sensor = scanner.sensors[scanner.sensor_of_beam[b]]
+        best, gradient = sensor.max_range + BEYOND, np.zeros(3)
+        blind = ends_unknown = False
+        for r in range(rays.start[b], rays.start[b + 1]):
+            angle = theta + rays.angle[r]
+            c, s = math.cos(theta), math.sin(theta)
+            mx, my = rays.origin[r]
+            sx, sy = x + c * mx - s * my, y + s * mx + c * my
+            blind |= not env.is_free(sx, sy)
+            d, k = cast(env, sx, sy, angle)
+            if k < 0 or d >= best:
+                continue
+            u, n = np.array([math.cos(angle), math.sin(angle)]), env.normals(k)
+            if math.acos(min(abs(float(n @ u)), 1.0)) > (sensor.max_incidence or math.inf):
+                continue
+            facing = math.copysign(max(abs(float(n @ u)), GRAZING), float(n @ u))
+            turn = np.array([-s * mx - c * my, c * mx - s * my]) + d * np.array([-u[1], u[0]])
+            best, gradient = d, -np.array([n[0], n[1], n @ turn]) / facing
+            ends_unknown = bool(env.segments.kind[k] == FRONTIER and d < sensor.max_range)
+        if best < sensor.min_range:
+            best, gradient = sensor.min_range, np.zeros(3)
+        noise = sensor.std_at(min(best, sensor.max_range)) ** 2 + model.map_std**2
+        span = np.linspace(0, sensor.max_range, 1024)
+        finest = float((sensor.std_at(span) ** 2).min()) + model.map_std**2
+        ranges.append(best)
+        gradients.append(gradient)
+        variances.append(BLIND if blind or ends_unknown else float(noise) + sensor.resolution**2 / 12)
+        widths.append(sensor.resolution / math.sqrt(finest + sensor.resolution**2 / 12))
+    return np.array(ranges), np.array(gradients), np.array(variances), np.array(widths)
+
+
+def compare(
+    p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, tau: float, C: Vector
+) -> tuple[float, Vector, Vector]:
+    """I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3) (DESIGN 3.4)."""
+    s2 = (p[2] + q[2]) / 2
+    seen, J = np.minimum(p[0], limit), q[1]
+
+    def laplace(w: Vector, z: Vector) -> tuple[Vector, Vector]:
+        L = (J * w[:, None]).T @ J / (2 * tau) + np.linalg.inv(C)
+        return np.linalg.inv(L), np.linalg.solve(L, J.T @ (w * z)) / (2 * tau)
+
+    # First step: each beam's residual, seen through what the cell can move it.
+    z = seen - q[0]
+    silent = (p[0] >= limit) & (z < 0)
+    z = np.where(silent, 0.0, z)
+    u = z**2 / (4 * s2) / (1 + np.einsum("bi,ij,bj->b", J, C, J) / (2 * s2))
+    _, offset = laplace(np.where(silent, 0.0, 1 / s2 / (1 + u / cap) ** 2), z)
+    # Second step: at that offset, the evidence, capped, and the quadratic that touches it.
+    moved = J @ offset
+    z = seen - q[0] - moved
+    silent = z <= seen - limit
+    z = np.maximum(z, seen - limit)
+    told = np.array([float(evidence(v, w)) for v, w in zip(z / np.sqrt(s2), p[3], strict=True)])
+    u = z**2 / (4 * s2)
+    near = np.maximum(np.abs(z) / np.sqrt(s2), 1e-2)
+    slope = np.array([float(evidence(v, w)) for v, w in zip(near, p[3], strict=True)]) / (near**2 / 4) / s2
+    t = 1 / np.sqrt(1 + (told / cap) ** 2)
+    w = np.where(silent, 0.0, slope * t**3)
+    S, best = laplace(w, z + moved)
+    total = np.sum(told * t + w * ((z + moved) ** 2 - z**2) / 4)
+    gain = best @ (J.T @ (w * (z + moved))) / (4 * tau)
+    alike = math.exp(min(gain - total / tau, 0.0)) * math.sqrt(np.linalg.det(S) / np.linalg.det(C))
+    return alike, best, S
+
+
+def reachable(env: Environment, x: float, y: float, spacing: float, radius: float) -> set[tuple[int, int]]:  # fmt: skip
+    """Lattice steps from (x, y) within the disc that free steps lead to."""
+    found, todo = {(0, 0)}, [(0, 0)]
+    while todo:
+        i, j = todo.pop()
+        for di, dj in ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)):
+            to = (i + di, j + dj)
+            if to in found or math.hypot(*to) * spacing > radius * (1 + 1e-9):
+                continue
+            if not env.is_free(x + to[0] * spacing, y + to[1] * spacing):
+                continue
+            step = math.hypot(di, dj) * spacing
+            if cast(env, x + i * spacing, y + j * spacing, math.atan2(dj, di))[0] < step:
+                continue
+            found.add(to)
+            todo.append(to)
+    return found
+
+
+def pose_sums(
+    env: Environment,
+    scanner: RangeScanner,
+    model: AmbiguityModel,
+    spacing: float,
+    x: float,
+    y: float,
+    theta: float = 0.0,
+) -> Vector:
+    """What `neighbourhood_sums` gives for the pose, shape (7,)."""
+    C = np.diag([spacing**2 / 4, spacing**2 / 4, model.sigma_theta**2])
+    sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
+    limit = np.array([s.max_range for s in sensors])
+    cap = np.array([-math.log(min(model.outlier_share + s.random_share + s.lost_share, 0.99)) for s in sensors])  # fmt: skip
+    here = beams(env, scanner, model, x, y, theta)
+    weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
+    cells = reachable(env, x, y, spacing, model.radius)
+    for i, j in sorted(cells):
+        step = np.array([i, j]) * spacing
+        there = beams(env, scanner, model, x + step[0], y + step[1], theta)
+        alike, offset, S = compare(here, there, limit, cap, model.tau, C)
+        to = step + offset[:2]
+        weight += alike
+        alike_moment += alike * (np.outer(to, to) + S[:2, :2])
+        free_moment += np.outer(step, step) + C[:2, :2]
+    a, f = alike_moment / weight, free_moment / len(cells)
+    return np.array(
+        [weight / len(cells), a[0, 0], a[0, 1], a[1, 1], f[0, 0], f[0, 1], f[1, 1]]
+    )
