@@ -62,7 +62,7 @@ def build_map(
         progress: True for a progress bar on standard error, or a function that is called with
             the share done, from 0 to 1.
         tau: How many beams carry one independent piece of evidence, at least 1; None: as many
-            as make 7.5 pieces a turn.
+            as make 15 pieces a turn.
         max_beams: How many beams take part at the most, chosen evenly; None: 60 a turn.
         sigma_theta: How well the heading is known beforehand, radians.
         outlier_share: Share of beams that meet what is not on the map.
