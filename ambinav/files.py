@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import hashlib
 import os
 import shutil
@@ -11,6 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ambinav.errors import InputError
+
+# Of Linux's renameat2: relative to the working folder, and swap the two.
+_HERE = -100
+_EXCHANGE = 2
 
 
 def sha256(*paths: Path) -> str:
@@ -44,19 +49,56 @@ def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success rename it onto `path`, else remove it.
 
     The temporary path does not exist yet: the caller makes a file or a folder of it. An
-    existing file or folder at `path` is replaced only after the new one is complete.
+    existing file or folder at `path` is replaced by one of its own kind only, and only after the
+    new one is complete; whatever fails or interrupts, one of the two is there.
 
     Raises:
-        InputError: the output folder is not writable.
+        InputError: the output folder is not writable, or a folder stands where a file is to be
+            written or the reverse.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))  # through a link, so that the link stays
     parent = writable_parent(path)
-    scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=parent))
+    try:
+        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=parent))
+    except OSError as error:
+        raise InputError(
+            f"{path}: nothing can be written in {parent} ({error.strerror}); choose another output."
+        ) from error
     fresh = scratch / path.name
     try:
         yield fresh
-        if path.is_dir() and not path.is_symlink():
-            os.rename(path, scratch / ".old")
-        os.replace(fresh, path)
+        _put(fresh, path, scratch / ".old")
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _put(fresh: Path, path: Path, old: Path) -> None:
+    """Rename `fresh` onto `path`; a folder at `path` comes to lie beside `fresh` or at `old`."""
+    if not path.exists():
+        os.replace(fresh, path)
+        return
+    if path.is_dir() != fresh.is_dir():
+        found, wanted = ("folder", "file") if path.is_dir() else ("file", "folder")
+        raise InputError(
+            f"{path}: a {found} is there and a {wanted} is to be written; choose another output."
+        )
+    if path.is_file():
+        os.replace(fresh, path)
+    elif not _exchanged(fresh, path):
+        try:
+            os.rename(path, old)
+            os.replace(fresh, path)
+        except BaseException:
+            if old.exists() and not path.exists():
+                os.rename(old, path)
+            raise
+
+
+def _exchanged(first: Path, second: Path) -> bool:
+    """Swap two paths in one step, if the system can: at no moment either of them is missing."""
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if rename is None:
+        return False
+    return bool(
+        rename(_HERE, os.fsencode(first), _HERE, os.fsencode(second), ctypes.c_uint(_EXCHANGE)) == 0
+    )

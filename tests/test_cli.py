@@ -185,7 +185,7 @@ def test_interrupted_is_status_130_and_leaves_nothing(runner, folder, monkeypatc
 def test_repairs_are_told_as_notes(runner, folder):
     crossing = json.loads(json.dumps(PLAN))
     ring = crossing["features"][0]["geometry"]["coordinates"][0]
-    ring[1], ring[2] = ring[2], ring[1]
+    ring[3], ring[4] = ring[4], ring[3]
     (folder / "plan.geojson").write_text(json.dumps(crossing))
     result = runner.invoke(app, [*MAP, "--json"])
     assert result.exit_code == 0, result.output

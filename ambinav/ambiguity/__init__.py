@@ -1,0 +1,1 @@
+"""Indistinguishability of scans, and the ambiguity of poses."""

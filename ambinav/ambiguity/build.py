@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.dataset import assemble
+from ambinav.ambiguity.dataset import Found, assemble
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.progress import reporter
-from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns
+from ambinav.ambiguity.returns import BLIND, BeamTable, Returns, beam_returns
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -99,8 +99,8 @@ def build_map(
         headings = HEADINGS
     theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
     with reporter(progress, f"{env.name}, {scanner.name}") as report:
-        sums, turning = _compute(lattice, thinned, model, theta, report)
-    return AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, sums, turning))
+        found = _compute(lattice, thinned, model, theta, report)
+    return AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
 
 
 def _thin(scanner: RangeScanner, max_beams: int | None) -> RangeScanner:
@@ -145,8 +145,7 @@ def _compute(
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
     report: Callable[[float], None],
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Sums of the kernel, shape (N, H, 7), and, without theta, turning moments, shape (N, 2)."""
+) -> Found:
     table = BeamTable.of(scanner, model.map_std, model.outlier_share)
     told = _evidence(table)
     angles = np.zeros(1) if theta is None else theta
@@ -161,6 +160,7 @@ def _compute(
     turning = np.empty((len(x), 2)) if theta is None and scanner.looks_all_around else None
     beams = turns(scanner) if turning is not None else None
     width = len(table.limit)
+    unknown = np.empty(len(x))
     held = np.empty((len(angles), 0, 5, width), dtype=np.float32)
     first = last = 0
     for tile in _tiles(lattice, reach, len(angles) * 5 * width * 4):
@@ -185,9 +185,11 @@ def _compute(
                 Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
                 told, model.tau,
             )  # fmt: skip
+        spread = data[:, tile.begin - tile.first : tile.end - tile.first, 4, : table.beams]
+        unknown[tile.begin : tile.end] = (spread >= BLIND).mean(axis=(0, 2))
         held, first, last = data, tile.first, tile.last
     report(1.0)
-    return sums, turning
+    return Found(sums, unknown, turning)
 
 
 def _evidence(table: BeamTable) -> NDArray[np.float32] | None:

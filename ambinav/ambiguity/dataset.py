@@ -5,7 +5,10 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import platform
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -29,6 +32,7 @@ LAYERS = {
     "zone": (", ".join(f"{code}: {name}" for code, name in enumerate(ZONES)), "code"),
     "heading": ("how far the robot can turn unseen, relative to any turn", "1"),
     "heading_radius": ("how far the robot can turn unseen", "rad"),
+    "unknown": ("share of the beams that end in unknown space, over all headings", "1"),
     "clearance": ("distance to the nearest wall or frontier", "m"),
     "free": ("in the free space", "bool"),
     "best_heading": ("heading of the lowest level", "rad"),
@@ -42,14 +46,28 @@ LIBRARIES = ("numpy", "numba", "shapely", "xarray")
 Values = dict[str, NDArray[np.float64]]
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was computed at the N free points of a lattice.
+
+    Attributes:
+        sums: The kernel's sums, float64, shape (N, H, 7).
+        unknown: Share of the beams that end in unknown space, shape (N,).
+        turning: Turning moments, shape (N, 2), or None.
+    """
+
+    sums: NDArray[np.float64]
+    unknown: NDArray[np.float64]
+    turning: NDArray[np.float64] | None
+
+
 def assemble(
     lattice: Lattice,
     scanner: RangeScanner,
     thinned: RangeScanner,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
-    sums: NDArray[np.float64],
-    turning: NDArray[np.float64] | None,
+    found: Found,
 ) -> xr.Dataset:
     """Make the dataset of an ambiguity map.
 
@@ -59,14 +77,13 @@ def assemble(
         thinned: The beams of it that took part.
         model: The parameters.
         theta: Headings, radians, shape (H,), or None for a map without heading.
-        sums: The kernel's sums, shape (N, H, 7).
-        turning: Turning moments, shape (N, 2), or None.
+        found: What was computed.
     """
-    layers = relative_radii(sums)
+    layers = relative_radii(found.sums)
     zone = classify(layers["major"], layers["minor"], model.low, model.high)
     variables: dict[str, xr.DataArray] = {}
 
-    def add(name: str, values: NDArray[np.generic], summary: str = "") -> None:
+    def add(name: str, values: NDArray[Any], summary: str = "") -> None:
         long_name, units = LAYERS[name]
         dtype: type[np.generic] = np.uint8 if name == "zone" else np.float32
         empty = NOT_FREE if name == "zone" else np.nan
@@ -80,10 +97,11 @@ def assemble(
     for name, values in (layers | {"zone": zone}).items():
         add(name, values[:, 0] if theta is None else values)
     if theta is not None:
-        _summarize(layers, zone, theta, sums, model, add)
-    if turning is not None:
-        add("heading_radius", turning[:, 0])
-        add("heading", np.minimum(turning[:, 0] / turning[:, 1], 1.0))
+        _summarize(layers, zone, theta, found.sums, model, add)
+    if found.turning is not None:
+        add("heading_radius", found.turning[:, 0])
+        add("heading", np.minimum(found.turning[:, 0] / found.turning[:, 1], 1.0))
+    add("unknown", found.unknown)
     add("clearance", lattice.clearance(np.inf))
     long_name, units = LAYERS["free"]
     variables["free"] = xr.DataArray(
@@ -96,7 +114,9 @@ def assemble(
         attrs={"long_name": "end points ax, ay, bx, by of walls and frontiers", "units": "m"},
     )
     variables["segment_kind"] = xr.DataArray(
-        segments.kind, dims=("segment",), attrs={"long_name": "0: wall, 1: frontier", "units": "code"}
+        segments.kind,
+        dims=("segment",),
+        attrs={"long_name": "0: wall, 1: frontier", "units": "code"},
     )
     coords = {
         "x": ("x", lattice.x, {"long_name": "x of the cell's centre", "units": "m"}),
@@ -107,7 +127,14 @@ def assemble(
     return xr.Dataset(variables, coords, _provenance(lattice, scanner, thinned, model, theta))
 
 
-def _summarize(layers, zone, theta, sums, model, add) -> None:  # type: ignore[no-untyped-def]
+def _summarize(
+    layers: Values,
+    zone: NDArray[np.uint8],
+    theta: NDArray[np.float64],
+    sums: NDArray[np.float64],
+    model: AmbiguityModel,
+    add: Callable[[str, NDArray[Any], str], None],
+) -> None:
     """Add the aggregates over heading."""
     for name in AVERAGED:
         add(name, layers[name].mean(axis=1), "mean")
@@ -120,7 +147,7 @@ def _summarize(layers, zone, theta, sums, model, add) -> None:  # type: ignore[n
         for name in CHOSEN:
             values = zone if name == "zone" else layers[name]
             add(name, np.take_along_axis(values, place, axis=1)[:, 0], summary)
-    add("best_heading", theta[order[:, 0]])
+    add("best_heading", theta[order[:, 0]], "")
 
 
 def _provenance(

@@ -75,7 +75,7 @@ def turning_moments(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def least_evidence(data, p, beams, limit, icap, c2):  # type: ignore[no-untyped-def]
+def least_evidence(data, p, beams, limit, icap, c2):
     """Evidence that tells a turned scan from the unturned one, at the least."""
     told = F0
     half = np.float32(0.5 * c2)
@@ -89,7 +89,7 @@ def least_evidence(data, p, beams, limit, icap, c2):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, out):  # type: ignore[no-untyped-def]
+def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, out):
     order, count = beams.shape
     step = 2.0 * math.pi / order
     c2 = step * step / 4.0

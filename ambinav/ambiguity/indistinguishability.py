@@ -64,9 +64,7 @@ def same_reading_averaged(
     safe = np.where(t > 0.0, t, 1.0)
 
     def f(u: NDArray[np.float64]) -> NDArray[np.float64]:
-        smooth = u * ndtr(u / safe) + safe / math.sqrt(2 * math.pi) * np.exp(
-            -0.5 * (u / safe) ** 2
-        )
+        smooth = u * ndtr(u / safe) + safe / math.sqrt(2 * math.pi) * np.exp(-0.5 * (u / safe) ** 2)
         return np.where(t > 0.0, smooth, np.maximum(u, 0.0))
 
     # f(u) = u + f(-u): on the negative side the second difference does not cancel.
@@ -81,12 +79,12 @@ def evidence(z: ArrayLike, width: float) -> NDArray[np.float64]:
     fine bins is z^2 / 4; coarse bins (`width` = delta / s, up to sqrt(12) for a sensor without
     noise) tell less at first and everything once the bins no longer overlap.
     """
-    z = np.abs(np.asarray(z, dtype=float))
+    size = np.abs(np.asarray(z, dtype=np.float64))
     delta = min(width, math.sqrt(12.0))
     sigma = math.sqrt(max(1.0 - delta * delta / 12.0, 0.0))
     if delta < 1e-6:
-        return np.asarray(np.minimum(z * z / 4.0, MOST))
-    value = same_reading_averaged(z, sigma, sigma, delta)
+        return np.asarray(np.minimum(size * size / 4.0, MOST))
+    value = same_reading_averaged(size, sigma, sigma, delta)
     peak = float(same_reading_averaged(0.0, sigma, sigma, delta))
     with np.errstate(divide="ignore"):
         return np.asarray(np.minimum(-np.log(value / peak), MOST))

@@ -38,27 +38,30 @@ Z_TOP = np.float32(Z_MAX)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def invert(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
+def invert(a, b, c, d, e, f):
     """Inverse (upper triangle, row by row) and determinant of [[a,b,c],[b,d,e],[c,e,f]]."""
     i00, i01, i02 = d * f - e * e, c * e - b * f, b * e - c * d
     det = a * i00 + b * i01 + c * i02
     r = 1.0 / det
-    return i00 * r, i01 * r, i02 * r, (a * f - c * c) * r, (b * c - a * e) * r, (a * d - b * b) * r, det  # fmt: skip
+    i11, i12, i22 = a * f - c * c, b * c - a * e, a * d - b * b
+    return i00 * r, i01 * r, i02 * r, i11 * r, i12 * r, i22 * r, det
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):  # type: ignore[no-untyped-def]
+def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
     """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
 
     Args:
-        data: see `Returns`, float32, (N, 5, P).
-        p: the row of the one scan.
-        q: the row of the other, whose pose the offset moves.
-        limit, icap, use: maximum range, inverse cap and use (1, or 0 for padding) of each beam,
-            float32, (P,).
-        evidence: table of evidence, float32, (P, Z), or None where bins are fine.
-        tau: beams per independent piece of evidence.
-        c0, c2: variance of the offset in x and y, and in theta.
+        data: See `Returns`, float32, (N, 5, P).
+        p: The row of the one scan.
+        q: The row of the other, whose pose the offset moves.
+        limit: Maximum range of each beam, float32, (P,), metres.
+        icap: Inverse cap of each beam, float32, (P,).
+        use: 1 for a beam, 0 for padding, float32, (P,).
+        evidence: Table of evidence, float32, (P, Z), or None where bins are fine.
+        tau: Beams per independent piece of evidence.
+        c0: Variance of the offset in x and y, square metres.
+        c2: Variance of the offset in theta, square radians.
 
     Returns:
         I, best offset (x, y, theta), and its covariance (xx, xy, yy, tt).
@@ -151,7 +154,7 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):  # type: ignor
 
 
 @njit(cache=True, nogil=True)
-def reach(row, column, index, first, links, offsets, side, steps, marks, queue):  # type: ignore[no-untyped-def]
+def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
     """Mark the offsets in the disc that lattice steps lead to without crossing a segment."""
     k = side // 2
     marks[:] = 0
@@ -177,7 +180,7 @@ def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _sums(  # type: ignore[no-untyped-def]
+def _sums(
     begin, end, first, rows_columns, index, links, steps, offsets, spacing,
     data, limit, icap, use, evidence, tau, c0, c2, sums,
 ):  # fmt: skip

@@ -9,8 +9,8 @@ from ambinav.errors import InputError
 from ambinav.sensing.scanner import RangeScanner
 
 # Neighbouring beams mostly see the same wall and share its error, so a turn of the scanner holds
-# few independent pieces of evidence however many beams it has. With one in 24 degrees the corridors of
-# real buildings show between their doors, as they do to a localizer (see docs/model.md).
+# few independent pieces of evidence however many beams it has. With one in 24 degrees the
+# corridors of real buildings show between their doors (see docs/model.md).
 PIECES_PER_TURN = 15.0
 # Gaps between beams wider than this are directions in which the scanner does not look.
 WIDEST_GAP = math.radians(30.0)

@@ -67,7 +67,9 @@ def beams(
         finest = float((sensor.std_at(span) ** 2).min()) + model.map_std**2
         ranges.append(best)
         gradients.append(gradient)
-        variances.append(BLIND if blind or ends_unknown else float(noise) + sensor.resolution**2 / 12)
+        variances.append(
+            BLIND if blind or ends_unknown else float(noise) + sensor.resolution**2 / 12
+        )
         widths.append(sensor.resolution / math.sqrt(finest + sensor.resolution**2 / 12))
     return np.array(ranges), np.array(gradients), np.array(variances), np.array(widths)
 
@@ -81,7 +83,8 @@ def compare(
 
     def laplace(w: Vector, z: Vector) -> tuple[Vector, Vector]:
         L = (J * w[:, None]).T @ J / (2 * tau) + np.linalg.inv(C)
-        return np.linalg.inv(L), np.linalg.solve(L, J.T @ (w * z)) / (2 * tau)
+        S = np.asarray(np.linalg.inv(L))
+        return S, np.asarray(S @ (J.T @ (w * z))) / (2 * tau)
 
     # First step: each beam's residual, seen through what the cell can move it.
     z = seen - q[0]
@@ -95,19 +98,21 @@ def compare(
     silent = z <= seen - limit
     z = np.maximum(z, seen - limit)
     told = np.array([float(evidence(v, w)) for v, w in zip(z / np.sqrt(s2), p[3], strict=True)])
-    u = z**2 / (4 * s2)
     near = np.maximum(np.abs(z) / np.sqrt(s2), 1e-2)
-    slope = np.array([float(evidence(v, w)) for v, w in zip(near, p[3], strict=True)]) / (near**2 / 4) / s2
+    slope = np.array([float(evidence(v, w)) for v, w in zip(near, p[3], strict=True)])
+    slope /= near**2 / 4 * s2
     t = 1 / np.sqrt(1 + (told / cap) ** 2)
     w = np.where(silent, 0.0, slope * t**3)
     S, best = laplace(w, z + moved)
-    total = np.sum(told * t + w * ((z + moved) ** 2 - z**2) / 4)
-    gain = best @ (J.T @ (w * (z + moved))) / (4 * tau)
+    total = float(np.sum(told * t + w * ((z + moved) ** 2 - z**2) / 4))
+    gain = float(best @ (J.T @ (w * (z + moved)))) / (4 * tau)
     alike = math.exp(min(gain - total / tau, 0.0)) * math.sqrt(np.linalg.det(S) / np.linalg.det(C))
     return alike, best, S
 
 
-def reachable(env: Environment, x: float, y: float, spacing: float, radius: float) -> set[tuple[int, int]]:  # fmt: skip
+def reachable(
+    env: Environment, x: float, y: float, spacing: float, radius: float
+) -> set[tuple[int, int]]:
     """Lattice steps from (x, y) within the disc that free steps lead to."""
     found, todo = {(0, 0)}, [(0, 0)]
     while todo:
@@ -139,7 +144,8 @@ def pose_sums(
     C = np.diag([spacing**2 / 4, spacing**2 / 4, model.sigma_theta**2])
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     limit = np.array([s.max_range for s in sensors])
-    cap = np.array([-math.log(min(model.outlier_share + s.random_share + s.lost_share, 0.99)) for s in sensors])  # fmt: skip
+    odd = np.array([model.outlier_share + s.random_share + s.lost_share for s in sensors])
+    cap = -np.log(np.minimum(odd, 0.99))
     here = beams(env, scanner, model, x, y, theta)
     weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
     cells = reachable(env, x, y, spacing, model.radius)
@@ -152,6 +158,4 @@ def pose_sums(
         alike_moment += alike * (np.outer(to, to) + S[:2, :2])
         free_moment += np.outer(step, step) + C[:2, :2]
     a, f = alike_moment / weight, free_moment / len(cells)
-    return np.array(
-        [weight / len(cells), a[0, 0], a[0, 1], a[1, 1], f[0, 0], f[0, 1], f[1, 1]]
-    )
+    return np.array([weight / len(cells), a[0, 0], a[0, 1], a[1, 1], f[0, 0], f[0, 1], f[1, 1]])

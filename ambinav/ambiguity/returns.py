@@ -146,7 +146,7 @@ def beam_returns(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _beam_returns(  # type: ignore[no-untyped-def]
+def _beam_returns(
     distance, segment, incidence, normal, frontier, origin, angle, theta, start, max_incidence,
     nearest, limit, spread, data,
 ):  # fmt: skip

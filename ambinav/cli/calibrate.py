@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from ambinav.cli.options import AsJson
-from ambinav.cli.running import above_zero, check_writable, not_negative, reporting
+from ambinav.cli.running import above_zero, check_file, not_negative, reporting
+from ambinav.errors import InputError
 
 
 def calibrate(
@@ -55,7 +56,12 @@ def calibrate(
         above_zero(max_range, "--max-range", "5.6")
         above_zero(resolution, "--resolution", "0.001")
         not_negative(min_range, "--min-range", "0.02")
-        check_writable(output)
+        if min_range >= max_range:
+            raise InputError(
+                f"--min-range: {min_range:g} m is not below --max-range {max_range:g} m; "
+                "give less, or raise the other."
+            )
+        check_file(output)
         from ambinav.sensing.sensor import RangeSensor
 
         sensor = RangeSensor.fit(

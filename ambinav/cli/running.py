@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import sys
+import tempfile
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -96,18 +96,35 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
 
 
 def check_writable(output: Path) -> None:
-    """Check, before the long work, that `output` can be made; make nothing yet.
+    """Check, before the long work, that `output` can be made; leave nothing behind.
 
     Raises:
-        InputError: the nearest folder that exists is not a folder, or is not writable.
+        InputError: the nearest folder that exists is not a folder, or nothing can be made in it.
     """
     place = output.absolute().parent
     while not place.exists():
         place = place.parent
     if not place.is_dir():
         raise InputError(f"{output}: {place} is a file, not a folder; choose another output.")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise InputError(f"{output}: the folder {place} is not writable; choose another output.")
+    try:
+        # Only trying tells: for root every folder says that it is writable.
+        Path(tempfile.mkdtemp(prefix=".ambinav-", dir=place)).rmdir()
+    except OSError as error:
+        raise InputError(
+            f"{output}: nothing can be written in the folder {place} ({error.strerror}); "
+            "choose another output."
+        ) from error
+
+
+def check_file(output: Path) -> None:
+    """Check, before the long work, that `output` can be written as a file.
+
+    Raises:
+        InputError: it is a folder, or see `check_writable`.
+    """
+    if output.is_dir():
+        raise InputError(f"{output}: this is a folder; name a file to write.")
+    check_writable(output)
 
 
 def above_zero(value: float | None, option: str, example: str) -> None:

@@ -1,0 +1,1 @@
+"""Environments: free space, wall segments, and rays cast against them."""

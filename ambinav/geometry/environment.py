@@ -102,6 +102,22 @@ class Environment:
         return np.asarray(shapely.STRtree(lines).nearest(middles), dtype=np.int32)
 
     @cached_property
+    def border_lines(self) -> NDArray[np.float64]:
+        """End points of a piece of the line that each border edge stands for, (K, 4), metres.
+
+        The edges of a slit lie beside their wall; their lines are the wall's own, so that ranges
+        are exact at every angle. What closes a slit's end stands for itself.
+        """
+        border = self.triangulation.border
+        lines = self.segments.xy[self.border_segment]
+        edge, wall = border[:, 2:] - border[:, :2], lines[:, 2:] - lines[:, :2]
+        along = (edge * wall).sum(axis=1)
+        across = edge[:, 0] * wall[:, 1] - edge[:, 1] * wall[:, 0]
+        lines = np.where((along < 0.0)[:, None], lines[:, [2, 3, 0, 1]], lines)
+        parallel = np.abs(along) > np.abs(across)
+        return np.ascontiguousarray(np.where(parallel[:, None], lines, border))
+
+    @cached_property
     def _thin(self) -> NDArray[np.bool_]:
         """Mask over the segments: those that run through the free space."""
         middle = (self.segments.xy[:, :2] + self.segments.xy[:, 2:]) / 2
@@ -109,9 +125,7 @@ class Environment:
         shapely.prepare(edge)
         return ~np.asarray(shapely.dwithin(edge, shapely.points(middle), ON_BORDER), dtype=np.bool_)
 
-    def is_free(
-        self, x: ArrayLike, y: ArrayLike, radius: float = 0.0
-    ) -> NDArray[np.bool_] | bool:
+    def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
         """Whether a disc of `radius` metres around (x, y) lies in the free space.
 
         Args:

@@ -58,7 +58,7 @@ def scan_rays(
         angles = ray_angle[mine]
         kernel(
             x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range), mine,
-            env.border_segment, mesh.border, mesh.twin, mesh.apex, mesh.onward, *mesh.index,
+            env.border_segment, env.border_lines, mesh.twin, mesh.apex, mesh.onward, *mesh.index,
             distance, edge, oblique,
         )  # fmt: skip
     return distance, edge, oblique
@@ -75,7 +75,7 @@ def _counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs):  # type: ignore[no-untyped-def]
+def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs):
     """Split the fan among the edges of its first triangle; how many pieces."""
     ax, ay = corner[3 * t, 0] - px, corner[3 * t, 1] - py
     bx, by = corner[3 * t + 1, 0] - px, corner[3 * t + 1, 1] - py
@@ -99,7 +99,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs):  # type
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, distance, hit):  # type: ignore[no-untyped-def]
+def cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, distance, hit):
     """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t."""
     edges, lows, highs = stack
     depth = first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs)
@@ -137,7 +137,7 @@ def cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, di
             hit[i] = k
 
 
-def _fans(  # type: ignore[no-untyped-def]
+def _fans(
     x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, apex, onward,
     corner, x0, y0, cell, rows, columns, start, item, distance, segment, incidence,
 ):  # fmt: skip

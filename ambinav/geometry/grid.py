@@ -70,7 +70,7 @@ class SegmentGrid:
 
 
 @njit(cache=True, nogil=True)
-def _sort_into_cells(xy, origin, cell, columns, cursor, item):  # type: ignore[no-untyped-def]
+def _sort_into_cells(xy, origin, cell, columns, cursor, item):
     """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
     for s in range(xy.shape[0]):
         ax, ay = (xy[s, 0] - origin[0]) / cell, (xy[s, 1] - origin[1]) / cell

@@ -86,7 +86,7 @@ class Lattice:
 
     @property
     def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x and y of the free points, each of shape (N,), metres."""
+        """Coordinates x and y of the free points, each of shape (N,), metres."""
         rows_columns = self.rows_columns
         return self.x[rows_columns[:, 1]], self.y[rows_columns[:, 0]]
 
@@ -109,7 +109,9 @@ class Lattice:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _link(rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns, start, item, line, links):  # type: ignore[no-untyped-def]  # fmt: skip
+def _link(
+    rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns, start, item, line, links
+):  # fmt: skip
     for i in prange(x.size):
         bits = 0
         for k in range(4):
@@ -128,7 +130,7 @@ def _link(rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns
 
 
 @njit(cache=True, nogil=True)
-def _link_back(rows_columns, index, steps, links):  # type: ignore[no-untyped-def]
+def _link_back(rows_columns, index, steps, links):
     for i in range(links.size):
         for k in range(4):
             if links[i] & (1 << k):

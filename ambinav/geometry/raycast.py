@@ -51,14 +51,17 @@ def cast_rays(
 def clearances(
     grid: SegmentGrid, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
 ) -> NDArray[np.float64]:
-    """Distance from each point, shape (N,), to the nearest segment, at most `limit` metres."""
+    """Distance from each point, shape (N,), to the nearest segment, at most `limit` metres.
+
+    It is nan where the point is not finite.
+    """
     distance = np.empty(len(x))
     _clearances(x, y, float(limit), *grid.arrays, distance)
     return distance
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):  # type: ignore[no-untyped-def]
+def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
     """Walk the cells along one ray (Amanatides and Woo 1987); distance and item, -1 for none."""
     gx, gy = (px - x0) / cell, (py - y0) / cell
     step_x, step_y = cell / max(abs(ux), 1e-12), cell / max(abs(uy), 1e-12)
@@ -103,7 +106,7 @@ def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):  
     return (best if hit >= 0 else reach), hit
 
 
-def _cast(x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, distance, segment):  # type: ignore[no-untyped-def]
+def _cast(x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, distance, segment):
     for i in prange(x.size):
         t, j = cast_one(x[i], y[i], ux[i], uy[i], reach, x0, y0, cell, rows, columns, start, line)
         distance[i] = t
@@ -115,17 +118,21 @@ _cast_parallel = njit(cache=True, nogil=True, error_model="numpy", parallel=True
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _clearances(x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):  # type: ignore[no-untyped-def]
+def _clearances(x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):
     """Search rings of cells outwards until no nearer segment can come."""
     for i in prange(x.size):
+        if not (math.isfinite(x[i]) and math.isfinite(y[i])):
+            distance[i] = np.nan
+            continue
         column = min(max(int(math.floor((x[i] - x0) / cell)), 0), columns - 1)
         row = min(max(int(math.floor((y[i] - y0) / cell)), 0), rows - 1)
         best = limit * limit
-        outside = max(
-            max(x0 - x[i], x[i] - x0 - columns * cell), max(y0 - y[i], y[i] - y0 - rows * cell), 0.0
-        )
+        # From a point outside the grid the way to a ring is the hypotenuse, not the sum.
+        outside_x = max(x0 - x[i], x[i] - x0 - columns * cell, 0.0)
+        outside_y = max(y0 - y[i], y[i] - y0 - rows * cell, 0.0)
+        outside = outside_x * outside_x + outside_y * outside_y
         ring = 0
-        while ring <= max(rows, columns) and (max((ring - 1) * cell, 0.0) + outside) ** 2 <= best:
+        while ring <= max(rows, columns) and max((ring - 1) * cell, 0.0) ** 2 + outside <= best:
             for r in range(max(row - ring, 0), min(row + ring, rows - 1) + 1):
                 edge = abs(r - row) == ring
                 stride = 1 if edge or ring == 0 else 2 * ring

@@ -44,7 +44,7 @@ class Segments:
     @property
     def walls(self) -> NDArray[np.bool_]:
         """Mask, shape (N,): True where the segment is a wall and not a frontier."""
-        return self.kind == WALL
+        return np.asarray(self.kind == WALL)
 
     @property
     def lengths(self) -> NDArray[np.float64]:

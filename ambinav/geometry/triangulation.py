@@ -117,7 +117,7 @@ class Triangulation:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sort_triangles(corner, origin, cell, columns, cursor, item):  # type: ignore[no-untyped-def]
+def _sort_triangles(corner, origin, cell, columns, cursor, item):
     """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
     for t in range(corner.shape[0] // 3):
         x = corner[3 * t : 3 * t + 3, 0] - origin[0]
@@ -142,7 +142,7 @@ def _sort_triangles(corner, origin, cell, columns, cursor, item):  # type: ignor
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def locate(px, py, corner, x0, y0, cell, rows, columns, start, item):  # type: ignore[no-untyped-def]
+def locate(px, py, corner, x0, y0, cell, rows, columns, start, item):
     """Triangle that holds the point, or -1."""
     gx, gy = (px - x0) / cell, (py - y0) / cell
     if not (gx >= 0.0 and gy >= 0.0 and gx < columns and gy < rows):
@@ -159,6 +159,6 @@ def locate(px, py, corner, x0, y0, cell, rows, columns, start, item):  # type: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contains(x, y, corner, x0, y0, cell, rows, columns, start, item, inside):  # type: ignore[no-untyped-def]
+def _contains(x, y, corner, x0, y0, cell, rows, columns, start, item, inside):
     for i in range(x.size):
         inside[i] = locate(x[i], y[i], corner, x0, y0, cell, rows, columns, start, item) >= 0

@@ -55,10 +55,14 @@ def cast_beams(
     beams = len(rays.start) - 1
     ranges = np.empty((len(flat[0]), beams), dtype=np.float32)
     step = max(1, RAYS_AT_ONCE // len(rays))
+    # Where every angle echoes and all rays reach as far as is cast, every hit is an echo.
+    specular = rays.specular
+    sifted = specular or bool((rays.max_range < np.float32(max_range)).any())
     for i in range(0, len(ranges), step):
         px, py, heading = (values[i : i + step] for values in flat)
         distance, _, incidence = fan.scan_rays(
-            env, px, py, heading, rays.origin, rays.angle, max_range
+            env, px, py, heading, rays.origin, rays.angle, max_range, incidence=specular
         )
-        ranges[i : i + step] = rays.nearest(rays.echoes(distance, incidence))
+        echo = rays.echoes(distance, incidence) if sifted else distance
+        ranges[i : i + step] = rays.nearest(echo)
     return ranges.reshape(*poses[0].shape, beams)

@@ -37,15 +37,23 @@ class RayTable:
         """Number of rays R."""
         return len(self.angle)
 
+    @property
+    def specular(self) -> bool:
+        """Whether some ray echoes only from surfaces that it meets steeply enough."""
+        return bool(np.isfinite(self.max_incidence).any())
+
     def echoes(
         self, distance: NDArray[np.float32], incidence: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Return the distances, shape (N, R), with inf where the hit returns no echo.
 
+        `incidence`, shape (N, R), is read only if the rays are `specular`.
         Only the first hit of a ray counts: a surface too oblique to echo still hides the rest.
         A distance of nan, where the ray starts outside the free space, stays.
         """
-        silent = (distance > self.max_range) | (incidence > self.max_incidence)
+        silent = distance > self.max_range
+        if self.specular:
+            silent |= incidence > self.max_incidence
         return np.where(silent, np.float32(np.inf), distance)
 
     def nearest(self, echo: NDArray[np.float32]) -> NDArray[np.float32]:

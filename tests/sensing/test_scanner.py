@@ -40,12 +40,20 @@ Array = NDArray[Any]
 
 
 def brute_force(
-    env: Array, x: Array, y: Array, theta: Array, origin: Array, angle: Array, max_range: float
+    env: Array,
+    x: Array,
+    y: Array,
+    theta: Array,
+    origin: Array,
+    angle: Array,
+    max_range: float,
+    *,
+    incidence: bool = True,
 ) -> tuple[Array, Array, Array]:
     """Cast rays at segments (N, 4) one by one: the plain stand-in for geometry.fan.scan_rays."""
     distance = np.full((len(x), len(angle)), np.inf, dtype=np.float32)
     segment = np.full(distance.shape, -1, dtype=np.int32)
-    incidence = np.zeros(distance.shape, dtype=np.float32)
+    oblique = np.zeros(distance.shape if incidence else (0, 0), dtype=np.float32)
     for (i, t), (r, a) in itertools.product(enumerate(theta), enumerate(angle)):
         ox = x[i] + math.cos(t) * origin[r, 0] - math.sin(t) * origin[r, 1]
         oy = y[i] + math.sin(t) * origin[r, 0] + math.cos(t) * origin[r, 1]
@@ -59,8 +67,9 @@ def brute_force(
             part = ((ax - ox) * dy - (ay - oy) * dx) / cross
             if 0 <= part <= 1 and 0 <= along <= max_range and along < distance[i, r]:
                 distance[i, r], segment[i, r] = along, s
-                incidence[i, r] = math.acos(min(1.0, abs(cross) / math.hypot(ex, ey)))
-    return distance, segment, incidence
+                if incidence:
+                    oblique[i, r] = math.acos(min(1.0, abs(cross) / math.hypot(ex, ey)))
+    return distance, segment, oblique
 
 
 @pytest.fixture
