@@ -18,11 +18,13 @@ if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.sensing.sensor import RangeSensor
+    from ambinav.service.service import AmbiguityService
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AmbiguityMap",
+    "AmbiguityService",
     "Environment",
     "InputError",
     "InputWarning",
@@ -36,6 +38,7 @@ __all__ = [
 
 _HOME = {
     "AmbiguityMap": "ambinav.maps.ambiguity_map",
+    "AmbiguityService": "ambinav.service.service",
     "Environment": "ambinav.geometry.environment",
     "RangeScanner": "ambinav.sensing.scanner",
     "RangeSensor": "ambinav.sensing.sensor",

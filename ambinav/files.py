@@ -7,9 +7,12 @@ import ctypes
 import hashlib
 import os
 import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 
 from ambinav.errors import InputError
 
@@ -70,6 +73,36 @@ def replacing(path: Path) -> Iterator[Path]:
         _put(fresh, path, scratch / ".old")
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def holding_interrupts() -> Iterator[None]:
+    """Let Ctrl-C and termination wait until the block is done.
+
+    For calls that go on in threads of their own when they are left by an exception. A second
+    Ctrl-C does not wait. Does nothing outside of the main thread, where signals do not arrive.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    both = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    # None: a handler that is not Python's, which cannot be put back.
+    before = {number: handler for number, handler in both.items() if handler is not None}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, before[signal.Signals(number)])
+        came.append(number)
+
+    for number in before:
+        signal.signal(number, note)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if came:
+            signal.raise_signal(came[0])
 
 
 def _put(fresh: Path, path: Path, old: Path) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -248,6 +250,26 @@ def run(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
 def test_as_a_program(folder):
     assert run("-m", "ambinav.cli", "--version").stdout == f"ambinav {ambinav.__version__}\n"
     assert run("-m", "ambinav.cli", "audit", "none.yaml", "-s", "x", "-o", "out").returncode == 2
+
+
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGTERM", "SIGINT"])
+def test_a_killed_run_leaves_the_older_map(folder, name):
+    assert CliRunner().invoke(app, MAP).exit_code == 0
+    before = AmbiguityMap.open(folder / "plan.zarr").dataset
+    number = getattr(signal, name)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ambinav.cli", *MAP],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    while process.poll() is None and not any(folder.glob(".plan.zarr.*")):
+        time.sleep(0.001)
+    process.send_signal(number)  # while the new map is being written
+    assert process.wait(60) == {"SIGKILL": -9, "SIGTERM": 143, "SIGINT": 130}[name]
+    assert AmbiguityMap.open(folder / "plan.zarr").dataset.identical(before)
+    if name != "SIGKILL":  # which nobody can clean up after
+        assert files(folder) == {"plan.geojson", "scanner.yaml", "plan.zarr"}
 
 
 def test_help_computes_nothing():

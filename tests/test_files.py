@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from ambinav import files
 from ambinav.errors import InputError
-from ambinav.files import replacing, sha256
+from ambinav.files import holding_interrupts, replacing, sha256
 
 
 def write(path: Path, text: str, *, folder: bool) -> None:
@@ -107,3 +108,17 @@ def test_checksum_of_several_files_is_that_of_their_bytes_in_a_row(tmp_path):
     assert sha256(tmp_path / "a", tmp_path / "b") == sha256(tmp_path / "all")
     # Of "abc", in the standard that defines it (FIPS 180).
     assert sha256(tmp_path / "all").startswith("ba7816bf8f01cfea414140de5dae2223")
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_an_interrupt_waits_for_the_end_of_the_block_but_the_second_does_not(twice):
+    handler = signal.getsignal(signal.SIGINT)
+    reached = []
+    with pytest.raises(KeyboardInterrupt), holding_interrupts():
+        signal.raise_signal(signal.SIGINT)
+        reached.append(1)
+        if twice:
+            signal.raise_signal(signal.SIGINT)
+        reached.append(2)
+    assert reached == ([1] if twice else [1, 2])
+    assert signal.getsignal(signal.SIGINT) is handler

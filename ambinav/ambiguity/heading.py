@@ -93,6 +93,8 @@ def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, out):
     order, count = beams.shape
     step = 2.0 * math.pi / order
     c2 = step * step / 4.0
+    # All beams share one turn: each may lay only its part of the cost of that to its room.
+    shared = c2 * count / tau
     for p in prange(begin, end):
         pair = np.zeros((2, 5, limit.size), dtype=np.float32)
         pair[0] = data[p]
@@ -103,7 +105,7 @@ def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, out):
             times = 1.0 if k in (0, order - k) else 2.0
             free_weight += times
             free_moment += times * (k * k * step * step + c2)
-            if least_evidence(data, p, beams[k], limit, icap, c2) > NEGLIGIBLE_TURN * tau:
+            if least_evidence(data, p, beams[k], limit, icap, shared) > NEGLIGIBLE_TURN * tau:
                 continue
             for row in range(5):
                 for b in range(count):

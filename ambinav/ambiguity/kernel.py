@@ -22,8 +22,6 @@ from ambinav.ambiguity.returns import BeamTable, Returns
 from ambinav.geometry.lattice import STEPS
 
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
-# Pairs of scans less alike than exp(-18) add nothing and are left after the first step.
-NEGLIGIBLE = 18.0
 _Z_COUNT = round(Z_MAX / Z_STEP)
 
 U = np.uint64
@@ -71,7 +69,6 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
     f0, f2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
     g0, g1, g2 = F0, F0, F0
     a, b, c, d, e, f = F0, F0, F0, F0, F0, F0
-    least = F0
     for i in range(size):
         gx, gy, gt = data[q, X, i], data[q, Y, i], data[q, T, i]
         inverse = use[i] / (data[p, S, i] + data[q, S, i])
@@ -83,7 +80,6 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
         room = (gx * gx + gy * gy) * f0 + gt * gt * f2
         u = z * z * inverse * QUARTER / (F1 + room * inverse)
         t = F1 / (F1 + u * icap[i])
-        least += u * t
         w = F0 if silent else inverse * t * t
         g0 += w * z * gx
         g1 += w * z * gy
@@ -94,8 +90,6 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
         d += w * gy * gy
         e += w * gy * gt
         f += w * gt * gt
-    if least > NEGLIGIBLE * tau:
-        return 0.0, 0.0, 0.0, 0.0, c0, 0.0, c0, c2
     s = 0.5 / tau
     p0, p2 = 1.0 / c0, 1.0 / c2
     i00, i01, i02, i11, i12, i22, det = invert(

@@ -13,6 +13,9 @@ from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
 from ambinav.sensing.scanner import RangeScanner
 
+_HEADING_MATTERS = 0.1
+"""Difference in level between headings from which a best one is told."""
+
 
 @dataclass(frozen=True, eq=False)
 class Finding:
@@ -68,6 +71,13 @@ class Audit:
             sentences.append(
                 f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) it has nothing to "
                 "hold on to in any direction."
+            )
+        if self.amap.has_theta and self.heading == "mean":
+            best, most = (self.amap.zone_shares(name) for name in ("best", "worst"))
+            sentences.append(
+                "These are means over all headings: always facing the best way it can tell its "
+                f"position well on {percent(best[LOCALIZABLE].share)}, always facing the worst way "
+                f"on {percent(most[LOCALIZABLE].share)}."
             )
         if self.findings:
             worst = self.findings[0].place
@@ -142,3 +152,21 @@ def metres2(area: float) -> str:
 def degrees(angle: float) -> str:
     """An angle in whole degrees."""
     return f"{math.degrees(angle):.0f}°"
+
+
+def axis_degrees(axis: float | None) -> str:
+    """A direction without sense, given in degrees, as whole degrees from 0 to 179."""
+    return "none" if axis is None else f"{round(axis) % 180}°"
+
+
+def heading_words(place: Place) -> str:
+    """How much the robot's heading matters at a place; empty if the map knows no headings."""
+    if not place.by_heading:
+        return ""
+    levels = sorted(level for _, level in place.by_heading)
+    if levels[-1] - levels[0] < _HEADING_MATTERS:
+        return f"Turning helps little: level {levels[0]:.2f} at best, {levels[-1]:.2f} at worst."
+    return (
+        f"Best heading {degrees(place.best_heading or 0.0)} (level {levels[0]:.2f}), "
+        f"worst {degrees(place.worst_heading or 0.0)} (level {levels[-1]:.2f})."
+    )

@@ -6,9 +6,10 @@ import json
 import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ambinav.audit.audit import Audit, Finding
+from ambinav.audit.audit import Audit, Finding, heading_words
 from ambinav.audit.places import Place
 from ambinav.audit.sight import Sight
 from ambinav.maps.zones import COLOURS, MEANINGS, ZONES
@@ -17,6 +18,8 @@ FORMAT = "ambinav-audit/1"
 
 FLOOR_ZONES = "floor-zones.png"
 FLOOR_LEVEL = "floor-level.png"
+FLOOR_BEST = "floor-best.png"
+FLOOR_WORST = "floor-worst.png"
 
 
 def _rounded(digits: int) -> AfterValidator:
@@ -73,6 +76,14 @@ class ZonePart(_Part):
     colour: str
 
 
+class HeadingPart(_Part):
+    """The whole floor with the robot at one heading."""
+
+    heading_deg: Degrees
+    level: Share = Field(description="mean over the free floor")
+    shares: dict[str, Share] = Field(description="share of the free floor in each zone")
+
+
 class SightPart(_Part):
     """What the scanner sees at a place."""
 
@@ -103,6 +114,10 @@ class PlacePart(_Part):
     minor_radius_m: Metres
     best_heading_deg: Degrees | None
     worst_heading_deg: Degrees | None
+    level_by_heading: tuple[tuple[Degrees, Share], ...] = Field(
+        description="heading and level at (x, y); empty where the heading does not matter"
+    )
+    headings: str = Field(description="the same in words")
     severity_m2: SquareMetres = Field(description="level times area: the ranking")
     sees: SightPart
     picture: str
@@ -119,6 +134,9 @@ class Document(_Part):
     environment: EnvironmentPart
     scanner: ScannerPart
     zones: tuple[ZonePart, ...]
+    by_heading: tuple[HeadingPart, ...] = Field(
+        description="empty where the heading does not matter"
+    )
     places: tuple[PlacePart, ...] = Field(description="the worst first")
     places_in_all: int
     pictures: tuple[str, ...]
@@ -154,12 +172,19 @@ def document(audit: Audit) -> Document:
             yaml=audit.scanner.to_yaml(),
         ),
         zones=_zones(audit),
+        by_heading=_by_heading(audit),
         places=tuple(_place(finding) for finding in audit.findings),
         places_in_all=audit.regions,
-        pictures=(FLOOR_ZONES, FLOOR_LEVEL),
+        pictures=floor_pictures(audit),
         parameters=json.loads(attrs["parameters"]),
         versions=json.loads(attrs.get("versions", "{}")),
     )
+
+
+def floor_pictures(audit: Audit) -> tuple[str, ...]:
+    """File names of the pictures of the whole floor."""
+    by_heading = (FLOOR_BEST, FLOOR_WORST) if audit.amap.has_theta else ()
+    return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL)
 
 
 def place_picture(number: int) -> str:
@@ -195,6 +220,22 @@ def _zones(audit: Audit) -> tuple[ZonePart, ...]:
     )
 
 
+def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
+    if not audit.amap.has_theta:
+        return ()
+    data = audit.amap.dataset
+    zone, free = data["zone"].transpose("theta", "y", "x").values, data["free"].values
+    level = data["level"].mean(("y", "x")).values
+    parts = []
+    for k, heading in enumerate(data["theta"].values.tolist()):
+        counts = np.bincount(zone[k][free], minlength=len(ZONES))[: len(ZONES)]
+        shares = dict(zip(ZONES, (counts / max(counts.sum(), 1)).tolist(), strict=True))
+        parts.append(
+            HeadingPart(heading_deg=math.degrees(heading), level=float(level[k]), shares=shares)
+        )
+    return tuple(parts)
+
+
 def _place(finding: Finding) -> PlacePart:
     place: Place = finding.place
     return PlacePart(
@@ -205,12 +246,14 @@ def _place(finding: Finding) -> PlacePart:
         length_m=place.length,
         width_m=place.width,
         area_m2=place.area,
-        direction_deg=_degrees(place.direction),
+        direction_deg=_axis(place.direction),
         level=place.level,
         major_radius_m=place.major_radius,
         minor_radius_m=place.minor_radius,
         best_heading_deg=_degrees(place.best_heading),
         worst_heading_deg=_degrees(place.worst_heading),
+        level_by_heading=tuple((math.degrees(a), level) for a, level in place.by_heading),
+        headings=heading_words(place),
         severity_m2=place.severity,
         sees=_sight(finding.sight),
         picture=place_picture(place.number),
@@ -231,3 +274,8 @@ def _sight(sight: Sight) -> SightPart:
 
 def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
+
+
+def _axis(angle: float | None) -> float | None:
+    """Degrees in [0, 180), after rounding too."""
+    return None if angle is None else round(math.degrees(angle), 1) % 180.0

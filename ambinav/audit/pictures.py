@@ -9,10 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
 from ambinav.audit.audit import Audit, Finding, degrees
-from ambinav.audit.document import FLOOR_LEVEL, FLOOR_ZONES, place_picture
+from ambinav.audit.document import (
+    FLOOR_BEST,
+    FLOOR_LEVEL,
+    FLOOR_WORST,
+    FLOOR_ZONES,
+    floor_pictures,
+    place_picture,
+)
 from ambinav.audit.places import Place
 from ambinav.maps.drawing import save_figure
-from ambinav.maps.plot import plot_layer, plot_zones
+from ambinav.maps.plot import floor_axes, plot_layer, plot_zones
 from ambinav.maps.plot_scan import plot_scan
 
 
@@ -21,23 +28,35 @@ def save_pictures(
 ) -> None:
     """Draw all pictures into `folder`; `progress` is called with the fraction done."""
     places = [finding.place for finding in audit.findings]
-    total = 2 + len(places)
+    floors = floor_pictures(audit)
+    total = len(floors) + len(places)
 
     def tell(done: int) -> None:
         if progress is not None:
             progress(done / total)
 
-    axes = plot_zones(audit.amap, heading=audit.heading)
-    mark_places(axes, places)
-    save_figure(axes, folder / FLOOR_ZONES)
-    tell(1)
-    axes = plot_layer(audit.amap, "level", heading=audit.heading)
-    mark_places(axes, places)
-    save_figure(axes, folder / FLOOR_LEVEL)
-    tell(2)
+    for done, name in enumerate(floors, start=1):
+        axes = plot_floor(audit, name)
+        if name in (FLOOR_ZONES, FLOOR_LEVEL):
+            mark_places(axes, places)
+        save_figure(axes, folder / name)
+        tell(done)
     for finding in audit.findings:
         save_figure(plot_finding(audit, finding), folder / place_picture(finding.place.number))
-        tell(2 + finding.place.number)
+        tell(len(floors) + finding.place.number)
+
+
+def plot_floor(audit: Audit, name: str) -> Axes:
+    """Draw one of the pictures that `floor_pictures` names, without the places."""
+    if name == FLOOR_LEVEL:
+        return plot_layer(audit.amap, "level", heading=audit.heading)
+    if name == FLOOR_ZONES:
+        return plot_zones(audit.amap, heading=audit.heading)
+    # These two stand side by side.
+    heading = {FLOOR_BEST: "best", FLOOR_WORST: "worst"}[name]
+    axes = floor_axes(audit.amap, longest=8.0)
+    title = f"Each point at its {heading} heading"
+    return plot_zones(audit.amap, axes, heading, legend=False, title=title)
 
 
 def mark_places(axes: Axes, places: Iterable[Place]) -> None:

@@ -20,6 +20,9 @@ GAP = 1.0
 """Metres of other floor that a region may bridge: a doorway does not cut a corridor in two."""
 LEAST_AREA = 1.0
 """Square metres; smaller regions join a neighbour or are left out."""
+ROOM = 0.2
+"""Metres to the nearest wall from which floor counts: no robot stands in a narrower crack. Maps
+of real buildings have many, where the laser looked through a window or between chair legs."""
 _PRONOUNCED = 0.3
 """Difference of major and minor from which a weak direction is told."""
 
@@ -41,8 +44,8 @@ class Place:
         level: Mean ambiguity level of the region, in [0, 1].
         major_radius: Metres at (x, y): how far the robot can slide unseen along the direction.
         minor_radius: Metres at (x, y): the same across it.
-        best_heading: Radians; the least ambiguous heading at (x, y). None if it does not matter.
-        worst_heading: Radians; the most ambiguous one. None if it does not matter.
+        by_heading: Heading in radians and level at (x, y), for each heading of the map; empty if
+            the heading does not matter.
         outline: (xmin, ymin, xmax, ymax) of the region, metres.
     """
 
@@ -57,14 +60,23 @@ class Place:
     level: float
     major_radius: float
     minor_radius: float
-    best_heading: float | None
-    worst_heading: float | None
+    by_heading: tuple[tuple[float, float], ...]
     outline: tuple[float, float, float, float]
 
     @property
     def severity(self) -> float:
         """Mean level times area, square metres: what the ranking goes by."""
         return self.level * self.area
+
+    @property
+    def best_heading(self) -> float | None:
+        """The least ambiguous heading at (x, y), radians; None if the heading does not matter."""
+        return min(self.by_heading, key=lambda pair: pair[1])[0] if self.by_heading else None
+
+    @property
+    def worst_heading(self) -> float | None:
+        """The most ambiguous heading at (x, y), radians; None if the heading does not matter."""
+        return max(self.by_heading, key=lambda pair: pair[1])[0] if self.by_heading else None
 
 
 def find_places(
@@ -101,9 +113,10 @@ def find_places(
         zone,
         (CORRIDOR, OPEN),
         axis,
-        passable(amap.dataset["free"].values, clearance, amap.spacing),
+        passable(amap.dataset["free"].values, clearance, amap.spacing, ROOM),
         gap=round(gap / amap.spacing),
         least=max(1, round(least_area / amap.spacing**2)),
+        rim=2 * math.ceil(ROOM / amap.spacing),  # along the cells, into a corner
     )
     found = int(labels.max(initial=0))
     index = np.arange(1, found + 1)
@@ -139,7 +152,6 @@ def _describe(
     half = amap.spacing / 2
     counts = np.bincount(zone[box][inside], minlength=len(ZONES))
     kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]
-    best, worst = _headings(amap, px, py)
     return Place(
         number=number,
         zone=kind,
@@ -152,8 +164,7 @@ def _describe(
         level=float(level[inside].mean()),
         major_radius=float(floor["major_radius"][box][row, column]),
         minor_radius=float(floor["minor_radius"][box][row, column]),
-        best_heading=best,
-        worst_heading=worst,
+        by_heading=_by_heading(amap, box[0].start + row, box[1].start + column),
         outline=(
             float(x[0] - half), float(y[0] - half), float(x[-1] + half), float(y[-1] + half)
         ),
@@ -161,8 +172,8 @@ def _describe(
 
 
 def _representative(inside: NDArray[np.bool_], level: Floats) -> tuple[int, int]:
-    """Cell that stands for the region: among its worst tenth the deepest, then most central."""
-    limit = np.quantile(level[inside], 0.9) - 1e-6
+    """Cell that stands for the region: of about the worst tenth the deepest, then most central."""
+    limit = np.quantile(level[inside], 0.9) - 0.03
     depth = ndimage.distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
     rows, columns = np.nonzero(inside & (level >= limit))
     all_rows, all_columns = np.nonzero(inside)
@@ -194,10 +205,9 @@ def _mean_axis(axis: Floats, weight: Floats) -> float | None:
     return angle if angle >= 0.0 else (angle + math.pi) % math.pi
 
 
-def _headings(amap: AmbiguityMap, x: float, y: float) -> tuple[float | None, float | None]:
-    """Least and most ambiguous heading at a point, radians; None where it does not matter."""
-    if "theta" not in amap.dataset["level"].dims:
-        return None, None
-    theta = amap.dataset["theta"].values
-    level = amap.dataset["level"].sel(x=x, y=y, method="nearest").values
-    return float(theta[np.argmin(level)]), float(theta[np.argmax(level)])
+def _by_heading(amap: AmbiguityMap, row: int, column: int) -> tuple[tuple[float, float], ...]:
+    """Heading and level in a cell for all headings; none where the heading does not matter."""
+    if not amap.has_theta:
+        return ()
+    level = amap.dataset["level"].values[row, column]
+    return tuple(zip(amap.dataset["theta"].values.tolist(), level.tolist(), strict=True))

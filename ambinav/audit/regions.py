@@ -16,14 +16,14 @@ _ALIGNED = math.radians(20.0)
 """Pieces of corridor are one corridor if their weak directions differ by less."""
 
 
-def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
-    """Free cells that no wall can pass between.
+def passable(free: Mask, clearance: Floats, spacing: float, room: float = 0.0) -> Mask:
+    """Free cells that no wall can pass between, at least `room` metres from all walls.
 
     A wall may have no thickness, and then no cell of its own. Of two neighbours on either side of
     one at least one lies within half a cell of it, so without the cells close to walls no path
     along neighbours crosses a wall.
     """
-    return free & (clearance > 0.5 * spacing * (1 + 1e-6))
+    return free & (clearance > max(0.5 * spacing, room) * (1 + 1e-6))
 
 
 def find_regions(
@@ -34,6 +34,7 @@ def find_regions(
     *,
     gap: int,
     least: int,
+    rim: int = 2,
 ) -> Labels:
     """Label the regions of the given zones, each of one zone.
 
@@ -48,6 +49,7 @@ def find_regions(
         open_way: (ny, nx) cells that connect, see `passable`.
         gap: Cells.
         least: Cells.
+        rim: Cells; so far off `open_way` floor of the zone belongs to the region that it touches.
 
     Returns:
         (ny, nx), 0 outside of regions, otherwise 1 .. N without holes in the numbering.
@@ -64,7 +66,7 @@ def find_regions(
     labels = _join_small(labels, reach, least)
     # Cells close to a wall were left out; they go to the region that they touch.
     claim = np.isin(zone, codes) & (labels == 0) & ~open_way
-    labels = np.where(claim, _spread(labels, claim, 2), labels)
+    labels = np.where(claim, _spread(labels, claim, rim), labels)
     return _numbered(labels)
 
 

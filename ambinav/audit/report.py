@@ -11,7 +11,7 @@ from typing import Final
 from jinja2 import Environment as Templates
 from jinja2 import PackageLoader, StrictUndefined
 
-from ambinav.audit.audit import Audit, metres2, percent
+from ambinav.audit.audit import Audit, axis_degrees, metres2, percent
 from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.pictures import save_pictures
 from ambinav.errors import InputError
@@ -92,6 +92,8 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
     )
     templates.filters["percent"] = percent
     templates.filters["metres2"] = metres2
+    templates.filters["axis_degrees"] = axis_degrees
+    templates.filters["moment"] = _moment
     templates.filters["cell"] = _cell
     named = pictures or {name: name for name in _pictures(report)}
     return templates.get_template(template).render(report=report, pictures=named)
@@ -118,6 +120,11 @@ def _cell(value: object) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(_cell, value))
     return str(value)
+
+
+def _moment(created: str) -> str:
+    """A moment in UTC for a reader: day, hour and minute."""
+    return created[:16].replace("T", " ") + " UTC" if created.endswith("+00:00") else created
 
 
 def _is_ours(name: str) -> bool:

@@ -78,7 +78,7 @@ def _show(report: Document, output: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import metres2, percent
+    from ambinav.audit.audit import axis_degrees, metres2, percent
 
     console = Console(highlight=False)
     zones = Table(box=None, pad_edge=False)
@@ -92,14 +92,13 @@ def _show(report: Document, output: Path) -> None:
         for title in ("place", "zone", "x, y", "extent", "area", "direction", "level"):
             worst.add_column(title, justify="left" if title == "zone" else "right")
         for place in report.places:
-            direction = place.direction_deg
             worst.add_row(
                 str(place.number),
                 place.zone,
                 f"{place.x_m:.1f}, {place.y_m:.1f} m",
                 f"{place.length_m:.1f} x {place.width_m:.1f} m",
                 metres2(place.area_m2),
-                "none" if direction is None else f"{direction:.0f}°",
+                axis_degrees(place.direction_deg),
                 f"{place.level:.2f}",
             )
         console.print("", worst, sep="\n")

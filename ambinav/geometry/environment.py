@@ -13,6 +13,7 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
+from ambinav.geometry.fan import cast_bundles
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import cast_rays, clearances
 from ambinav.geometry.segments import Segments
@@ -22,6 +23,8 @@ from ambinav.geometry.triangulation import Triangulation
 DRAWING_STD = 0.02
 # A segment lies on the border of the free space if its middle is this near to it, in metres.
 ON_BORDER = 1e-6
+# From this many rays with one origin on, they are cast together.
+BUNDLE = 8
 
 
 class Environment:
@@ -137,7 +140,7 @@ class Environment:
             Booleans of the broadcast shape; a plain bool for plain numbers.
         """
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        flat_x, flat_y = np.ascontiguousarray(xs).ravel(), np.ascontiguousarray(ys).ravel()
+        flat_x, flat_y = xs.flatten(), ys.flatten()
         inside = self.triangulation.contains(flat_x, flat_y)
         if radius > 0.0:
             inside &= self._clearance(flat_x, flat_y, radius * (1 + 1e-6) + 1e-9) >= radius
@@ -148,15 +151,16 @@ class Environment:
     ) -> NDArray[np.float64] | float:
         """Distance in metres from (x, y) to the nearest segment, at most `limit`; broadcast."""
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        flat = self._clearance(
-            np.ascontiguousarray(xs).ravel(), np.ascontiguousarray(ys).ravel(), limit
-        )
+        flat = self._clearance(xs.flatten(), ys.flatten(), limit)
         return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
 
     def cast(
         self, x: ArrayLike, y: ArrayLike, angle: ArrayLike, max_range: float
     ) -> NDArray[np.float64] | float:
         """Exact distance along rays to the first segment.
+
+        Where x and y broadcast along the last axis, its rays share their origin; cast with
+        ascending angles they are several times faster.
 
         Args:
             x: Origins, metres, map frame, any shape.
@@ -180,14 +184,27 @@ class Environment:
         xs, ys, angles = np.broadcast_arrays(
             np.asarray(x, dtype=float), np.asarray(y, dtype=float), np.asarray(angle, dtype=float)
         )
-        parts = [np.ascontiguousarray(part).ravel() for part in (xs, ys, angles)]
-        finite = np.isfinite(parts[0]) & np.isfinite(parts[1]) & np.isfinite(parts[2])
+        finite = np.isfinite(xs) & np.isfinite(ys) & np.isfinite(angles)
         if not finite.all():
-            parts = [np.where(finite, part, 0.0) for part in parts]
-        distance, segment = cast_rays(self.grid, parts[0], parts[1], parts[2], float(max_range))
+            xs, ys, angles = (np.where(finite, part, 0.0) for part in (xs, ys, angles))
+        one_origin = xs.ndim > 0 and xs.strides[-1] == 0 and ys.strides[-1] == 0
+        if one_origin and xs.shape[-1] >= BUNDLE:
+            rays = angles.shape[-1]
+            distance, segment = cast_bundles(
+                self,
+                xs[..., 0].flatten(),
+                ys[..., 0].flatten(),
+                angles.reshape(-1, rays).copy(),
+                float(max_range),
+            )
+        else:
+            distance, segment = cast_rays(
+                self.grid, xs.flatten(), ys.flatten(), angles.flatten(), float(max_range)
+            )
+        distance, segment = distance.reshape(xs.shape), segment.reshape(xs.shape)
         distance[~finite] = np.nan
         segment[~finite] = -1
-        return distance.reshape(xs.shape), segment.reshape(xs.shape)
+        return distance, segment
 
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
         """Unit normals, shape (..., 2), of segments by index: to the left of a to b; nan for -1."""

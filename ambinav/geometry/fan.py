@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycast import cast_one
 from ambinav.geometry.triangulation import locate
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
 
 STACK = 128
 
@@ -62,6 +66,36 @@ def scan_rays(
             distance, edge, oblique,
         )  # fmt: skip
     return distance, edge, oblique
+
+
+def cast_bundles(
+    env: Environment,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    max_range: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """First segment that each ray meets, for rays that come in bundles with one origin each.
+
+    Args:
+        env: The environment.
+        x: Origins, shape (N,), metres, map frame.
+        y: Origins, shape (N,), metres, map frame.
+        angle: Directions, shape (N, R), radians counter-clockwise from the map's x axis.
+        max_range: How far to look, metres.
+
+    Returns:
+        Distance, shape (N, R), metres, `max_range` where nothing is met, and the index of the
+        segment, int32, shape (N, R), -1 where nothing is met.
+    """
+    distance = np.empty(angle.shape)
+    segment = np.empty(angle.shape, dtype=np.int32)
+    mesh = env.triangulation
+    _bundles(
+        x, y, angle, float(max_range), env.border_segment, env.border_lines, mesh.twin,
+        mesh.apex, mesh.onward, mesh.index, env.grid.arrays, distance, segment,
+    )  # fmt: skip
+    return distance, segment
 
 
 def _counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -188,3 +222,46 @@ def _fans(
 
 _fans_serial = njit(cache=True, nogil=True, error_model="numpy")(_fans)
 _fans_parallel = njit(cache=True, nogil=True, error_model="numpy", parallel=True)(_fans)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _bundles(
+    x, y, angle, reach, border_segment, border, twin, apex, onward, index, grid, distance, segment
+):
+    corner, x0, y0, cell, rows, columns, start, item = index
+    gx, gy, g_cell, g_rows, g_columns, g_start, g_item, g_line = grid
+    n = angle.shape[1]
+    block = 64
+    for first in prange((x.size + block - 1) // block):
+        ux, uy, d = np.empty(n), np.empty(n), np.empty(n)
+        hit = np.empty(n, dtype=np.int32)
+        size = n + STACK
+        stack = (
+            np.empty(size, dtype=np.int32),
+            np.empty(size, dtype=np.int32),
+            np.empty(size, dtype=np.int32),
+        )
+        for p in range(first * block, min((first + 1) * block, x.size)):
+            for i in range(n):
+                ux[i], uy[i] = math.cos(angle[p, i]), math.sin(angle[p, i])
+            t = locate(x[p], y[p], corner, x0, y0, cell, rows, columns, start, item)
+            rising = 0.0 <= angle[p, n - 1] - angle[p, 0] < 2.0 * math.pi
+            for i in range(1, n):
+                # A gap of half a turn could hide in one edge of a triangle.
+                rising &= 0.0 <= angle[p, i] - angle[p, i - 1] < 3.0
+            if t >= 0 and rising:
+                cast_fan(
+                    x[p], y[p], ux, uy, n, t, corner, twin, apex, onward, border, stack, d, hit
+                )
+                for i in range(n):
+                    seen = d[i] < reach
+                    distance[p, i] = d[i] if seen else reach
+                    segment[p, i] = border_segment[hit[i]] if seen else -1
+                continue
+            for i in range(n):
+                far, j = cast_one(
+                    x[p], y[p], ux[i], uy[i], reach, gx, gy, g_cell, g_rows, g_columns, g_start,
+                    g_line,
+                )  # fmt: skip
+                distance[p, i] = far
+                segment[p, i] = g_item[j] if j >= 0 else -1

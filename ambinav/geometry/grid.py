@@ -46,7 +46,7 @@ class SegmentGrid:
         width, height = xmax - xmin, ymax - ymin
         if cell is None:
             # About one cell for each metre of wall: flat between half and twice this value.
-            cell = min(max(0.4 * width * height / float(segments.lengths.sum()), 0.2), 1.0)
+            cell = min(max(0.4 * width * height / float(segments.lengths.sum()), 0.2), 0.5)
         cell = max(cell, math.sqrt(width * height / MAX_CELLS), max(width, height) / MAX_CELLS)
         # One cell of margin on every side keeps a walk inside without a test for each step.
         rows, columns = int(height / cell) + 3, int(width / cell) + 3

@@ -61,29 +61,21 @@ def clearances(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
-    """Walk the cells along one ray (Amanatides and Woo 1987); distance and item, -1 for none."""
-    gx, gy = (px - x0) / cell, (py - y0) / cell
-    step_x, step_y = cell / max(abs(ux), 1e-12), cell / max(abs(uy), 1e-12)
-    enter = 0.0
-    if gx < 0.0 or gy < 0.0 or gx >= columns or gy >= rows:
-        near_x = max(-gx if ux > 0 else gx - columns, 0.0) * step_x
-        near_y = max(-gy if uy > 0 else gy - rows, 0.0) * step_y
-        enter = max(near_x, near_y) + 1e-9
-        gx += ux * enter / cell
-        gy += uy * enter / cell
-        if not (gx >= 0.0 and gy >= 0.0 and gx < columns and gy < rows):
-            return reach, -1
+def cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
+    """Walk the cells along a ray that starts in the grid (Amanatides and Woo 1987).
+
+    Returns the distance and the item that was hit, -1 for none.
+    """
+    gx, gy = (px - x0) * inverse, (py - y0) * inverse
     column, row = int(gx), int(gy)
+    step_x, step_y = 1.0 / inverse / max(abs(ux), 1e-12), 1.0 / inverse / max(abs(uy), 1e-12)
     right, up = ux > 0, uy > 0
     to_x = (column + 1 - gx if right else gx - column) * step_x
     to_y = (row + 1 - gy if up else gy - row) * step_y
     # The grid's margin holds no segment: the walk ends before it leaves the last cell.
     end_x = to_x + (columns - 1 - column if right else column) * step_x
     end_y = to_y + (rows - 1 - row if up else row) * step_y
-    best = min(reach, enter + min(end_x, end_y) * (1.0 - 1e-9))
-    to_x += enter
-    to_y += enter
+    best = min(reach, min(end_x, end_y) * (1.0 - 1e-9))
     k = row * columns + column
     along, across = (1 if right else -1), (columns if up else -columns)
     hit = -1
@@ -91,9 +83,9 @@ def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
         for j in range(start[k], start[k + 1]):
             wx, wy = line[j, 0] - px, line[j, 1] - py
             ex, ey = line[j, 2], line[j, 3]
-            inverse = 1.0 / (ux * ey - uy * ex)
-            t = (wx * ey - wy * ex) * inverse
-            s = (wx * uy - wy * ux) * inverse
+            per_cross = 1.0 / (ux * ey - uy * ex)
+            t = (wx * ey - wy * ex) * per_cross
+            s = (wx * uy - wy * ux) * per_cross
             if (s >= -END) & (s <= 1.0 + END) & (t >= 0.0) & (t < best):
                 best = t
                 hit = j
@@ -104,6 +96,32 @@ def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
         to_x += step_x if sideways else 0.0
         to_y += 0.0 if sideways else step_y
     return (best if hit >= 0 else reach), hit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
+    """As `cast_inside`, for a ray that first has to come to the grid."""
+    width, height = columns / inverse, rows / inverse
+    ahead_x = x0 - px if ux > 0 else px - x0 - width
+    ahead_y = y0 - py if uy > 0 else py - y0 - height
+    enter = max(ahead_x / max(abs(ux), 1e-12), ahead_y / max(abs(uy), 1e-12), 0.0)
+    # A step into the margin, which holds nothing, so that rounding does not leave it outside.
+    enter += 1e-3 / inverse
+    x, y = px + ux * enter, py + uy * enter
+    if enter >= reach or not (x0 <= x < x0 + width and y0 <= y < y0 + height):
+        return reach, -1
+    t, hit = cast_inside(x, y, ux, uy, reach - enter, x0, y0, inverse, rows, columns, start, line)
+    return (t + enter if hit >= 0 else reach), hit
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
+    """Distance to the first segment along one ray, and its item; `reach` and -1 for none."""
+    inverse = 1.0 / cell
+    gx, gy = (px - x0) * inverse, (py - y0) * inverse
+    if (gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows):
+        return cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line)
+    return cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line)
 
 
 def _cast(x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, distance, segment):

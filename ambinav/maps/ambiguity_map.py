@@ -211,17 +211,21 @@ class AmbiguityMap:
                 return self.dataset[stored]
             if heading == "mean":
                 raise InputError(f"{layer}: the map keeps no mean over heading; give an angle.")
-            level = self.dataset["level"].fillna(2.0 if heading == "best" else -1.0)
-            index = level.argmin("theta") if heading == "best" else level.argmax("theta")
-            return data.isel(theta=index).drop_vars("theta")
+            level = np.nan_to_num(self.dataset["level"].values, nan=0.0)
+            index = level.argmin(axis=2) if heading == "best" else level.argmax(axis=2)
+            chosen = np.take_along_axis(data.values, index[..., np.newaxis], axis=2)[..., 0]
+            return self._on_floor(layer, chosen)
         if not math.isfinite(heading):
             raise InputError(f"heading: {heading} is not an angle; give radians.")
         x, y = np.meshgrid(self.dataset["x"].values, self.dataset["y"].values)
         values = np.asarray(self.sample(layer, x, y, heading))
         if data.dtype.kind == "u":
             values = np.nan_to_num(values, nan=NOT_FREE).astype(data.dtype)
+        return self._on_floor(layer, values)
+
+    def _on_floor(self, layer: str, values: NDArray[np.generic]) -> xr.DataArray:
         coords = {"y": self.dataset["y"], "x": self.dataset["x"]}
-        return xr.DataArray(values, coords, ("y", "x"), layer, data.attrs)
+        return xr.DataArray(values, coords, ("y", "x"), layer, self.dataset[layer].attrs)
 
     def zone_shares(self, heading: str | float = "mean") -> tuple[ZoneShare, ...]:
         """Share and area of every zone of the free floor, in the order of ZONES.

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from ambinav.geometry.segments import Segments
 from ambinav.maps.zones import OUTSIDE_COLOUR
@@ -20,10 +21,10 @@ Floats = NDArray[np.float64]
 DPI = 160
 WALL_COLOUR = "#1A1A1A"
 FRONTIER_COLOUR = "#7A7A7A"
-_LONGEST = 12.0  # inches
+LONGEST = 12.0  # inches
 
 
-def new_axes(bounds: tuple[float, float, float, float], *, longest: float = _LONGEST) -> Axes:
+def new_axes(bounds: tuple[float, float, float, float], *, longest: float = LONGEST) -> Axes:
     """Axes on a figure of their own, shaped like the building; no global state is touched.
 
     Args:
@@ -49,7 +50,9 @@ def save_figure(axes: Axes, path: Path) -> None:
     figure = axes.get_figure(root=True)
     if figure is None:
         raise ValueError("these axes were removed from their figure")
-    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.08)
+    # Twice as fast to pack as the default, and hardly larger.
+    packing = {"compress_level": 3} if path.suffix == ".png" else None
+    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.08, pil_kwargs=packing)
 
 
 def frame(
@@ -107,7 +110,8 @@ def draw_weak_direction(
     """Short strokes along the direction in which the robot can slide unseen.
 
     One stroke for each patch of floor about 1/45 of the picture wide, where the direction is
-    pronounced; of the patch's cells the deepest, so that strokes run along a corridor's middle.
+    pronounced in most of the cells around; of the patch's cells the deepest, so that strokes run
+    along a corridor's middle.
 
     Args:
         axes: Where to draw.
@@ -118,7 +122,12 @@ def draw_weak_direction(
         depth: (ny, nx) metres to the nearest wall.
         threshold: Least strength that gets a stroke.
     """
-    rows, columns = np.nonzero(np.nan_to_num(strength) >= threshold)
+    pronounced = np.nan_to_num(strength) >= threshold
+    around, free = (
+        uniform_filter(mask.astype(np.float32), 5, mode="constant")
+        for mask in (pronounced, np.isfinite(strength))
+    )
+    rows, columns = np.nonzero(pronounced & (around >= 0.5 * free))
     if rows.size == 0:
         return
     patch = float(max(np.ptp(x), np.ptp(y), 1.0)) / 45.0
@@ -131,12 +140,12 @@ def draw_weak_direction(
     px, py = x[columns], y[rows]
     chosen = _apart(px, py, patch)
     angle = direction[rows[chosen], columns[chosen]]
-    half = 0.36 * patch * strength[rows[chosen], columns[chosen]]
+    half = 0.4 * patch * strength[rows[chosen], columns[chosen]]
     step = np.stack([half * np.cos(angle), half * np.sin(angle)], axis=-1)
     centre = np.stack([px[chosen], py[chosen]], axis=-1)
     strokes = np.stack([centre - step, centre + step], axis=1)
     axes.add_collection(
-        LineCollection(list(strokes), colors=WALL_COLOUR, linewidths=1.1, zorder=5),
+        LineCollection(list(strokes), colors=WALL_COLOUR, linewidths=1.7, zorder=5),
         autolim=False,
     )
 

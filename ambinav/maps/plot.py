@@ -27,12 +27,23 @@ _BELOW: Final[dict[str, Any]] = {"loc": "upper right", "bbox_to_anchor": (1.0, -
 _BESIDE: Final[dict[str, Any]] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
 
 
+def floor_axes(amap: AmbiguityMap, longest: float = drawing.LONGEST) -> Axes:
+    """Axes on a figure of their own, shaped like the map's free floor.
+
+    Args:
+        amap: The map.
+        longest: Inches of the longer side, about.
+    """
+    return drawing.new_axes(_view(amap), longest=longest)
+
+
 def plot_zones(
     amap: AmbiguityMap,
     ax: Axes | None = None,
     heading: Heading = "mean",
     *,
     strokes: bool = True,
+    legend: bool = True,
     title: str | None = None,
 ) -> Axes:
     """Draw the floor in the four zones, with walls and the weak direction.
@@ -42,40 +53,21 @@ def plot_zones(
         ax: Where to draw; None makes a figure of its own (`ax.figure`).
         heading: "mean", "best", "worst" or radians, where the heading matters.
         strokes: Whether to draw the weak direction.
+        legend: Whether to tell the colours, with share and area of each zone.
         title: None names the environment and the scanner.
 
     Raises:
         InputError: no such heading.
     """
-    axes = drawing.new_axes(_view(amap)) if ax is None else ax
+    axes = floor_axes(amap) if ax is None else ax
     palette = np.array([to_rgba(colour) for colour in (*COLOURS, OUTSIDE_COLOUR)])
     zone = amap.floor("zone", heading).values
     _image(axes, amap, palette[np.where(zone == NOT_FREE, len(ZONES), zone)])
     _finish(axes, amap, title or _title(amap, "Zones", heading))
     if strokes:
         _strokes(axes, amap, heading)
-    handles: list[Patch | Line2D] = [
-        Patch(
-            facecolor=colour,
-            edgecolor="#555555",
-            linewidth=0.6,
-            label=f"{share.zone}\n{share.share:.0%}, {_area(share.area)}",
-        )
-        for share, colour in zip(amap.zone_shares(heading), COLOURS, strict=True)
-    ]
-    if strokes:
-        handles.append(
-            Line2D([], [], color=drawing.WALL_COLOUR, linewidth=1.3, label="weak\ndirection")
-        )
-    axes.legend(
-        handles=handles,
-        frameon=False,
-        fontsize=11,
-        handlelength=1.6,
-        columnspacing=1.4,
-        borderaxespad=0.2,
-        **_BESIDE if drawing.is_tall(_view(amap)) else {**_BELOW, "ncol": len(handles)},
-    )
+    if legend:
+        _legend(axes, amap, heading, strokes)
     return axes
 
 
@@ -105,9 +97,9 @@ def plot_layer(
         raise InputError(f"{layer}: this layer holds classes; draw it with plot_zones.")
     data = amap.floor(layer, heading)
     values = data.values.astype(np.float64)
-    label = str(data.attrs.get("long_name", layer))
+    label = str(amap.dataset[layer].attrs.get("long_name", layer))
     units = str(data.attrs.get("units", ""))
-    axes = drawing.new_axes(_view(amap)) if ax is None else ax
+    axes = floor_axes(amap) if ax is None else ax
     if units == "rad" or schema.is_axis(layer):
         values, units = np.degrees(values), "degrees"
         top = 180.0 if schema.is_axis(layer) else 360.0
@@ -120,7 +112,9 @@ def plot_layer(
         # are the dark ones. cividis fades into the grey outside.
         norm, colours, outside = Normalize(0.0, _top(layer, values)), "viridis_r", OUTSIDE_COLOUR
     image = _image(axes, amap, values, cmap=colours, norm=norm)
-    _finish(axes, amap, title or _title(amap, label, heading), outside)
+    _finish(
+        axes, amap, title or _title(amap, layer.replace("_", " ").capitalize(), heading), outside
+    )
     if strokes:
         _strokes(axes, amap, heading)
     bar = axes.figure.colorbar(
@@ -129,6 +123,31 @@ def plot_layer(
     bar.set_label(label if units in ("", "1") else f"{label} ({units})")
     bar.outline.set_linewidth(0.5)
     return axes
+
+
+def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> None:
+    handles: list[Patch | Line2D] = [
+        Patch(
+            facecolor=colour,
+            edgecolor="#555555",
+            linewidth=0.6,
+            label=f"{share.zone}\n{share.share:.0%}, {_area(share.area)}",
+        )
+        for share, colour in zip(amap.zone_shares(heading), COLOURS, strict=True)
+    ]
+    if strokes:
+        handles.append(
+            Line2D([], [], color=drawing.WALL_COLOUR, linewidth=1.7, label="weak\ndirection")
+        )
+    axes.legend(
+        handles=handles,
+        frameon=False,
+        fontsize=11,
+        handlelength=1.6,
+        columnspacing=1.4,
+        borderaxespad=0.2,
+        **_BESIDE if drawing.is_tall(_view(amap)) else {**_BELOW, "ncol": len(handles)},
+    )
 
 
 def _view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
@@ -180,8 +199,10 @@ def _title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
     text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
     if not amap.has_theta:
         return text
+    if heading == "mean":
+        return f"{text} (mean over all headings)"
     if isinstance(heading, str):
-        return f"{text} ({heading} over all headings)"
+        return f"{text} (each point at its {heading} heading)"
     return f"{text} (heading {math.degrees(heading):.0f}°)"
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Final, Literal, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Wedge
+from matplotlib.patches import Circle, FancyArrowPatch, Patch, Polygon, Wedge
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 from shapely import Polygon as ShapelyPolygon
@@ -24,7 +25,7 @@ RETURNED_COLOUR: Final = "#2C7FB8"
 SILENT_COLOUR: Final = "#D95F0E"
 ROBOT_COLOUR: Final = "#1A1A1A"
 _MANY = 120
-"""Beams from which lines are drawn thinner, so that they do not fill the picture."""
+"""Beams of a fan that is drawn as an area: single lines would fill the picture."""
 
 
 class Scan(Protocol):
@@ -130,24 +131,35 @@ def _draw_free(
 
 def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
     few = scan.axis.size <= _MANY
-    width = 0.9 if few else 0.35
     end = scan.origin + scan.max_range[:, None] * np.column_stack(
         [np.cos(scan.axis), np.sin(scan.axis)]
     )
     end[returned] = scan.hit[returned]
     lines = np.stack([scan.origin, end], axis=1)
     cone = scan.aperture > 0
+    area = ~cone & (not few)
     for mask, colour, style in (
         (returned, RETURNED_COLOUR, "solid"),
-        (~returned, SILENT_COLOUR, (0, (5, 4)) if few else "solid"),
+        (~returned, SILENT_COLOUR, (0, (5, 4))),
     ):
         axes.add_collection(
             LineCollection(
-                list(lines[mask & ~cone]),
+                list(lines[mask & ~cone & ~area]),
                 colors=colour,
-                linewidths=width,
+                linewidths=0.9,
                 linestyles=style,
                 alpha=0.75,
+                zorder=2,
+            ),
+            autolim=False,
+        )
+        axes.add_collection(
+            # Opaque and not smoothed, so that no seam shows where two triangles touch.
+            PolyCollection(
+                list(_slices(scan, end)[mask & area]),
+                facecolors=_pale(colour),
+                linewidths=0,
+                antialiaseds=False,
                 zorder=2,
             ),
             autolim=False,
@@ -170,6 +182,22 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
     axes.plot(
         *scan.hit[returned].T, ".", color=RETURNED_COLOUR, markersize=5 if few else 2.5, zorder=6
     )
+
+
+def _pale(colour: str) -> tuple[float, float, float]:
+    """The colour thinned with white."""
+    red, green, blue = (1.0 - 0.45 * (1.0 - part) for part in to_rgb(colour))
+    return red, green, blue
+
+
+def _slices(scan: Scan, end: Floats) -> Floats:
+    """(B, 3, 2) metres; triangle of each beam, as wide as beams of one sensor lie apart."""
+    angles = np.sort(np.mod(scan.axis, 2 * math.pi))
+    half = 0.5 * float(np.median(np.diff(angles))) if angles.size > 1 else 0.0
+    step = (end - scan.origin) / math.cos(min(half, 1.0))
+    c, s = math.cos(half), math.sin(half)
+    left, right = step @ np.array([[c, s], [-s, c]]), step @ np.array([[c, -s], [s, c]])
+    return np.stack([scan.origin, scan.origin + left, scan.origin + right], axis=1)
 
 
 def _draw_robot(axes: Axes, scan: Scan, reach: float) -> None:
@@ -202,17 +230,19 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
 
 
 def _legend(axes: Axes, returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> None:
-    dashes: Literal["--", "-"] = "--" if returned.size <= _MANY else "-"
-    handles = [
-        Line2D([], [], color=RETURNED_COLOUR, marker=".", label=f"echo ({int(returned.sum())})"),
-        Line2D(
-            [],
-            [],
-            color=SILENT_COLOUR,
-            linestyle=dashes,
-            label=f"no echo ({int((~returned).sum())})",
-        ),
-    ]
+    echo = f"echo ({int(returned.sum())})"
+    silent = f"no echo ({int((~returned).sum())})"
+    handles: list[Line2D | Patch]
+    if returned.size > _MANY:
+        handles = [
+            Patch(facecolor=_pale(RETURNED_COLOUR), label=echo),
+            Patch(facecolor=_pale(SILENT_COLOUR), label=silent),
+        ]
+    else:
+        handles = [
+            Line2D([], [], color=RETURNED_COLOUR, marker=".", label=echo),
+            Line2D([], [], color=SILENT_COLOUR, linestyle="--", label=silent),
+        ]
     if slide is not None:
         handles.append(Line2D([], [], color="#7B1FA2", linewidth=2.2, label="slides unseen"))
     axes.legend(

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import holding_interrupts, replacing
 
 _TILE = 1024
 """Cells along the side of a stored chunk: 4 MiB of float32."""
@@ -32,7 +32,9 @@ def write(dataset: xr.Dataset, path: Path) -> None:
     with replacing(path) as scratch, warnings.catch_warnings():
         # Consolidated metadata is read by xarray and Zarr-Python but not yet in the Zarr 3 text.
         warnings.filterwarnings("ignore", message="Consolidated metadata")
-        fresh.to_zarr(scratch, mode="w", consolidated=True, zarr_format=3, encoding=encoding)
+        # zarr writes in threads: left half-way, they would go on while the scratch is removed.
+        with holding_interrupts():
+            fresh.to_zarr(scratch, mode="w", consolidated=True, zarr_format=3, encoding=encoding)
 
 
 def check_target(path: Path) -> None:

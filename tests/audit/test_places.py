@@ -134,3 +134,9 @@ def test_count_limits_and_a_harmless_map_has_none():
     dataset = synthetic.dataset()
     dataset["zone"] = dataset["zone"].where(~dataset["free"], 0).astype(np.uint8)
     assert find_places(AmbiguityMap(dataset)) == ()
+
+
+def test_cracks_that_no_robot_stands_in_are_no_places():
+    dataset = synthetic.dataset()
+    dataset["clearance"] = dataset["clearance"].clip(max=0.19)
+    assert find_places(AmbiguityMap(dataset)) == ()

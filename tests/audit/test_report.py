@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from ambinav.audit import pictures
-from ambinav.audit.audit import audit, metres2, percent
+from ambinav.audit.audit import audit, axis_degrees, metres2, percent
 from ambinav.audit.document import Document, document
 from ambinav.audit.report import check_output, write_report
 from ambinav.errors import InputError
@@ -123,6 +123,13 @@ def test_small_shares_are_not_nothing(share, text):
     assert metres2(1234.5) == "1,234 m²"
 
 
+@pytest.mark.parametrize(
+    ("axis", "text"), [(None, "none"), (0.0, "0°"), (90.4, "90°"), (179.4, "179°"), (179.6, "0°")]
+)
+def test_a_direction_has_no_sense(axis, text):
+    assert axis_degrees(axis) == text
+
+
 def test_headings_are_told(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
     report = write_report(found, tmp_path / "out")
@@ -130,7 +137,12 @@ def test_headings_are_told(building, laser, tmp_path):
     assert [zone.share_best_heading for zone in report.zones][2] == pytest.approx(0.5)
     assert (report.places[0].best_heading_deg, report.places[0].worst_heading_deg) == (0.0, 180.0)
     assert report.places[0].sees.heading_deg == 180.0
-    assert "best 0°, worst 180°" in (tmp_path / "out" / "report.html").read_text()
+    level = {row.heading_deg: row.level for row in report.by_heading}
+    assert sorted(level) == [0.0, 90.0, 180.0, 270.0]
+    assert min(level, key=level.__getitem__) == 0.0  # the made-up map is best there everywhere
+    assert {"floor-best.png", "floor-worst.png"} <= {p.name for p in (tmp_path / "out").iterdir()}
+    assert all(sum(row.shares.values()) == pytest.approx(1, abs=1e-3) for row in report.by_heading)
+    assert "Best heading 0° (level " in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_no_places_at_all(building, laser, tmp_path):

@@ -1,0 +1,1 @@
+"""What planners and environments ask of an ambiguity map: cost, reward, gradient."""

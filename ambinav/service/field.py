@@ -1,0 +1,192 @@
+"""A density over poses and its exact integral along straight motions.
+
+Between lattice points the density is linear in x, y and heading. Along a straight motion it is
+then a cubic between two crossings of the lattice, which Simpson's rule integrates exactly: what
+comes out does not depend on a step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Values on the lattice of a map, linear in between, continued into what is not free.
+
+    Attributes:
+        values: float32, shape (rows, columns, headings), headings 1 if it does not matter. What
+            is not free holds the value of the nearest free cell, so that the field is continuous
+            up to the walls.
+        free: bool, shape (rows, columns).
+        origin: x and y of the first cell's centre, metres.
+        spacing: Metres.
+    """
+
+    values: NDArray[np.float32]
+    free: NDArray[np.bool_]
+    origin: tuple[float, float]
+    spacing: float
+
+    @classmethod
+    def of(cls, amap: AmbiguityMap, layer: str) -> Field:
+        """Take a layer of a map; the layer's name must be one of `amap.layers`."""
+        from scipy.ndimage import distance_transform_edt
+
+        data = amap.dataset[layer]
+        values = data.values.astype(np.float32)
+        if values.ndim == 2:
+            values = values[:, :, np.newaxis]
+        free = np.ascontiguousarray(amap.dataset["free"].values, dtype=np.bool_)
+        nearest = distance_transform_edt(~free, return_distances=False, return_indices=True)
+        filled = np.ascontiguousarray(values[nearest[0], nearest[1]])
+        origin = (float(amap.dataset["x"].values[0]), float(amap.dataset["y"].values[0]))
+        return cls(filled, free, origin, amap.spacing)
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """What the kernels take, in their order."""
+        return self.values, self.free, *self.origin, 1.0 / self.spacing
+
+    def at(self, x: Floats, y: Floats, theta: Floats) -> Floats:
+        """Value at poses, each of shape (N,); nan where the nearest cell is not free."""
+        out = np.empty(len(x))
+        _values(x, y, theta, *self.arrays, out)
+        return out
+
+    def slope(self, x: Floats, y: Floats, theta: Floats) -> Floats:
+        """Derivative by x and y at poses, shape (N, 2), per metre; nan where not free."""
+        out = np.empty((len(x), 2))
+        _slopes(x, y, theta, *self.arrays, out)
+        return out
+
+    def integral(
+        self, x0: Floats, y0: Floats, theta0: Floats, x1: Floats, y1: Floats, theta1: Floats
+    ) -> Floats:
+        """Integral over the length of straight motions, each argument of shape (N,).
+
+        The heading turns evenly, the short way round. Unit of the field times metres.
+        """
+        out = np.empty(len(x0))
+        _integrals(x0, y0, theta0, x1, y1, theta1, *self.arrays, out)
+        return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def corner(u, count):
+    """Lower lattice index and share of the upper one for a lattice coordinate, held at edges."""
+    u = min(max(u, 0.0), count - 1.0)
+    low = min(int(u), max(count - 2, 0))
+    return low, u - low
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def value_at(u, v, w, values):
+    """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
+    rows, columns, headings = values.shape
+    c, a = corner(u, columns)
+    r, b = corner(v, rows)
+    c1, r1 = min(c + 1, columns - 1), min(r + 1, rows - 1)
+    turn = math.floor(w)
+    share = w - turn
+    t0 = int(turn) % headings
+    total = 0.0
+    for side in range(2 if headings > 1 else 1):
+        t = t0 if side == 0 else (t0 + 1) % headings
+        low = values[r, c, t] * (1.0 - a) + values[r, c1, t] * a
+        high = values[r1, c, t] * (1.0 - a) + values[r1, c1, t] * a
+        weight = 1.0 if headings == 1 else (share if side else 1.0 - share)
+        total += weight * (low * (1.0 - b) + high * b)
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def is_open(u, v, free):
+    """Whether the cell nearest to the lattice coordinates is there and free."""
+    rows, columns = free.shape
+    if not (u >= -0.5 and v >= -0.5 and u < columns - 0.5 and v < rows - 0.5):
+        return False
+    return free[int(v + 0.5), int(u + 0.5)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def next_crossing(u, rate):
+    """Path share from lattice coordinate u to the next whole number at `rate` per share."""
+    if rate > 0.0:
+        return (math.floor(u + 1e-9) + 1.0 - u) / rate
+    if rate < 0.0:
+        return (math.ceil(u - 1e-9) - 1.0 - u) / rate
+    return math.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse):
+    """Exact integral of the field over the length of one straight motion."""
+    length = math.hypot(x1 - x0, y1 - y0)
+    if length == 0.0:
+        return 0.0
+    headings = values.shape[2]
+    per_turn = headings / (2.0 * math.pi)
+    u0, v0, w0 = (x0 - left) * inverse, (y0 - low) * inverse, theta0 * per_turn
+    du, dv = (x1 - x0) * inverse, (y1 - y0) * inverse
+    turn = (theta1 - theta0 + math.pi) % (2.0 * math.pi) - math.pi
+    dw = turn * per_turn if headings > 1 else 0.0
+    total, t = 0.0, 0.0
+    first = value_at(u0, v0, w0, values)
+    while t < 1.0:
+        u, v, w = u0 + t * du, v0 + t * dv, w0 + t * dw
+        step = min(next_crossing(u, du), next_crossing(v, dv), next_crossing(w, dw))
+        end = min(t + max(step, 1e-9), 1.0)
+        half = 0.5 * (t + end)
+        middle = value_at(u0 + half * du, v0 + half * dv, w0 + half * dw, values)
+        last = value_at(u0 + end * du, v0 + end * dv, w0 + end * dw, values)
+        total += (end - t) * (first + 4.0 * middle + last)
+        first = last
+        t = end
+    return total * length / 6.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _values(x, y, theta, values, free, left, low, inverse, out):
+    per_turn = values.shape[2] / (2.0 * math.pi)
+    for i in prange(x.size):
+        u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
+        if is_open(u, v, free) and math.isfinite(theta[i]):
+            out[i] = value_at(u, v, theta[i] * per_turn, values)
+        else:
+            out[i] = math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _slopes(x, y, theta, values, free, left, low, inverse, out):
+    per_turn = values.shape[2] / (2.0 * math.pi)
+    rows, columns, _ = values.shape
+    for i in prange(x.size):
+        u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
+        if not (is_open(u, v, free) and math.isfinite(theta[i])):
+            out[i] = math.nan
+            continue
+        w = theta[i] * per_turn
+        c, _ = corner(u, columns)
+        r, _ = corner(v, rows)
+        across = value_at(c + 1.0, v, w, values) - value_at(float(c), v, w, values)
+        along = value_at(u, r + 1.0, w, values) - value_at(u, float(r), w, values)
+        out[i, 0], out[i, 1] = across * inverse, along * inverse
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _integrals(x0, y0, theta0, x1, y1, theta1, values, free, left, low, inverse, out):
+    for i in prange(x0.size):
+        out[i] = integral_straight(
+            x0[i], y0[i], theta0[i], x1[i], y1[i], theta1[i], values, left, low, inverse
+        )

@@ -1,0 +1,149 @@
+"""Building ambiguity maps: seconds, rate of the kernel, ratio to the reference, growth, memory.
+
+Each case runs in a process of its own, `map_case.py`. Spacing 0.1 m, radius 0.5 m; if nothing
+else is said the scanner has 60 beams over 360 degrees, 4 m, deviation 0.03 m, resolution 0.001 m.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from harness import add_out, environment_path, report, spread, table
+
+LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")
+MAIN = "willow_full_005"
+GROWTH = ("demo", "aces", "willow_full_005", "edmonton", "infinite-corridor")
+PRESET, HEADINGS = "hokuyo-urg-04lx", 8
+PART_NAMES = {
+    "beam_returns": "casting the beams",
+    "neighbourhood_sums": "ambiguity kernel",
+    "turning_moments": "heading",
+    "assemble": "layers and dataset",
+}
+Measured = dict[str, Any]
+
+
+def run_case(environment: str, *options: object) -> Measured:
+    """Run `map_case.py` in a new process, and return what it measured."""
+    print(f"measuring {environment} {' '.join(map(str, options))}", file=sys.stderr)
+    script = Path(__file__).with_name("map_case.py")
+    command = [sys.executable, str(script), environment, *map(str, options)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if done.returncode != 0:
+        raise SystemExit(done.returncode)
+    said: Measured = json.loads(done.stdout)
+    return said
+
+
+def kernel_rate(said: Measured, headings: int = 1) -> str:
+    """Millions of beam comparisons a second in the kernel, median and extremes."""
+    compared = said["pairs"] * said["beams"] * headings
+    return spread([compared / s / 1e6 for s in said["parts"]["neighbourhood_sums"]], 0)
+
+
+def seconds_table(said: Measured, headings: int = 1) -> str:
+    """Where the seconds of one map go, and the rate of its kernel."""
+    rows = [
+        ("read and simplify the map", spread(said["load"])),
+        ("grid and triangulation", spread(said["prepare"])),
+        ("build the map", spread(said["build"])),
+    ]
+    rows += [(f"- {PART_NAMES[name]}", spread(s)) for name, s in said["parts"].items()]
+    other = np.array(said["build"]) - np.sum(list(said["parts"].values()), axis=0)
+    rows.append(("- lattice, links and the rest", spread(other.tolist())))
+    both = np.array(said["prepare"]) + np.array(said["build"])
+    rows.append(("grid, triangulation and build", spread(both.tolist())))
+    return "\n\n".join(
+        [
+            f"{said['segments']} segments, {said['area']:.0f} m2 free, {said['poses']} free poses, "
+            f"{said['beams']} beams, {said['pairs'] / 1e6:.2f} M pairs of poses for each heading.",
+            table(("what", "s: median (extremes)"), rows),
+            f"The kernel makes {kernel_rate(said, headings)} million beam comparisons a second "
+            "(pairs times beams; pairs that the first of its two steps rejects count as one too).",
+        ]
+    )
+
+
+def reference_section(said: Measured) -> str:
+    """The map's time a pose against the reference's."""
+    per_pose = np.array(said["build"]) / said["poses"]
+    reference = np.array(said["reference"])
+    return "\n\n".join(
+        [
+            "## Against the NumPy reference",
+            f"`reference.pose_sums` at {len(reference)} random free poses of the same map, on one "
+            f"thread, against the build on {said['threads']}; the greatest difference in ambiguity "
+            f"is {said['off']:.1e}.",
+            table(
+                ("what", "value: median (extremes)"),
+                [
+                    ("reference, ms a pose", spread((reference * 1e3).tolist(), 0)),
+                    ("whole build, us a pose", spread((per_pose * 1e6).tolist(), 1)),
+                    ("ratio of the medians", f"{np.median(reference) / np.median(per_pose):.0f}"),
+                ],
+            ),
+        ]
+    )
+
+
+def growth_row(name: str, said: Measured) -> tuple[object, ...]:
+    """One row of the table of growth."""
+    build = float(np.median(said["build"]))
+    return (
+        name,
+        said["segments"],
+        said["poses"],
+        f"{np.median(said['load']):.2f}",
+        f"{np.median(said['prepare']):.2f}",
+        spread(said["build"]),
+        f"{build / said['poses'] * 1e6:.1f}",
+        f"{said['memory_before']:.0f}",
+        f"{said['memory']:.0f}",
+    )
+
+
+GROWTH_HEADER = (
+    "environment", "segments", "free poses", "read s", "prepare s", "build s: median (extremes)",
+    "us a pose", "MiB before", "peak MiB",
+)  # fmt: skip
+
+
+def main() -> None:
+    """Measure as the command line says, and report."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--repeats", type=int, default=5, help="builds (default: %(default)s)")
+    parser.add_argument("--threads", type=int, default=2, help="default: %(default)s")
+    parser.add_argument("--reference-poses", type=int, default=10, help="default: %(default)s")
+    add_out(parser)
+    args = parser.parse_args()
+    for name in (MAIN, *GROWTH):
+        environment_path(name)
+    options = ("--threads", args.threads, "--repeats", args.repeats)
+    first = run_case(MAIN, *options, "--reference-poses", args.reference_poses)
+    grown = {name: run_case(name, *options) for name in GROWTH}
+    turned = run_case(MAIN, *options, "--scanner", PRESET, "--headings", HEADINGS)
+    body = "\n\n".join(
+        [
+            f"{args.threads} threads, {args.repeats} builds each after a warm-up.",
+            f"## {MAIN}",
+            seconds_table(first),
+            reference_section(first),
+            "## Growth",
+            "MiB before: resident when the kernels are loaded and no map is read yet.",
+            table(GROWTH_HEADER, [growth_row(name, said) for name, said in grown.items()]),
+            f"## {MAIN}, {PRESET}, {HEADINGS} headings",
+            seconds_table(turned, HEADINGS),
+            f"Peak memory {turned['memory']:.0f} MiB.",
+        ]
+    )
+    report("Building ambiguity maps", LIBRARIES, body, args.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,160 @@
+"""What the benchmarks share: the data folder, interleaved timing, and reports in Markdown."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+# Where the environments lie: in the repository, or in the folder that AMBINAV_DATA names.
+ENVIRONMENTS = {
+    "demo": "configs/demo.geojson",
+    "aces": "maps_from_logs/aces.yaml",
+    "willow_full_005": "maps/willow_full_005.yaml",
+    "edmonton": "maps_from_logs/edmonton.yaml",
+    "infinite-corridor": "maps_from_logs/infinite-corridor.yaml",
+}
+BUNDLED = ("demo",)
+
+
+def environment_path(name: str) -> Path:
+    """File of the environment called `name` in `ENVIRONMENTS`.
+
+    Ends the program with status 2 and one sentence if the recorded data is not there.
+    """
+    if name in BUNDLED:
+        return ROOT / ENVIRONMENTS[name]
+    folder = os.environ.get("AMBINAV_DATA")
+    if not folder:
+        _refuse(
+            f"environment {name} is recorded data and AMBINAV_DATA is not set; set it to the "
+            "folder that holds maps/ and maps_from_logs/."
+        )
+    path = Path(folder) / ENVIRONMENTS[name]
+    if not path.is_file():
+        _refuse(f"{path}: no such file; AMBINAV_DATA must name the folder that holds it.")
+    return path
+
+
+def _refuse(sentence: str) -> NoReturn:
+    print(f"{Path(sys.argv[0]).name}: {sentence}", file=sys.stderr)
+    raise SystemExit(2)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall-clock seconds of the repeats of one contestant, in the order of the rounds."""
+
+    seconds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Median of the repeats, seconds."""
+        return float(np.median(self.seconds))
+
+    def rate(self, amount: float) -> str:
+        """Median of amount / seconds in millions, and from the lowest to the highest."""
+        return spread([amount / seconds / 1e6 for seconds in self.seconds])
+
+    def ratio(self, peer: Timing) -> str:
+        """How many times the peer's rate: median and extremes over the rounds."""
+        return spread([b / a for a, b in zip(self.seconds, peer.seconds, strict=True)])
+
+
+def spread(values: Sequence[float], digits: int = 2) -> str:
+    """Median and extremes, as "1.50 (1.41 to 1.63)"."""
+    low, middle, high = min(values), float(np.median(values)), max(values)
+    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def interleave(contestants: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, Timing]:
+    """Time the contestants in rounds, each once a round, so that a slow moment hits them alike.
+
+    A first round is not counted: it compiles, and faults the memory in.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in contestants}
+    for turn in range(repeats + 1):
+        for name, run in contestants.items():
+            start = time.perf_counter()
+            run()
+            if turn > 0:
+                seconds[name].append(time.perf_counter() - start)
+    return {name: Timing(tuple(values)) for name, values in seconds.items()}
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
+    """Lay out a Markdown table; its first `words` columns are words, the others numbers."""
+    rule = ["---"] * words + ["---:"] * (len(header) - words)
+    return "\n".join(
+        "| " + " | ".join(str(cell) for cell in line) + " |" for line in (header, rule, *rows)
+    )
+
+
+def report(title: str, libraries: Sequence[str], body: str, out: Path | None) -> None:
+    """Print a report with what it was measured on, and store it in `out` if that is given."""
+    text = f"# {title}\n\n{_provenance(libraries)}\n\n{body.strip()}\n"
+    print(text)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
+
+
+def add_out(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says where the report is stored."""
+    parser.add_argument("--out", type=Path, help="store the report in this Markdown file too")
+
+
+def _provenance(libraries: Sequence[str]) -> str:
+    command = shlex.join(["python", *sys.orig_argv[1:]])
+    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    lines = {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "processor": f"{_processor()}, {os.cpu_count()} cores, load {load}",
+        "commit": _commit(),
+        "command": f"`{command}`",
+        "versions": ", ".join(
+            [
+                f"Python {platform.python_version()}",
+                *(f"{name} {version(name)}" for name in libraries),
+            ]
+        ),
+    }
+    return "\n".join(f"- {name}: {value}" for name, value in lines.items())
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        fields: dict[str, str] = {}
+        for line in info.read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            fields[key.strip()] = value.strip()
+        if "model name" in fields:
+            family = "/".join(fields.get(key, "?") for key in ("cpu family", "model", "stepping"))
+            return f"{fields['model name']} (family/model/stepping {family})"
+    return platform.processor() or platform.machine()
+
+
+def _commit() -> str:
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    commit = git("rev-parse", "--short=12", "HEAD")
+    if not commit:
+        return "unknown (not a git repository)"
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", "ambinav", "benchmarks")
+    return f"{commit}, with uncommitted changes" if changed else commit
