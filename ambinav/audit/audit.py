@@ -17,6 +17,10 @@ _HEADING_MATTERS = 0.1
 """Difference in level between headings from which a best one is told."""
 
 
+_WORTH_TELLING = 0.005
+"""Share of the free floor from which what is unexplored is told."""
+
+
 @dataclass(frozen=True, eq=False)
 class Finding:
     """A bad place and what the scanner sees there.
@@ -71,6 +75,12 @@ class Audit:
             sentences.append(
                 f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) it has nothing to "
                 "hold on to in any direction."
+            )
+        unexplored = float(self.amap.unexplored.sum()) * self.amap.spacing**2
+        if unexplored >= _WORTH_TELLING * area:
+            sentences.append(
+                f"On {metres2(unexplored)} most beams end in unknown space (faded in the "
+                "picture): there the map ends, and no place is listed."
             )
         if self.amap.has_theta and self.heading == "mean":
             best, most = (self.amap.zone_shares(name) for name in ("best", "worst"))

@@ -12,7 +12,7 @@ from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
 
 from ambinav.audit.regions import Labels, find_regions, passable
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
 
 Floats = NDArray[np.float64]
 
@@ -89,6 +89,8 @@ def find_places(
 ) -> tuple[Place, ...]:
     """Find the regions of corridor and open zones, the worst first.
 
+    Where most beams end in unknown space the map ends, and nothing is said of the building.
+
     Args:
         amap: The map.
         count: How many at most; None: all.
@@ -106,7 +108,7 @@ def find_places(
         name: np.nan_to_num(amap.floor(name, heading).values.astype(np.float64))
         for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
     }
-    zone = amap.floor("zone", heading).values
+    zone = np.where(amap.unexplored, TRANSITION, amap.floor("zone", heading).values)
     axis = np.where(floor["major"] - floor["minor"] >= _PRONOUNCED, floor["direction"], np.nan)
     clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64))
     labels = find_regions(

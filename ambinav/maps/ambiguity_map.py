@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.segments import Segments
 from ambinav.maps import interpolation, schema, store
-from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
 
 Floats = NDArray[np.float64]
 
@@ -123,6 +123,13 @@ class AmbiguityMap:
     def segments(self) -> Segments:
         """The walls and frontiers that the map was computed from."""
         return Segments(self.dataset["segments"].values, self.dataset["segment_kind"].values)
+
+    @property
+    def unexplored(self) -> NDArray[np.bool_]:
+        """Mask, shape (ny, nx): free, but half of the beams or more end in unknown space."""
+        if "unknown" not in self.dataset:
+            return np.zeros_like(self._free)
+        return np.asarray(np.nan_to_num(self.dataset["unknown"].values) >= UNEXPLORED)
 
     @property
     def free_area(self) -> float:

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.maps import drawing, schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import COLOURS, NOT_FREE, OUTSIDE_COLOUR, ZONES
+from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, OUTSIDE_COLOUR, ZONES
 
 Heading = str | float
 
 _SHARES: Final = frozenset({"ambiguity", "major", "minor", "level", "heading"})
 """Layers that run from 0 to 1: drawn on that scale, so that pictures can be compared."""
+
+FADE: Final = 0.65
+"""How far the colours of unexplored floor are faded into what lies outside."""
 
 _BELOW: Final[dict[str, Any]] = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.01)}
 _BESIDE: Final[dict[str, Any]] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
@@ -62,7 +65,10 @@ def plot_zones(
     axes = floor_axes(amap) if ax is None else ax
     palette = np.array([to_rgba(colour) for colour in (*COLOURS, OUTSIDE_COLOUR)])
     zone = amap.floor("zone", heading).values
-    _image(axes, amap, palette[np.where(zone == NOT_FREE, len(ZONES), zone)])
+    picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
+    faded = amap.unexplored
+    picture[faded] = FADE * palette[-1] + (1.0 - FADE) * picture[faded]
+    _image(axes, amap, picture)
     _finish(axes, amap, title or _title(amap, "Zones", heading))
     if strokes:
         _strokes(axes, amap, heading)
@@ -135,6 +141,18 @@ def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> 
         )
         for share, colour in zip(amap.zone_shares(heading), COLOURS, strict=True)
     ]
+    faded = float(amap.unexplored.sum()) * amap.spacing**2
+    if faded:
+        outside, lost = np.array(to_rgba(OUTSIDE_COLOUR)), np.array(to_rgba(COLOURS[OPEN]))
+        colour = FADE * outside + (1.0 - FADE) * lost
+        handles.append(
+            Patch(
+                facecolor=tuple(colour.tolist()),
+                edgecolor="#555555",
+                linewidth=0.6,
+                label=f"unexplored\n{_area(faded)}",
+            )
+        )
     if strokes:
         handles.append(
             Line2D([], [], color=drawing.WALL_COLOUR, linewidth=1.7, label="weak\ndirection")

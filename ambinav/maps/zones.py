@@ -22,6 +22,10 @@ NOT_FREE: Final = 255
 COLOURS: Final = ("#5B9FCC", "#FFFFFF", "#FDB92E", "#B5172B")
 """Fill of each zone, in the order of ZONES."""
 
+UNEXPLORED: Final = 0.5
+"""Where this share of the beams ends in unknown space, it is the map that ends, not the building:
+the floor is drawn faded and makes no bad place."""
+
 OUTSIDE_COLOUR: Final = "#D4D4D4"
 """Fill of what is not free."""
 
