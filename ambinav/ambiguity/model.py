@@ -49,8 +49,8 @@ class AmbiguityModel:
             "outlier_share", self.outlier_share, 0.0 < self.outlier_share < 1.0,
             "more than 0 and less than 1",
         )  # fmt: skip
+        _number("high", self.high, 0.0 < self.high < 1.0, "more than 0 and less than 1")
         _number("low", self.low, 0.0 < self.low < self.high, "more than 0 and less than high")
-        _number("high", self.high, self.high < 1.0, "less than 1")
 
     def as_dict(self) -> dict[str, float]:
         """The parameters by name."""

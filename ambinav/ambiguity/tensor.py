@@ -20,8 +20,8 @@ def principal_axes(
     middle = (xx + yy) / 2
     half = np.hypot((xx - yy) / 2, xy)
     direction = np.mod(0.5 * np.arctan2(2 * xy, xx - yy), np.pi)
-    # np.mod of a tiny negative angle rounds up to pi itself.
-    direction = np.where(direction >= np.pi, 0.0, direction)
+    # np.mod of a tiny negative angle rounds up to pi itself, and so does float32 later on.
+    direction = np.where(direction.astype(np.float32) >= np.pi, 0.0, direction)
     return np.sqrt(middle + half), np.sqrt(np.maximum(middle - half, 0.0)), direction
 
 

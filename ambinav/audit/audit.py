@@ -57,6 +57,14 @@ class Audit:
     regions: int
 
     @property
+    def _unexplored(self) -> tuple[float, float]:
+        """Square metres that are unexplored, and how much of them is open."""
+        cells = self.amap.unexplored
+        open_cells = cells & (self.amap.floor("zone", self.heading).values == OPEN)
+        area = self.amap.spacing**2
+        return float(cells.sum()) * area, float(open_cells.sum()) * area
+
+    @property
     def summary(self) -> str:
         """The result in a few sentences of plain words."""
         area = self.amap.free_area
@@ -76,11 +84,12 @@ class Audit:
                 f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) it has nothing to "
                 "hold on to in any direction."
             )
-        unexplored = float(self.amap.unexplored.sum()) * self.amap.spacing**2
+        unexplored, open_there = self._unexplored
         if unexplored >= _WORTH_TELLING * area:
             sentences.append(
-                f"On {metres2(unexplored)} most beams end in unknown space (faded in the "
-                "picture): there the map ends, and no place is listed."
+                f"On {metres2(unexplored)}, {metres2(open_there)} of the open floor among them, "
+                "most beams end in unknown space (faded in the picture): there the map ends, and "
+                "no place is listed."
             )
         if self.amap.has_theta and self.heading == "mean":
             best, most = (self.amap.zone_shares(name) for name in ("best", "worst"))

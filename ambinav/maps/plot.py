@@ -23,6 +23,9 @@ Heading = str | float
 _SHARES: Final = frozenset({"ambiguity", "major", "minor", "level", "heading"})
 """Layers that run from 0 to 1: drawn on that scale, so that pictures can be compared."""
 
+MANY: Final = 6
+"""Entries of a legend from which it takes two rows."""
+
 FADE: Final = 0.65
 """How far the colours of unexplored floor are faded into what lies outside."""
 
@@ -164,7 +167,9 @@ def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> 
         handlelength=1.6,
         columnspacing=1.4,
         borderaxespad=0.2,
-        **_BESIDE if drawing.is_tall(_view(amap)) else {**_BELOW, "ncol": len(handles)},
+        **_BESIDE
+        if drawing.is_tall(_view(amap))
+        else {**_BELOW, "ncol": len(handles) if len(handles) < MANY else (len(handles) + 1) // 2},
     )
 
 
