@@ -1,0 +1,138 @@
+"""Turning, shifting, sampling finer, rasterising and permuting change (nearly) nothing."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from PIL import Image
+
+from ambinav.ambiguity.build import build_map
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing import RangeScanner
+
+MEDIAN, PERCENTILE_95 = 0.05, 0.10
+SHIFT = (0.037, 0.061)
+CELL = 0.05
+
+Points = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def points(demo: Environment) -> Points:
+    """3000 points anywhere in the free space, shape (2, N)."""
+    xmin, ymin, xmax, ymax = demo.bounds
+    xy = np.random.default_rng(0).uniform((xmin, ymin), (xmax, ymax), (9000, 2))
+    return xy[np.asarray(demo.is_free(*xy.T, 0.05))][:3000].T
+
+
+def differences(one: AmbiguityMap, at: Points, other: AmbiguityMap, there: Points) -> Points:
+    """How far `level` differs at the same physical points."""
+    found = np.abs(np.asarray(one.sample("level", *at)) - np.asarray(other.sample("level", *there)))
+    # A point beside a wall may have no free cell in one of the two lattices.
+    assert np.isnan(found).mean() < 0.01
+    return found[np.isfinite(found)]
+
+
+def agree(found: Points) -> None:
+    median, high = np.median(found), np.percentile(found, 95)
+    print(f"median {median:.4f}, 95th percentile {high:.4f}")
+    assert median <= MEDIAN and high <= PERCENTILE_95
+
+
+@pytest.mark.parametrize("degrees", [0, 6, 18, 30, 42])
+def test_turned_and_shifted(
+    demo: Environment, demo_map: AmbiguityMap, laser: RangeScanner, points: Points, degrees: float
+) -> None:
+    angle = math.radians(degrees)
+    other = build_map(demo.transformed(angle, *SHIFT), laser)
+    c, s = math.cos(angle), math.sin(angle)
+    there = np.array([[c, -s], [s, c]]) @ points + np.array(SHIFT)[:, None]
+    agree(differences(demo_map, points, other, there))
+
+
+def test_direction_turns_with_the_building(
+    demo: Environment, demo_map: AmbiguityMap, laser: RangeScanner, points: Points
+) -> None:
+    angle = math.radians(42)
+    other = build_map(demo.transformed(angle), laser, spacing=0.2)
+    there = (
+        np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ points
+    )
+    weak = np.asarray(demo_map.sample("zone", *points)) == 2
+    turned = np.asarray(other.sample("direction", *there))
+    off = turned - np.asarray(demo_map.sample("direction", *points)) - angle
+    off = np.degrees(np.abs(np.arctan(np.tan(off))))[weak & np.isfinite(off)]
+    assert np.percentile(off, 95) < 2.0
+
+
+@pytest.mark.slow
+def test_half_the_spacing(
+    demo: Environment, demo_map: AmbiguityMap, laser: RangeScanner, points: Points
+) -> None:
+    agree(differences(demo_map, points, build_map(demo, laser, spacing=0.05), points))
+
+
+def test_twice_the_spacing(
+    demo: Environment, demo_map: AmbiguityMap, laser: RangeScanner, points: Points
+) -> None:
+    agree(differences(demo_map, points, build_map(demo, laser, spacing=0.2), points))
+
+
+def test_permuted_beams(demo: Environment, laser: RangeScanner) -> None:
+    shuffled = np.random.default_rng(4).permutation(laser.beams)
+    permuted = RangeScanner.from_mounts(laser.sensors, laser.mounts[shuffled])
+    one, other = (
+        build_map(demo, scanner, spacing=0.3, tau=4.0).dataset for scanner in (laser, permuted)
+    )
+    for layer in ("ambiguity", "major", "minor", "level", "heading"):
+        # The kernel sums in float32, in the order of the beams.
+        assert np.nanmax(np.abs(one[layer].values - other[layer].values)) < 1e-4, layer
+
+
+def rasterise(env: Environment, folder: Path) -> Path:
+    """Draw the environment as a map_server map: walls of two cells around the free space."""
+    xmin, ymin, xmax, ymax = env.bounds
+    x0, y0 = xmin - 0.5, ymin - 0.5
+    columns, rows = (
+        math.ceil((high - low + 1.0) / CELL) for low, high in ((xmin, xmax), (ymin, ymax))
+    )
+    x, y = np.meshgrid(x0 + (np.arange(columns) + 0.5) * CELL, y0 + (np.arange(rows) + 0.5) * CELL)
+    free = shapely.contains_xy(env.free, x, y)
+    walls = shapely.multilinestrings(shapely.linestrings(env.segments.xy.reshape(-1, 2, 2)))
+    shapely.prepare(walls)
+    # Half a cell to either side catches walls without thickness.
+    near = shapely.dwithin(walls, shapely.points(x, y), 0.5 * CELL * math.sqrt(2))
+    thin = near & shapely.contains_xy(env.free.buffer(-CELL), x, y)
+    around = ~free & shapely.dwithin(env.free, shapely.points(x, y), 2 * CELL)
+    pixels = np.full(free.shape, 205, dtype=np.uint8)
+    pixels[free] = 254
+    pixels[around | thin] = 0
+    Image.fromarray(pixels[::-1]).save(folder / "demo.pgm")
+    (folder / "demo.yaml").write_text(
+        f"image: demo.pgm\nresolution: {CELL}\norigin: [{x0}, {y0}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return folder / "demo.yaml"
+
+
+def test_through_a_rasterised_map(
+    demo: Environment, laser: RangeScanner, points: Points, tmp_path: Path
+) -> None:
+    drawn = load_environment(rasterise(demo, tmp_path))
+    # The same uncertainty of the walls on both sides: that of the drawn map is its resolution.
+    one = build_map(demo, laser, map_std=CELL)
+    other = build_map(drawn, laser)
+    clear = points[:, np.asarray(demo.clearance(*points)) > 0.15]
+    found = differences(one, clear, other, clear)
+    print(f"median {np.median(found):.4f}, 95th percentile {np.percentile(found, 95):.4f}")
+    assert np.median(found) <= 0.10
+    # By the default map_std as well.
+    found = differences(build_map(demo, laser), clear, other, clear)
+    print(f"default map_std: median {np.median(found):.4f}")
+    assert np.median(found) <= 0.10
