@@ -45,7 +45,8 @@ def invert(a, b, c, d, e, f):
     return i00 * r, i01 * r, i02 * r, i11 * r, i12 * r, i22 * r, det
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+# Inlined, for the arrays of a call alone are forty words; the caller needs fastmath=FAST too.
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, inline="always")
 def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
     """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
 
@@ -90,8 +91,9 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
         d += w * gy * gy
         e += w * gy * gt
         f += w * gt * gt
-    s = 0.5 / tau
-    p0, p2 = 1.0 / c0, 1.0 / c2
+    # float32 will do for where to stand in the second step.
+    s = np.float32(0.5 / tau)
+    p0, p2 = np.float32(1.0 / c0), np.float32(1.0 / c2)
     i00, i01, i02, i11, i12, i22, det = invert(
         a * s + p0, b * s, c * s, d * s + p0, e * s, f * s + p2
     )
@@ -173,42 +175,55 @@ def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
                         tail += 1
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def pose_sums(
+    row, column, index, first, marks, offsets, spacing, data, limit, icap, use, evidence, tau,
+    c0, c2, out,
+):  # fmt: skip
+    """Compare one pose with its marked neighbours; write what `neighbourhood_sums` says."""
+    k = np.abs(offsets).max()
+    side = 2 * k + 1
+    p = index[row, column] - first
+    weight, count = 0.0, 0
+    mxx, mxy, myy, fxx, fxy, fyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for o in range(offsets.shape[0]):
+        if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
+            continue
+        q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
+        x, y = offsets[o, 1] * spacing, offsets[o, 0] * spacing
+        count += 1
+        fxx += x * x + c0
+        fxy += x * y
+        fyy += y * y + c0
+        alike, ox, oy, _, sxx, sxy, syy, _ = compare(
+            data, p, q, limit, icap, use, evidence, tau, c0, c2
+        )
+        x += ox
+        y += oy
+        weight += alike
+        mxx += alike * (x * x + sxx)
+        mxy += alike * (x * y + sxy)
+        myy += alike * (y * y + syy)
+    out[0] = weight / count
+    out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
+    out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
+
+
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _sums(
     begin, end, first, rows_columns, index, links, steps, offsets, spacing,
     data, limit, icap, use, evidence, tau, c0, c2, sums,
 ):  # fmt: skip
-    k = np.abs(offsets).max()
-    side = 2 * k + 1
+    side = 2 * np.abs(offsets).max() + 1
     for p in prange(begin, end):
         row, column = rows_columns[p, 0], rows_columns[p, 1]
         marks = np.empty(side * side, dtype=np.uint8)
         queue = np.empty(side * side, dtype=np.int32)
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
-        weight, count = 0.0, 0
-        mxx, mxy, myy, fxx, fxy, fyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for o in range(offsets.shape[0]):
-            if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
-                continue
-            q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
-            x, y = offsets[o, 1] * spacing, offsets[o, 0] * spacing
-            count += 1
-            fxx += x * x + c0
-            fxy += x * y
-            fyy += y * y + c0
-            alike, ox, oy, _, sxx, sxy, syy, _ = compare(
-                data, p - first, q, limit, icap, use, evidence, tau, c0, c2
-            )
-            x += ox
-            y += oy
-            weight += alike
-            mxx += alike * (x * x + sxx)
-            mxy += alike * (x * y + sxy)
-            myy += alike * (y * y + syy)
-        out = sums[p - begin]
-        out[0] = weight / count
-        out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
-        out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
+        pose_sums(
+            row, column, index, first, marks, offsets, spacing, data, limit, icap, use, evidence,
+            tau, c0, c2, sums[p - begin],
+        )  # fmt: skip
 
 
 def neighbourhood_sums(
