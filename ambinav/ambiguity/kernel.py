@@ -91,9 +91,8 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
         d += w * gy * gy
         e += w * gy * gt
         f += w * gt * gt
-    # float32 will do for where to stand in the second step.
-    s = np.float32(0.5 / tau)
-    p0, p2 = np.float32(1.0 / c0), np.float32(1.0 / c2)
+    s = 0.5 / tau
+    p0, p2 = 1.0 / c0, 1.0 / c2
     i00, i01, i02, i11, i12, i22, det = invert(
         a * s + p0, b * s, c * s, d * s + p0, e * s, f * s + p2
     )

@@ -13,18 +13,16 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
-from ambinav.geometry.fan import cast_bundles
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import cast_rays, clearances
 from ambinav.geometry.segments import Segments
 from ambinav.geometry.triangulation import Triangulation
+from ambinav.geometry.walk import walk_rays
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
 # A segment lies on the border of the free space if its middle is this near to it, in metres.
 ON_BORDER = 1e-6
-# From this many rays with one origin on, they are cast together.
-BUNDLE = 8
 
 
 class Environment:
@@ -88,12 +86,12 @@ class Environment:
 
     @cached_property
     def grid(self) -> SegmentGrid:
-        """The segments in a grid, for single rays and clearances."""
+        """The segments in a grid, for clearances and rays from outside the free space."""
         return SegmentGrid.build(self.segments)
 
     @cached_property
     def triangulation(self) -> Triangulation:
-        """The free space as triangles, for scans and for what is free."""
+        """The free space as triangles, for rays and for what is free."""
         return Triangulation.build(self.free, self.segments.xy[self._thin])
 
     @cached_property
@@ -159,9 +157,6 @@ class Environment:
     ) -> NDArray[np.float64] | float:
         """Exact distance along rays to the first segment.
 
-        Where x and y broadcast along the last axis, its rays share their origin; cast with
-        ascending angles they are several times faster.
-
         Args:
             x: Origins, metres, map frame, any shape.
             y: Origins, metres, map frame.
@@ -170,7 +165,8 @@ class Environment:
 
         Returns:
             Distances of the broadcast shape in metres, `max_range` where nothing is hit, nan
-            where the ray is not finite; a plain float for plain numbers.
+            where the ray is not finite; a plain float for plain numbers. From a point on a wall
+            a ray that leaves it goes on to the next one.
         """
         distance, _ = self.cast_hits(x, y, angle, max_range)
         return distance if distance.ndim else float(distance)
@@ -181,30 +177,21 @@ class Environment:
         """As `cast`, and the index of the segment that was hit, -1 for none; always arrays."""
         if not max_range > 0.0:
             raise InputError(f"cast: max_range is {max_range}; give a positive number of metres.")
-        xs, ys, angles = np.broadcast_arrays(
-            np.asarray(x, dtype=float), np.asarray(y, dtype=float), np.asarray(angle, dtype=float)
-        )
-        finite = np.isfinite(xs) & np.isfinite(ys) & np.isfinite(angles)
+        parts = [np.asarray(part, dtype=np.float64) for part in (x, y, angle)]
+        shape = np.broadcast_shapes(*(part.shape for part in parts))
+        px, py, direction = (_flat(part, shape) for part in parts)
+        finite = np.isfinite(px) & np.isfinite(py) & np.isfinite(direction)
         if not finite.all():
-            xs, ys, angles = (np.where(finite, part, 0.0) for part in (xs, ys, angles))
-        one_origin = xs.ndim > 0 and xs.strides[-1] == 0 and ys.strides[-1] == 0
-        if one_origin and xs.shape[-1] >= BUNDLE:
-            rays = angles.shape[-1]
-            distance, segment = cast_bundles(
-                self,
-                xs[..., 0].flatten(),
-                ys[..., 0].flatten(),
-                angles.reshape(-1, rays).copy(),
-                float(max_range),
+            px, py, direction = (np.where(finite, part, 0.0) for part in (px, py, direction))
+        distance, segment, inside = walk_rays(self, px, py, direction, float(max_range))
+        outside = np.flatnonzero(~inside)
+        if len(outside):
+            distance[outside], segment[outside] = cast_rays(
+                self.grid, px[outside], py[outside], direction[outside], float(max_range)
             )
-        else:
-            distance, segment = cast_rays(
-                self.grid, xs.flatten(), ys.flatten(), angles.flatten(), float(max_range)
-            )
-        distance, segment = distance.reshape(xs.shape), segment.reshape(xs.shape)
         distance[~finite] = np.nan
         segment[~finite] = -1
-        return distance, segment
+        return distance.reshape(shape), segment.reshape(shape)
 
     def normals(self, segment: ArrayLike) -> NDArray[np.float64]:
         """Unit normals, shape (..., 2), of segments by index: to the left of a to b; nan for -1."""
@@ -232,6 +219,13 @@ class Environment:
         self, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
     ) -> NDArray[np.float64]:
         return clearances(self.grid, x, y, min(limit, 1e9))
+
+
+def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Values broadcast to `shape`, in one row; copied only where they must be."""
+    if values.shape != shape or not values.flags.writeable:
+        return np.broadcast_to(values, shape).flatten()
+    return np.ascontiguousarray(values).reshape(-1)
 
 
 def load_environment(

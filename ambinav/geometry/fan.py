@@ -9,8 +9,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from ambinav.geometry.raycast import cast_one
-from ambinav.geometry.triangulation import locate
+from ambinav.geometry.triangulation import LEFT, RIGHT, border_distance, locate
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -62,40 +61,10 @@ def scan_rays(
         angles = ray_angle[mine]
         kernel(
             x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range), mine,
-            env.border_segment, env.border_lines, mesh.twin, mesh.apex, mesh.onward, *mesh.index,
-            distance, edge, oblique,
+            env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
+            *mesh.index, distance, edge, oblique,
         )  # fmt: skip
     return distance, edge, oblique
-
-
-def cast_bundles(
-    env: Environment,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    angle: NDArray[np.float64],
-    max_range: float,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """First segment that each ray meets, for rays that come in bundles with one origin each.
-
-    Args:
-        env: The environment.
-        x: Origins, shape (N,), metres, map frame.
-        y: Origins, shape (N,), metres, map frame.
-        angle: Directions, shape (N, R), radians counter-clockwise from the map's x axis.
-        max_range: How far to look, metres.
-
-    Returns:
-        Distance, shape (N, R), metres, `max_range` where nothing is met, and the index of the
-        segment, int32, shape (N, R), -1 where nothing is met.
-    """
-    distance = np.empty(angle.shape)
-    segment = np.empty(angle.shape, dtype=np.int32)
-    mesh = env.triangulation
-    _bundles(
-        x, y, angle, float(max_range), env.border_segment, env.border_lines, mesh.twin,
-        mesh.apex, mesh.onward, mesh.index, env.grid.arrays, distance, segment,
-    )  # fmt: skip
-    return distance, segment
 
 
 def _counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -133,7 +102,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, distance, hit):
+def cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, distance, hit):
     """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t."""
     edges, lows, highs = stack
     depth = first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs)
@@ -141,11 +110,11 @@ def cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, di
         depth -= 1
         h, low, high = edges[depth], lows[depth], highs[depth]
         while h >= 0 and high - low > 1:
-            qx, qy = apex[h, 0] - px, apex[h, 1] - py
+            qx, qy = node[h, 0] - px, node[h, 1] - py
             if ux[low] * qy - uy[low] * qx <= 0:
-                h = onward[h, 0]
+                h = hops[h, LEFT]
             elif ux[high - 1] * qy - uy[high - 1] * qx > 0:
-                h = onward[h, 1]
+                h = hops[h, RIGHT]
             else:
                 right, left = low, high - 1
                 while left - right > 1:
@@ -154,26 +123,24 @@ def cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, di
                         right = middle
                     else:
                         left = middle
-                edges[depth], lows[depth], highs[depth] = onward[h, 0], left, high
+                edges[depth], lows[depth], highs[depth] = hops[h, LEFT], left, high
                 depth += 1
-                h = onward[h, 1]
+                h = hops[h, RIGHT]
                 high = left
         if h >= 0:
             vx, vy = ux[low], uy[low]
             while h >= 0:
-                side = vx * (apex[h, 1] - py) - vy * (apex[h, 0] - px)
-                h = onward[h, 1] if side > 0 else onward[h, 0]
+                side = vx * (node[h, 1] - py) - vy * (node[h, 0] - px)
+                h = hops[h, RIGHT] if side > 0 else hops[h, LEFT]
         k = -1 - h
-        ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
-        offset = (border[k, 0] - px) * ey - (border[k, 1] - py) * ex
         for i in range(low, high):
-            distance[i] = offset / (ux[i] * ey - uy[i] * ex)
+            distance[i] = border_distance(px, py, ux[i], uy[i], border, k)
             hit[i] = k
 
 
 def _fans(
-    x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, apex, onward,
-    corner, x0, y0, cell, rows, columns, start, item, distance, segment, incidence,
+    x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, node, hops,
+    corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, incidence,
 ):  # fmt: skip
     n = bx.size
     angles = incidence.size > 0
@@ -191,7 +158,7 @@ def _fans(
             co, si = math.cos(theta[p]), math.sin(theta[p])
             px = x[p] + co * origin[0] - si * origin[1]
             py = y[p] + si * origin[0] + co * origin[1]
-            t = locate(px, py, corner, x0, y0, cell, rows, columns, start, item)
+            t = locate(px, py, x0, y0, cell, rows, columns, start, item, triangle)
             if t < 0:
                 for i in range(n):
                     distance[p, column[i]] = np.nan
@@ -202,7 +169,7 @@ def _fans(
             for i in range(n):
                 ux[i] = co * bx[i] - si * by[i]
                 uy[i] = si * bx[i] + co * by[i]
-            cast_fan(px, py, ux, uy, n, t, corner, twin, apex, onward, border, stack, d, hit)
+            cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, d, hit)
             for i in range(n):
                 c = column[i]
                 if d[i] <= reach:
@@ -222,46 +189,3 @@ def _fans(
 
 _fans_serial = njit(cache=True, nogil=True, error_model="numpy")(_fans)
 _fans_parallel = njit(cache=True, nogil=True, error_model="numpy", parallel=True)(_fans)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _bundles(
-    x, y, angle, reach, border_segment, border, twin, apex, onward, index, grid, distance, segment
-):
-    corner, x0, y0, cell, rows, columns, start, item = index
-    gx, gy, g_cell, g_rows, g_columns, g_start, g_item, g_line = grid
-    n = angle.shape[1]
-    block = 64
-    for first in prange((x.size + block - 1) // block):
-        ux, uy, d = np.empty(n), np.empty(n), np.empty(n)
-        hit = np.empty(n, dtype=np.int32)
-        size = n + STACK
-        stack = (
-            np.empty(size, dtype=np.int32),
-            np.empty(size, dtype=np.int32),
-            np.empty(size, dtype=np.int32),
-        )
-        for p in range(first * block, min((first + 1) * block, x.size)):
-            for i in range(n):
-                ux[i], uy[i] = math.cos(angle[p, i]), math.sin(angle[p, i])
-            t = locate(x[p], y[p], corner, x0, y0, cell, rows, columns, start, item)
-            rising = 0.0 <= angle[p, n - 1] - angle[p, 0] < 2.0 * math.pi
-            for i in range(1, n):
-                # A gap of half a turn could hide in one edge of a triangle.
-                rising &= 0.0 <= angle[p, i] - angle[p, i - 1] < 3.0
-            if t >= 0 and rising:
-                cast_fan(
-                    x[p], y[p], ux, uy, n, t, corner, twin, apex, onward, border, stack, d, hit
-                )
-                for i in range(n):
-                    seen = d[i] < reach
-                    distance[p, i] = d[i] if seen else reach
-                    segment[p, i] = border_segment[hit[i]] if seen else -1
-                continue
-            for i in range(n):
-                far, j = cast_one(
-                    x[p], y[p], ux[i], uy[i], reach, gx, gy, g_cell, g_rows, g_columns, g_start,
-                    g_line,
-                )  # fmt: skip
-                distance[p, i] = far
-                segment[p, i] = g_item[j] if j >= 0 else -1

@@ -21,6 +21,11 @@ from shapely.geometry.base import BaseGeometry
 # Half the width in metres of the slit that stands for a wall without thickness: far below
 # float32 at the size of a building, far above float64.
 SLIT = 1e-6
+MAX_CELLS = 4_000_000
+# Columns of `Triangulation.hops`.
+LEFT, RIGHT = 4, 5
+# Sine of the angle between ray and edge below which they count as parallel.
+PARALLEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,23 +35,23 @@ class Triangulation:
     Attributes:
         corner: float64, shape (3 T, 2): the start of each half-edge, counter-clockwise.
         twin: int32, shape (3 T,): the half-edge on the other side, or -1 - k at border edge k.
-        apex: float64, shape (3 T, 2): the corner that lies opposite to the half-edge.
-        onward: int32, shape (3 T, 2): entering through the half-edge, where to go left of the
-            apex (column 0) and right of it (column 1), coded as in `twin`.
+        node: float64, shape (3 T, 4): `apex` and, in the third column's bytes, `onward`; what a
+            ray needs at one step stands in one line of the cache.
         border: float64, shape (K, 4): end points of the border edges, free space on the left.
         origin, cell, shape, start, item: a grid of the triangles that touch each square cell.
+        triangle: float64, shape (items, 6): the corners of each item, side by side.
     """
 
     corner: NDArray[np.float64]
     twin: NDArray[np.int32]
-    apex: NDArray[np.float64]
-    onward: NDArray[np.int32]
+    node: NDArray[np.float64]
     border: NDArray[np.float64]
     origin: tuple[float, float]
     cell: float
     shape: tuple[int, int]
     start: NDArray[np.int32]
     item: NDArray[np.int32]
+    triangle: NDArray[np.float64]
 
     @classmethod
     def build(cls, free: BaseGeometry, thin_walls: NDArray[np.float64]) -> Triangulation:
@@ -80,10 +85,15 @@ class Triangulation:
         open_edges = np.flatnonzero(twin < 0)
         twin[open_edges] = -1 - np.arange(len(open_edges))
         border = np.hstack([corner[open_edges], corner[following[open_edges]]])
-        onward = np.stack([twin[previous], twin[following]], axis=1).astype(np.int32)
+        node = np.zeros((count, 4))
+        node[:, :2] = corner[previous]
+        node.view(np.int32)[:, LEFT] = twin[previous]
+        node.view(np.int32)[:, RIGHT] = twin[following]
         lower, upper = corner.min(axis=0), corner.max(axis=0)
         width, height = upper - lower
-        cell = max(0.7 * math.sqrt(max(width * height, 1e-9) / (count / 3)), 0.1)
+        # About two triangles a cell: flat between half and twice this value.
+        cell = 0.5 * math.sqrt(float(np.abs(turn).sum()) / 2 / len(turn))
+        cell = max(cell, math.sqrt(width * height / MAX_CELLS), max(width, height) / MAX_CELLS)
         rows, columns = int(height / cell) + 3, int(width / cell) + 3
         origin = lower - cell
         counts = np.zeros(rows * columns + 1, dtype=np.int64)
@@ -94,20 +104,38 @@ class Triangulation:
         return cls(
             corner,
             twin.astype(np.int32),
-            np.ascontiguousarray(corner[previous]),
-            np.ascontiguousarray(onward),
+            node,
             np.ascontiguousarray(border),
             (float(origin[0]), float(origin[1])),
             cell,
             (rows, columns),
             start.astype(np.int32),
             item,
+            np.ascontiguousarray(corner.reshape(-1, 6)[item]),
         )
+
+    @property
+    def apex(self) -> NDArray[np.float64]:
+        """The corner opposite to each half-edge, shape (3 T, 2), metres."""
+        return self.node[:, :2]
+
+    @property
+    def hops(self) -> NDArray[np.int32]:
+        """The bytes of `node` as int32, shape (3 T, 8), for the columns `LEFT` and `RIGHT`."""
+        return self.node.view(np.int32)
+
+    @property
+    def onward(self) -> NDArray[np.int32]:
+        """Entering through a half-edge, where to go left and right of its apex, shape (3 T, 2).
+
+        Coded as in `twin`.
+        """
+        return self.hops[:, [LEFT, RIGHT]]
 
     @property
     def index(self) -> tuple[Any, ...]:
         """What `locate` takes, in its order."""
-        return (self.corner, *self.origin, self.cell, *self.shape, self.start, self.item)
+        return (*self.origin, self.cell, *self.shape, self.start, self.item, self.triangle)
 
     def contains(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each point, shape (N,), lies in the free space or on its border."""
@@ -142,23 +170,35 @@ def _sort_triangles(corner, origin, cell, columns, cursor, item):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def locate(px, py, corner, x0, y0, cell, rows, columns, start, item):
+def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
     """Triangle that holds the point, or -1."""
     gx, gy = (px - x0) / cell, (py - y0) / cell
     if not (gx >= 0.0 and gy >= 0.0 and gx < columns and gy < rows):
         return -1
     k = int(gy) * columns + int(gx)
     for j in range(start[k], start[k + 1]):
-        h = 3 * item[j]
-        ax, ay = corner[h, 0] - px, corner[h, 1] - py
-        bx, by = corner[h + 1, 0] - px, corner[h + 1, 1] - py
-        cx, cy = corner[h + 2, 0] - px, corner[h + 2, 1] - py
+        ax, ay = triangle[j, 0] - px, triangle[j, 1] - py
+        bx, by = triangle[j, 2] - px, triangle[j, 3] - py
+        cx, cy = triangle[j, 4] - px, triangle[j, 5] - py
         if (ax * by - ay * bx >= 0) & (bx * cy - by * cx >= 0) & (cx * ay - cy * ax >= 0):
             return item[j]
     return -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _contains(x, y, corner, x0, y0, cell, rows, columns, start, item, inside):
+def _contains(x, y, x0, y0, cell, rows, columns, start, item, triangle, inside):
     for i in range(x.size):
-        inside[i] = locate(x[i], y[i], corner, x0, y0, cell, rows, columns, start, item) >= 0
+        inside[i] = locate(x[i], y[i], x0, y0, cell, rows, columns, start, item, triangle) >= 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def border_distance(px, py, ux, uy, border, k):
+    """Distance along the ray to the line of border edge k; to its near end if they are parallel."""
+    ax, ay = border[k, 0] - px, border[k, 1] - py
+    ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
+    cross = ux * ey - uy * ex
+    if abs(cross) > PARALLEL * (abs(ex) + abs(ey)):
+        return (ax * ey - ay * ex) / cross
+    start = ax * ux + ay * uy
+    end = start + ex * ux + ey * uy
+    return max(min(start, end), 0.0)
