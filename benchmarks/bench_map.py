@@ -65,7 +65,7 @@ def seconds_table(said: Measured, headings: int = 1) -> str:
             f"{said['beams']} beams, {said['pairs'] / 1e6:.2f} M pairs of poses for each heading.",
             table(("what", "s: median (extremes)"), rows),
             f"The kernel makes {kernel_rate(said, headings)} million beam comparisons a second "
-            "(pairs times beams; pairs that the first of its two steps rejects count as one too).",
+            "(pairs of poses times beams).",
         ]
     )
 
