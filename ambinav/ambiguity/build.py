@@ -20,6 +20,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 
 # Headings of a map whose scanner does not look all around.
@@ -82,8 +83,8 @@ def build_map(
             f"radius is {radius} m and spacing {spacing:g} m; the neighbourhood needs a radius "
             "of at least one spacing."
         )
-    if headings is not None and headings < 1:
-        raise InputError(f"headings is {headings}; give at least 1, or leave it out.")
+    if headings is not None:
+        headings = as_count(headings, "headings")
     thinned = _thin(scanner, max_beams)
     model = AmbiguityModel(
         radius=radius,

@@ -26,7 +26,7 @@ MOST = 200.0
 def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
     """J: probability that two true ranges (metres, inf: no echo) give the same reading; broadcast.
 
-    Sums P(k | first) P(k | second) over all readings k (DESIGN 3.2), so it depends on where the
+    Sums P(k | first) P(k | second) over all readings k (docs/model.md), so it depends on where the
     ranges lie within their bins; `same_reading_averaged` does not.
     """
     first, second = np.broadcast_arrays(np.asarray(first, float), np.asarray(second, float))
@@ -47,7 +47,7 @@ def indistinguishability(
 def same_reading_averaged(
     difference: ArrayLike, std1: ArrayLike, std2: ArrayLike, resolution: float
 ) -> NDArray[np.float64]:
-    """J averaged over the phase of the bins: closed form (DESIGN 3.2), broadcast.
+    """J averaged over the phase of the bins: closed form (docs/model.md), broadcast.
 
     Args:
         difference: Difference D of the two true ranges, metres.

@@ -1,7 +1,7 @@
 """The ambiguity kernel: every pose's scan against those of its neighbours.
 
 For poses p and q it integrates the indistinguishability of their scans over the offset within
-q's cell (DESIGN 3.4, Laplace), in two steps. The first finds the offset that makes the scans
+q's cell (docs/model.md), in two steps. The first finds the offset that makes the scans
 agree best, with each beam's residual seen through what the cell can move it. The second stands
 at that offset: a beam that still disagrees there is capped, and cannot pull. Concave capping
 makes the second step a lower bound on the integral that is tight at the best offset.

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 from ambinav.errors import InputError
+from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 
 # Neighbouring beams mostly see the same wall and share its error, so a turn of the scanner holds
 # few independent pieces of evidence however many beams it has. With one in 24 degrees the
 # corridors of real buildings show between their doors (see docs/model.md).
 PIECES_PER_TURN = 15.0
-# Gaps between beams wider than this are directions in which the scanner does not look.
-WIDEST_GAP = math.radians(30.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +22,7 @@ class AmbiguityModel:
     Attributes:
         radius: Radius R of the neighbourhood, metres.
         map_std: Standard deviation of a wall's position, metres; adds to the sensor's.
-        tau: How many beams carry one independent piece of evidence (DESIGN 3.3), at least 1.
+        tau: How many beams carry one independent piece of evidence, at least 1.
         sigma_theta: How well the heading is known beforehand, radians.
         outlier_share: Share of beams that meet what is not on the map; with the sensor's random
             and lost readings it caps what one beam can tell.
@@ -40,17 +39,20 @@ class AmbiguityModel:
     high: float = 0.65
 
     def __post_init__(self) -> None:
-        """Check every number."""
-        _number("radius", self.radius, self.radius > 0.0, "a positive number of metres")
-        _number("map_std", self.map_std, self.map_std >= 0.0, "at least 0 metres")
-        _number("tau", self.tau, self.tau >= 1.0, "at least 1")
-        _number("sigma_theta", self.sigma_theta, self.sigma_theta > 0.0, "more than 0 radians")
-        _number(
-            "outlier_share", self.outlier_share, 0.0 < self.outlier_share < 1.0,
+        """Check every number and bring it to its type."""
+        for field in fields(self):
+            value = as_number(getattr(self, field.name), field.name)
+            object.__setattr__(self, field.name, value)
+        _require(self, "radius", self.radius > 0.0, "a positive number of metres")
+        _require(self, "map_std", self.map_std >= 0.0, "at least 0 metres")
+        _require(self, "tau", self.tau >= 1.0, "at least 1")
+        _require(self, "sigma_theta", self.sigma_theta > 0.0, "more than 0 radians")
+        _require(
+            self, "outlier_share", 0.0 < self.outlier_share < 1.0,
             "more than 0 and less than 1",
         )  # fmt: skip
-        _number("high", self.high, 0.0 < self.high < 1.0, "more than 0 and less than 1")
-        _number("low", self.low, 0.0 < self.low < self.high, "more than 0 and less than high")
+        _require(self, "high", 0.0 < self.high < 1.0, "more than 0 and less than 1")
+        _require(self, "low", 0.0 < self.low < self.high, "more than 0 and less than high")
 
     def as_dict(self) -> dict[str, float]:
         """The parameters by name."""
@@ -58,14 +60,14 @@ class AmbiguityModel:
 
 
 def independent_tau(scanner: RangeScanner) -> float:
-    """Beams of `scanner` per independent piece of evidence: `PIECES_PER_TURN` of them a turn."""
-    turn = 2.0 * math.pi
-    yaw = sorted(float(angle) % turn for angle in scanner.mounts[:, 2])
-    gaps = [b - a for a, b in zip(yaw, [*yaw[1:], yaw[0] + turn], strict=True)]
-    seen = turn - sum(gap for gap in gaps if gap > WIDEST_GAP)
-    return max(1.0, scanner.beams / max(PIECES_PER_TURN * seen / turn, 1.0))
+    """Beams of `scanner` per independent piece of evidence: `PIECES_PER_TURN` of them a turn.
+
+    Fewer beams than pieces are all independent.
+    """
+    pieces = max(PIECES_PER_TURN * scanner.aperture / (2.0 * math.pi), 1.0)
+    return max(1.0, scanner.beams / pieces)
 
 
-def _number(field: str, value: float, good: bool, remedy: str) -> None:
-    if not (isinstance(value, int | float) and math.isfinite(value) and good):
-        raise InputError(f"{field} is {value}; give {remedy}.")
+def _require(model: AmbiguityModel, field: str, good: bool, remedy: str) -> None:
+    if not good:
+        raise InputError(f"{field} is {getattr(model, field)}; give {remedy}.")

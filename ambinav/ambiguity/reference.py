@@ -1,4 +1,4 @@
-"""The whole definition in plain NumPy, one pose at a time: the oracle of the fast kernel.
+"""The definition up to the tensor in plain NumPy, one pose at a time: the fast kernel's oracle.
 
 Nothing here is clever. Every ray is cast against every segment, every neighbour is found by
 walking from cell to cell, every scan is compared beam by beam in float64.
@@ -37,7 +37,7 @@ def cast(env: Environment, x: float, y: float, angle: float) -> tuple[float, int
 def beams(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Ranges (B,), gradients (B, 3), effective variances (B,) and bin widths (B,) at a pose."""
+    """Mean readings (B,), gradients (B, 3), effective variances (B,) and bin widths (B,)."""
     ranges, gradients, variances, widths = [], [], [], []
     rays = scanner.rays()
     for b in range(scanner.beams):
@@ -65,8 +65,9 @@ def beams(
         noise = sensor.std_at(min(best, sensor.max_range)) ** 2 + model.map_std**2
         span = np.linspace(0, sensor.max_range, 1024)
         finest = float((sensor.std_at(span) ** 2).min()) + model.map_std**2
-        ranges.append(best)
-        gradients.append(gradient)
+        low, high = (float(sensor.bias_at(max(best + e, 0.0))) for e in (-1e-4, 1e-4))
+        ranges.append(best + float(sensor.bias_at(best)))
+        gradients.append(gradient * (1.0 + (high - low) / 2e-4))
         variances.append(
             BLIND if blind or ends_unknown else float(noise) + sensor.resolution**2 / 12
         )
@@ -77,7 +78,7 @@ def beams(
 def compare(
     p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, tau: float, C: Vector
 ) -> tuple[float, Vector, Vector]:
-    """I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3) (DESIGN 3.4)."""
+    """I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3)."""
     s2 = (p[2] + q[2]) / 2
     seen, J = np.minimum(p[0], limit), q[1]
 

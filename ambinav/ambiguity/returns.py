@@ -34,8 +34,8 @@ class Returns:
     One array holds all that the kernel reads of a pose side by side.
 
     Attributes:
-        data: float32, shape (N, 5, P). Row 0: true range in metres, beyond the maximum range
-            where nothing is in range, at least the minimum range. Rows 1 to 3: its derivative by
+        data: float32, shape (N, 5, P). Row 0: mean reading in metres (true range and bias),
+            beyond the maximum range where nothing is in range. Rows 1 to 3: its derivative by
             x, y (1) and theta (metres per radian) of the robot. Row 4: half the squared effective
             deviation s^2 = sigma^2 + delta^2 / 12 + map_std^2, square metres; `BLIND` where the
             beam ends in unknown space or its sensor is outside the free space.
@@ -45,7 +45,7 @@ class Returns:
 
     @property
     def range(self) -> NDArray[np.float32]:
-        """True range, shape (N, P), metres."""
+        """Mean reading, shape (N, P), metres."""
         return self.data[:, 0]
 
     @property
@@ -71,6 +71,7 @@ class BeamTable:
         use: 1 for a beam and 0 for padding, float32, shape (P,).
         nearest: Minimum range, metres, float32, shape (B,).
         spread: float32, shape (B, TABLE): s^2 / 2 at ranges from 0 to the maximum, square metres.
+        bias: float32, shape (B, TABLE): mean of reading minus true range, metres.
         width: Resolution by effective deviation at its widest, float64, shape (B,).
     """
 
@@ -79,12 +80,13 @@ class BeamTable:
     use: NDArray[np.float32]
     nearest: NDArray[np.float32]
     spread: NDArray[np.float32]
+    bias: NDArray[np.float32]
     width: NDArray[np.float64]
 
     @classmethod
     def of(cls, scanner: RangeScanner, map_std: float, outlier_share: float) -> BeamTable:
         """Tabulate the scanner's sensors, beam by beam."""
-        limit, cap, nearest, spread, width = [], [], [], [], []
+        limit, cap, nearest, spread, bias, width = [], [], [], [], [], []
         for sensor in scanner.sensors:
             ranges = np.linspace(0.0, sensor.max_range, TABLE)
             squared = sensor.std_at(ranges) ** 2 + sensor.resolution**2 / 12.0 + map_std**2
@@ -93,6 +95,7 @@ class BeamTable:
             cap.append(-1.0 / math.log(odd))
             nearest.append(sensor.min_range)
             spread.append(squared / 2.0)
+            bias.append(sensor.bias_at(ranges))
             width.append(sensor.resolution / math.sqrt(float(squared.min())))
         beam = scanner.sensor_of_beam
         padding = (0, -len(beam) % LANES)
@@ -102,6 +105,7 @@ class BeamTable:
             np.pad(np.ones(len(beam), dtype=np.float32), padding),
             np.array(nearest, dtype=np.float32)[beam],
             np.array(spread, dtype=np.float32)[beam],
+            np.array(bias, dtype=np.float32)[beam],
             np.array(width)[beam],
         )
 
@@ -141,14 +145,15 @@ def beam_returns(
     _beam_returns(
         distance, segment, incidence, env.normals(np.arange(len(env.segments))),
         env.segments.kind == FRONTIER, rays.origin, theta + rays.angle, theta,
-        rays.start, rays.max_incidence, table.nearest, table.limit, table.spread, data,
+        rays.start, rays.max_incidence, table.nearest, table.limit, table.spread,
+        table.bias, data,
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _beam_returns(
     distance, segment, incidence, normal, frontier, origin, angle, theta, start, max_incidence,
-    nearest, limit, spread, data,
+    nearest, limit, spread, bias, data,
 ):  # fmt: skip
     cos_a, sin_a = np.cos(angle), np.sin(angle)
     # How the sensor itself moves when the robot turns.
@@ -182,7 +187,11 @@ def _beam_returns(
             place = min(d / limit[b], 1.0) * (spread.shape[1] - 1)
             low = min(int(place), spread.shape[1] - 2)
             share = place - low
-            data[p, 0, b] = d
-            data[p, 1, b], data[p, 2, b], data[p, 3, b] = gx, gy, gt
+            # The scan is compared by what the sensor reads in the mean, not by the true range.
+            shift = bias[b, low] * (1.0 - share) + bias[b, low + 1] * share
+            rise = (bias[b, low + 1] - bias[b, low]) * (spread.shape[1] - 1) / limit[b]
+            stretch = 1.0 + rise if d < limit[b] else 1.0
+            data[p, 0, b] = d + shift
+            data[p, 1, b], data[p, 2, b], data[p, 3, b] = gx * stretch, gy * stretch, gt * stretch
             half = spread[b, low] * (1.0 - share) + spread[b, low + 1] * share
             data[p, 4, b] = BLIND if blind else half

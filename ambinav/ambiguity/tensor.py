@@ -1,4 +1,4 @@
-"""From second moments to radii, direction, level and zone (DESIGN 3.5)."""
+"""From second moments to radii, direction, level and zone (docs/model.md)."""
 
 from __future__ import annotations
 

@@ -136,7 +136,12 @@ class Environment:
 
         Returns:
             Booleans of the broadcast shape; a plain bool for plain numbers.
+
+        Raises:
+            InputError: the radius is negative or not a number.
         """
+        if not radius >= 0.0:
+            raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         flat_x, flat_y = xs.flatten(), ys.flatten()
         inside = self.triangulation.contains(flat_x, flat_y)
@@ -166,7 +171,7 @@ class Environment:
         Returns:
             Distances of the broadcast shape in metres, `max_range` where nothing is hit, nan
             where the ray is not finite; a plain float for plain numbers. From a point on a wall
-            a ray that leaves it goes on to the next one.
+            a ray may meet that wall at once.
         """
         distance, _ = self.cast_hits(x, y, angle, max_range)
         return distance if distance.ndim else float(distance)

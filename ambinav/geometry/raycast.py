@@ -1,6 +1,6 @@
-"""Single rays and clearances against the segment grid.
+"""Clearances, and rays from anywhere, against the segment grid.
 
-Rays that share an origin go through `ambinav.geometry.fan`, which is several times faster.
+Rays that start in the free space go through `ambinav.geometry.walk`, which is faster.
 """
 
 from __future__ import annotations

@@ -35,8 +35,9 @@ class Triangulation:
     Attributes:
         corner: float64, shape (3 T, 2): the start of each half-edge, counter-clockwise.
         twin: int32, shape (3 T,): the half-edge on the other side, or -1 - k at border edge k.
-        node: float64, shape (3 T, 4): `apex` and, in the third column's bytes, `onward`; what a
-            ray needs at one step stands in one line of the cache.
+        node: float64, shape (3 T, 4): what a ray needs that enters through the half-edge, in one
+            line of the cache: columns 0 and 1 the opposite corner (the apex), and in the bytes
+            of column 2 where to go left and right of it (see `hops`).
         border: float64, shape (K, 4): end points of the border edges, free space on the left.
         origin, cell, shape, start, item: a grid of the triangles that touch each square cell.
         triangle: float64, shape (items, 6): the corners of each item, side by side.
@@ -115,22 +116,9 @@ class Triangulation:
         )
 
     @property
-    def apex(self) -> NDArray[np.float64]:
-        """The corner opposite to each half-edge, shape (3 T, 2), metres."""
-        return self.node[:, :2]
-
-    @property
     def hops(self) -> NDArray[np.int32]:
-        """The bytes of `node` as int32, shape (3 T, 8), for the columns `LEFT` and `RIGHT`."""
+        """Bytes of `node` as int32, shape (3 T, 8); `LEFT` and `RIGHT` are coded as `twin` is."""
         return self.node.view(np.int32)
-
-    @property
-    def onward(self) -> NDArray[np.int32]:
-        """Entering through a half-edge, where to go left and right of its apex, shape (3 T, 2).
-
-        Coded as in `twin`.
-        """
-        return self.hops[:, [LEFT, RIGHT]]
 
     @property
     def index(self) -> tuple[Any, ...]:

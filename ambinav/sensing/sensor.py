@@ -1,4 +1,4 @@
-"""One range sensor: how a true range becomes a discretized reading (DESIGN 3.1)."""
+"""One range sensor: how a true range becomes a discretized reading."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class RangeSensor:
         return np.clip(d, self.min_range, self.max_range)
 
     def reading_probabilities(self, true_range: ArrayLike) -> NDArray[np.float64]:
-        """Return P(reading | true range) for every reading (DESIGN 3.1).
+        """Return P(reading | true range) for every reading.
 
         Args:
             true_range: Metres, any shape; inf where nothing returns an echo.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
+from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.field import Field
 
@@ -36,6 +37,8 @@ class AmbiguityService:
         if not (math.isfinite(weight) and weight >= 0.0):
             raise InputError(f"weight is {weight}; give a number of at least 0.")
         amap.floor(layer)
+        if schema.is_axis(layer) or schema.is_nearest(layer):
+            raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")
         self.map = amap
         self.layer = layer
         self.weight = float(weight)

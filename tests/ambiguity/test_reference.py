@@ -97,6 +97,13 @@ def test_partial_scanner_off_the_centre(turned: Environment) -> None:
     assert worst(turned, OFF_CENTRE, headings=3) < 1e-4
 
 
+def test_bias_that_grows_with_the_range(turned: Environment) -> None:
+    sensor = RangeSensor(
+        max_range=4.0, std=0.02, resolution=0.01, bias=Polynomial((0.02, -0.2, 0.02))
+    )
+    assert worst(turned, RangeScanner.planar(sensor, 30, TURN)) < 1e-4
+
+
 def test_mixed_scanner(turned: Environment) -> None:
     assert worst(turned, MIXED, poses=6) < 1e-4
 

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.triangulation import Triangulation
+from ambinav.geometry.triangulation import LEFT, RIGHT, Triangulation
 from tests.geometry import scenes
 
 
@@ -64,8 +64,9 @@ def test_all_neighbours_of_a_triangle_are_reached_by_onward(env: Environment) ->
     mesh = env.triangulation
     half = np.arange(len(mesh.twin))
     previous, following = half // 3 * 3 + (half + 2) % 3, half // 3 * 3 + (half + 1) % 3
-    assert (mesh.apex == mesh.corner[previous]).all()
-    assert (mesh.onward == np.stack([mesh.twin[previous], mesh.twin[following]], axis=1)).all()
+    assert (mesh.node[:, :2] == mesh.corner[previous]).all()
+    assert (mesh.hops[:, LEFT] == mesh.twin[previous]).all()
+    assert (mesh.hops[:, RIGHT] == mesh.twin[following]).all()
 
 
 def test_a_single_triangle() -> None:

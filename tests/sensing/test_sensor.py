@@ -80,7 +80,7 @@ def test_probabilities_are_normal_integrals() -> None:
 
 def test_without_noise_the_reading_is_certain_and_j_is_the_triangle() -> None:
     # Averaged over the phase of the bins, two noise-free ranges fall into the same bin with the
-    # probability max(0, 1 - |D| / delta): DESIGN 3.2.
+    # probability max(0, 1 - |D| / delta).
     sensor = RangeSensor(max_range=2.0, std=0.0, resolution=0.1, random_share=0.0)
     assert set(np.unique(sensor.reading_probabilities([0.0, 0.05, 1.234]))) == {0.0, 1.0}
     phases = 1.0 + (np.arange(1000) + 0.5) * 1e-4
@@ -90,7 +90,7 @@ def test_without_noise_the_reading_is_certain_and_j_is_the_triangle() -> None:
 
 
 def test_j_of_equal_ranges_of_the_design() -> None:
-    # DESIGN 3.2: J(d, d) = 0.486 for a resolution of 1 cm and a deviation of 5 mm.
+    # J(d, d) = 0.486 for a resolution of 1 cm and a deviation of 5 mm.
     sensor = RangeSensor(max_range=2.0, std=0.005, resolution=0.01, random_share=0.0)
     phases = 1.0 + (np.arange(500) + 0.5) * 2e-5
     j = np.mean(np.sum(sensor.reading_probabilities(phases) ** 2, axis=-1))

@@ -142,6 +142,8 @@ def test_headings_are_read_where_they_matter(headed: an.AmbiguityMap) -> None:
         ({"weight": -1.0}, "weight"),
         ({"weight": math.nan}, "weight"),
         ({"layer": "levle"}, "level"),
+        ({"layer": "direction"}, "direction"),
+        ({"layer": "zone"}, "zone"),
     ],
 )
 def test_bad_arguments(plain: an.AmbiguityMap, arguments: dict[str, object], word: str) -> None:
