@@ -59,9 +59,11 @@ def relative_radii(
 def classify(
     major: NDArray[np.float64], minor: NDArray[np.float64], low: float, high: float
 ) -> NDArray[np.uint8]:
-    """Zone of each pose: open if both ratios are large, corridor if one is and the other small,
-    localizable if both are small, transition in between.
-    """  # noqa: D205
+    """Zone of each pose, uint8.
+
+    Open if both ratios are large, corridor if one is and the other small, localizable if both are
+    small, transition in between.
+    """
     zone = np.full(major.shape, TRANSITION, dtype=np.uint8)
     zone[np.maximum(major, minor) <= low] = LOCALIZABLE
     zone[(np.maximum(major, minor) >= high) & (np.minimum(major, minor) <= low)] = CORRIDOR

@@ -114,7 +114,7 @@ def _empty() -> Contours:
 
 
 @njit(cache=True, nogil=True)
-def _fill_specks(state, most_occupied, most_unknown):  # type: ignore[no-untyped-def]
+def _fill_specks(state, most_occupied, most_unknown):
     """Make small islands that are not free free, in place.
 
     An island (connected over edges and corners) with an occupied cell may have up to
@@ -161,7 +161,7 @@ def _fill_specks(state, most_occupied, most_unknown):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True)
-def _trace(labels, state, reach, xy, kind, ring):  # type: ignore[no-untyped-def]
+def _trace(labels, state, reach, xy, kind, ring):
     """Follow every ring once; fill the arrays of `Contours`; return the number of rings."""
     rows, columns = labels.shape
     seen = np.zeros((rows, columns), dtype=np.bool_)

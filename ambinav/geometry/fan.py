@@ -68,9 +68,10 @@ def scan_rays(
 
 
 def _counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Order of the rays, counter-clockwise from the widest gap on, so that no two neighbours in
-    the list are apart by more than half a turn unless nothing lies between them.
-    """  # noqa: D205
+    """Order of the rays, counter-clockwise from the widest gap on.
+
+    So no two neighbours in the list are half a turn apart, unless nothing lies between them.
+    """
     turned = np.mod(angles, 2 * math.pi)
     order = np.argsort(turned, kind="stable")
     gaps = np.diff(turned[order], append=turned[order[0]] + 2 * math.pi)

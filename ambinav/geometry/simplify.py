@@ -64,7 +64,7 @@ def simplify_ring(
 
 
 @njit(cache=True, nogil=True)
-def furthest(x, y, a, b):  # type: ignore[no-untyped-def]
+def furthest(x, y, a, b):
     """Index strictly between a and b furthest from the chord a-b, and its distance."""
     ax, ay = x[a], y[a]
     dx, dy = x[b] - ax, y[b] - ay
@@ -83,7 +83,7 @@ def furthest(x, y, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _line(x, y, a, b):  # type: ignore[no-untyped-def]
+def _line(x, y, a, b):
     """Line through the points a..b: mean, direction from a to b, and number of points."""
     count = b - a + 1
     if count < _FIT_POINTS:
@@ -108,7 +108,7 @@ def _line(x, y, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _spread(x, y, a, b):  # type: ignore[no-untyped-def]
+def _spread(x, y, a, b):
     """Largest distance of the points a..b from their line, and the sagitta if they are bowed.
 
     Bowed: a parabola explains more than half of the variance about the line. Roughness does not.
@@ -138,7 +138,7 @@ def _spread(x, y, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _halve(x, y, keep, tolerance):  # type: ignore[no-untyped-def]
+def _halve(x, y, keep, tolerance):
     """Douglas-Peucker between the points that `keep` holds already, in place."""
     stack = [(0, 0)]
     stack.pop()
@@ -157,7 +157,7 @@ def _halve(x, y, keep, tolerance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _settle(x, y, keep, fixed):  # type: ignore[no-untyped-def]
+def _settle(x, y, keep, fixed):
     """Move each vertex to where its points part best between the lines of its two edges.
 
     Douglas-Peucker takes the extreme point, which can be some points away from the corner.
@@ -184,7 +184,7 @@ def _settle(x, y, keep, fixed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _merge(x, y, keep, fixed, tolerance, bow):  # type: ignore[no-untyped-def]
+def _merge(x, y, keep, fixed, tolerance, bow):
     """Drop the vertices between edges that one straight line replaces, in place."""
     changed = True
     while changed:
@@ -204,7 +204,7 @@ def _merge(x, y, keep, fixed, tolerance, bow):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _sharpest(x, y, keep):  # type: ignore[no-untyped-def]
+def _sharpest(x, y, keep):
     """Index of the vertex that makes the largest triangle with its two neighbours."""
     vertex = np.flatnonzero(keep)[:-1]
     best, index = -1.0, 0
@@ -217,7 +217,7 @@ def _sharpest(x, y, keep):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _thicken(x, y, keep):  # type: ignore[no-untyped-def]
+def _thicken(x, y, keep):
     """Make sure that a ring has at least four vertices where its points allow that."""
     while keep.sum() < 5:
         best, index, a = -1.0, -1, 0
@@ -233,7 +233,7 @@ def _thicken(x, y, keep):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _divide(x, y, fixed, tolerance):  # type: ignore[no-untyped-def]
+def _divide(x, y, fixed, tolerance):
     """Mask of the first choice of vertices, among them the fixed ones (first and last are)."""
     n = len(x)
     keep = fixed.copy()
@@ -252,7 +252,7 @@ def _divide(x, y, fixed, tolerance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _polish(x, y, kind, keep, fixed, tolerance):  # type: ignore[no-untyped-def]
+def _polish(x, y, kind, keep, fixed, tolerance):
     """Indices and places of the vertices, from a first choice of them."""
     bow = 0.25 * tolerance
     if tolerance > 0.0:
@@ -277,7 +277,7 @@ def _polish(x, y, kind, keep, fixed, tolerance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _meet(x, y, kind, vertex, tolerance):  # type: ignore[no-untyped-def]
+def _meet(x, y, kind, vertex, tolerance):
     """Places of the vertices: where the lines of the two edges of each meet."""
     m = len(vertex) - 1
     line = np.empty((m, 5))

@@ -70,15 +70,15 @@ class AmbiguityService:
         Raises:
             InputError: the layer depends on the heading and theta is missing.
         """
-        shape, (px, py, heading) = self._poses(x, y, theta)
-        value = self.density.at(px, py, heading)
+        shape, poses = self._poses(x, y, theta)
+        value = self.density.at(*poses)
         value[np.isnan(value)] = math.inf
         return value.reshape(shape) if shape else float(value[0])
 
     def gradient(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats:
         """Derivative of `cost` by x and y, shape (..., 2), per metre; nan where not free."""
-        shape, (px, py, heading) = self._poses(x, y, theta)
-        return self.density.slope(px, py, heading).reshape(*shape, 2)
+        shape, poses = self._poses(x, y, theta)
+        return self.density.slope(*poses).reshape(*shape, 2)
 
     def motion_cost(
         self,
@@ -116,32 +116,30 @@ class AmbiguityService:
         exposure = self._integrate(self.ambiguity, x0, y0, x1, y1, theta0, theta1)
         return 0.0 - exposure
 
-    def _integrate(self, field: Field, *ends: ArrayLike | None) -> Floats | float:
-        x0, y0, x1, y1, theta0, theta1 = ends
+    def _integrate(
+        self,
+        field: Field,
+        x0: ArrayLike,
+        y0: ArrayLike,
+        x1: ArrayLike,
+        y1: ArrayLike,
+        theta0: ArrayLike | None,
+        theta1: ArrayLike | None,
+    ) -> Floats | float:
         self._need_heading(theta0)
         self._need_heading(theta1)
-        parts = np.broadcast_arrays(
-            *(
-                np.asarray(0.0 if part is None else part, dtype=np.float64)
-                for part in (x0, y0, theta0, x1, y1, theta1)
-            )
-        )
-        flat = [np.ascontiguousarray(part).ravel() for part in parts]
-        for name, part in zip(("x0", "y0", "theta0", "x1", "y1", "theta1"), flat, strict=True):
-            if not np.isfinite(part).all():
+        shape, ends = _flat(x0, y0, theta0, x1, y1, theta1)
+        for name, end in zip(("x0", "y0", "theta0", "x1", "y1", "theta1"), ends, strict=True):
+            if not np.isfinite(end).all():
                 raise InputError(f"{name} is not finite; give metres and radians.")
-        total = field.integral(*flat)
-        return total.reshape(parts[0].shape) if parts[0].ndim else float(total[0])
+        total = field.integral(*ends)
+        return total.reshape(shape) if shape else float(total[0])
 
     def _poses(
         self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None
-    ) -> tuple[tuple[int, ...], tuple[Floats, Floats, Floats]]:
+    ) -> tuple[tuple[int, ...], list[Floats]]:
         self._need_heading(theta)
-        parts = np.broadcast_arrays(
-            *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
-        )
-        px, py, heading = (np.ascontiguousarray(part).ravel() for part in parts)
-        return parts[0].shape, (px, py, heading)
+        return _flat(x, y, theta)
 
     def _need_heading(self, theta: ArrayLike | None) -> None:
         if theta is None and self.density.values.shape[2] > 1:
@@ -149,3 +147,11 @@ class AmbiguityService:
                 f"layer {self.layer!r} depends on the heading; give theta, or use the layer "
                 f"{self.layer}_mean."
             )
+
+
+def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
+    """Broadcast shape, and the values in one row each; None counts as 0."""
+    parts = np.broadcast_arrays(
+        *(np.asarray(0.0 if value is None else value, dtype=np.float64) for value in values)
+    )
+    return parts[0].shape, [part.flatten() for part in parts]

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
-import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import ambinav.geometry
@@ -396,134 +392,3 @@ def test_a_sensor_outside_the_free_space_reads_nothing() -> None:
     assert np.isnan(ring.scan(env, 2.9, 0.0, 0.0)).tolist() == [True, False, False, False]
     with pytest.raises(InputError, match=r"at x = 2\.9, y = 0 a sensor .* outside the free space"):
         ring.read(env, [0.0, 2.9], 0.0, 0.0, np.random.default_rng(0))
-
-
-# -- files and bad input -----------------------------------------------------------------------
-
-SENSOR_TEXT = "{max_range: 4, std: 0.03, resolution: 0.001}"
-
-
-def test_yaml_of_every_layout(tmp_path: Path) -> None:
-    path = tmp_path / "robot.yaml"
-    path.write_text(
-        f"""
-source: a data sheet
-parts:
-  - sensor: {SENSOR_TEXT}
-    planar: {{beams: 3, aperture_deg: 90, mount: [0.1, 0, 180]}}
-  - sensor: polaroid-6500-ring
-    ring: {{count: 8, radius: 0.3}}
-  - sensor: {SENSOR_TEXT}
-    mounts: [[0, 0.1, 90], [0, -0.1, -90]]
-"""
-    )
-    scanner = RangeScanner.from_yaml(path)
-    assert scanner.name == "robot"
-    assert scanner.beams == 13
-    assert len(scanner.sensors) == 2
-    assert np.rad2deg(scanner.mounts[:3, 2]) == pytest.approx([135, 180, 225])
-    assert scanner.mounts[-1] == pytest.approx([0, -0.1, -math.pi / 2])
-    assert RangeScanner.from_yaml_text(scanner.to_yaml()) == scanner
-
-
-def test_yaml_of_thinned_and_shuffled() -> None:
-    for name in ("hokuyo-urg-04lx", "pioneer-sonar-laser"):
-        thin = RangeScanner.from_preset(name).thinned(50)
-        again = RangeScanner.from_yaml_text(thin.to_yaml())
-        assert again.mounts == pytest.approx(thin.mounts, abs=1e-14)
-        assert again.sensors == thin.sensors
-
-
-def part(text: str) -> str:
-    return f"parts: [{{sensor: {SENSOR_TEXT}, {text}}}]"
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("name: x", "the field 'parts' is missing"),
-        ("parts: []", "parts is []; give a list of parts"),
-        ("pats: []", "the field 'pats' is unknown; did you mean parts"),
-        ("parts: [3]", "parts[0] is 3; give a mapping"),
-        ("parts: [{planar: {beams: 3}}]", "parts[0]: the field 'sensor' is missing"),
-        ("parts: [{sensor: sick-lms20}]", "no scanner preset 'sick-lms20'; did you mean sick-lms2"),
-        ("parts: [{sensor: pioneer-sonar-laser}]", "has 2 kinds of sensor"),
-        (f"parts: [{{sensor: {SENSOR_TEXT}}}]", "the part has no layout; give exactly one of"),
-        (part("plannar: {}"), "'plannar' is unknown; did you mean planar"),
-        (part("ring: {}, planar: {}"), "the part has planar and ring; give exactly one"),
-        (part("planar: {beams: 3}"), "parts[0]: planar: the field 'aperture_deg' is missing"),
-        (part("planar: {beams: 3, aperture: 1}"), "'aperture' is unknown; did you mean aperture_d"),
-        (part("planar: {beams: 0, aperture_deg: 1}"), "planar: beams is 0; give a whole number"),
-        (part("planar: {beams: 2.5, aperture_deg: 1}"), "beams is 2.5"),
-        (part("planar: {beams: 2, aperture_deg: 400}"), "aperture is 400 degrees"),
-        (part("planar: {beams: 2, aperture_deg: 4, mount: [0, 0]}"), "mount is [0, 0]; give three"),
-        (part("ring: {count: 4, radius: -1}"), "ring: radius is -1.0"),
-        (part("mounts: []"), "mounts is empty"),
-        (part("mounts: [[0, 0, .nan]]"), "mounts[0][2] is nan"),
-        (part("mounts: 5"), "mounts is 5; give a list"),
-        (
-            "parts: [{sensor: {max_range: 1, min_range: 2, std: 0, resolution: 0.1}, ring: {}}]",
-            "parts[0]: sensor: max_range is 1.0",
-        ),
-    ],
-)
-def test_bad_scanner_files_name_file_and_field(tmp_path: Path, text: str, sentence: str) -> None:
-    path = tmp_path / "robot.yaml"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        RangeScanner.from_yaml(path)
-    assert str(caught.value).startswith(str(path))
-    assert sentence in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-JUNK = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: (
-        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=2)
-    ),
-    max_leaves=5,
-)
-
-
-@given(
-    field=st.sampled_from(
-        [
-            *("name", "source", "parts", "sensor", "planar", "ring", "mounts", "max_range", "std"),
-            *("resolution", "aperture_deg", "bias", "random_share", "beams", "mount", "table"),
-        ]
-    ),
-    junk=JUNK,
-)
-def test_junk_in_any_field_gives_a_scanner_or_a_sentence(field: str, junk: object) -> None:
-    def spoilt(plain: object) -> object:
-        if isinstance(plain, dict):
-            return {k: junk if k == field else spoilt(v) for k, v in plain.items()}
-        return [spoilt(item) for item in plain] if isinstance(plain, list) else plain
-
-    text = RangeScanner.from_preset("pioneer-sonar-laser").to_yaml()
-    try:
-        RangeScanner.from_yaml_text(yaml.safe_dump(spoilt(yaml.safe_load(text))), file="f.yaml")
-    except InputError as error:
-        assert str(error).startswith("f.yaml")
-
-
-def test_bad_arguments() -> None:
-    with pytest.raises(InputError, match="has no beams"):
-        RangeScanner.mixed()
-    with pytest.raises(InputError, match=r"shape \(2,\)"):
-        RangeScanner.from_mounts(LASER, [0.0, 1.0])
-    with pytest.raises(InputError, match="index from 0 to 0"):
-        RangeScanner.from_mounts(LASER, np.zeros((2, 3)), [0, 1])
-    with pytest.raises(InputError, match="nan"):
-        RangeScanner.from_mounts(LASER, [[0.0, 0.0, math.nan]])
-    with pytest.raises(InputError, match="beams is 0"):
-        RangeScanner.planar(LASER, 0, 1.0)
-    with pytest.raises(InputError, match=r"radius is -0\.1"):
-        RangeScanner.ring(SONAR, 8, -0.1)
-
-
-def test_nothing_is_written_to_a_bad_place(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(InputError, match="choose another output"):
-        RangeScanner.planar(LASER, 3, 1.0).to_yaml(tmp_path / "file" / "robot.yaml")
