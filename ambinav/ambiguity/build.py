@@ -184,7 +184,7 @@ def _compute(
         if turning is not None and beams is not None:
             turning[tile.begin : tile.end] = turning_moments(
                 Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
-                told, model.tau,
+                told, model.tau, lattice.spacing,
             )  # fmt: skip
         spread = data[:, tile.begin - tile.first : tile.end - tile.first, 4, : table.beams]
         unknown[tile.begin : tile.end] = (spread >= BLIND).mean(axis=(0, 2))

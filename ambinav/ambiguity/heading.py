@@ -8,12 +8,10 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, compare
+from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, X, Y, compare
 from ambinav.ambiguity.returns import BeamTable, Returns
 from ambinav.sensing.scanner import RangeScanner
 
-# Turning on the spot leaves no offset in x and y; the kernel wants a variance above zero.
-NO_OFFSET = 1e-8
 # Turns whose scans are less alike than exp(-12) are left out: all of them together move the
 # second moment by less than a hundredth of a radian.
 NEGLIGIBLE_TURN = 12.0
@@ -50,6 +48,7 @@ def turning_moments(
     table: BeamTable,
     evidence: NDArray[np.float32] | None,
     tau: float,
+    spacing: float,
 ) -> NDArray[np.float64]:
     """Root of the second moment of the turns that leave the scan alike, radians.
 
@@ -61,6 +60,8 @@ def turning_moments(
         table: Their limits and caps.
         evidence: See `neighbourhood_sums`.
         tau: Beams per independent piece of evidence.
+        spacing: Of the lattice, metres: the turned robot may stand about so far off, since a
+            cell stands for every pose in it and in its neighbours.
 
     Returns:
         float64, shape (end - begin, 2): the root of the second moment, and what it would be if
@@ -69,52 +70,61 @@ def turning_moments(
     out = np.empty((end - begin, 2))
     _turning(
         returns.data, begin, end, beams, table.limit, table.inverse_cap, table.use, evidence, tau,
-        out,
+        spacing**2, out,
     )  # fmt: skip
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
-def least_evidence(data, p, beams, limit, icap, c2):
+def least_evidence(data, p, beams, limit, icap, c0, c2):
     """Evidence that tells a turned scan from the unturned one, at the least."""
     told = F0
-    half = np.float32(0.5 * c2)
+    half_0, half_2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
     for b in range(beams.size):
         o = beams[b]
         z = min(data[p, D, b], limit[b]) - min(data[p, D, o], limit[b])
-        room = data[p, S, b] + data[p, S, o] + half * data[p, T, b] * data[p, T, b]
+        slide = data[p, X, o] * data[p, X, o] + data[p, Y, o] * data[p, Y, o]
+        turn = data[p, T, o] * data[p, T, o]
+        room = data[p, S, b] + data[p, S, o] + half_0 * slide + half_2 * turn
         u = QUARTER * z * z / room
         told += u / (F1 + u * icap[b])
     return told
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, out):
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out):
+    """Compare the scan at p with itself, turned; write what `turning_moments` says."""
     order, count = beams.shape
     step = 2.0 * math.pi / order
     c2 = step * step / 4.0
-    # All beams share one turn: each may lay only its part of the cost of that to its room.
-    shared = c2 * count / tau
+    # All beams share one offset: each may lay only its part of the cost of that to its room.
+    part = count / tau
+    weight, moment, free_weight, free_moment = 0.0, 0.0, 0.0, 0.0
+    for k in range(order // 2 + 1):
+        # A turn to the left looks like the turn to the right seen from there.
+        times = 1.0 if k in (0, order - k) else 2.0
+        free_weight += times
+        free_moment += times * (k * k * step * step + c2)
+        least = least_evidence(data, p, beams[k], limit, icap, c0 * part, c2 * part)
+        if least > NEGLIGIBLE_TURN * tau:
+            continue
+        for row in range(5):
+            for b in range(count):
+                pair[1, row, b] = data[p, row, beams[k, b]]
+        alike, _, _, turned, _, _, _, spread = compare(
+            pair, 0, 1, limit, icap, use, evidence, tau, c0, c2
+        )
+        angle = k * step + turned
+        weight += times * alike
+        moment += times * alike * (angle * angle + spread)
+    out[0] = math.sqrt(moment / weight)
+    out[1] = math.sqrt(free_moment / free_weight)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, c0, out):
     for p in prange(begin, end):
         pair = np.zeros((2, 5, limit.size), dtype=np.float32)
         pair[0] = data[p]
         pair[1] = data[p]
-        weight, moment, free_weight, free_moment = 0.0, 0.0, 0.0, 0.0
-        for k in range(order // 2 + 1):
-            # A turn to the left looks like the turn to the right seen from there.
-            times = 1.0 if k in (0, order - k) else 2.0
-            free_weight += times
-            free_moment += times * (k * k * step * step + c2)
-            if least_evidence(data, p, beams[k], limit, icap, shared) > NEGLIGIBLE_TURN * tau:
-                continue
-            for row in range(5):
-                for b in range(count):
-                    pair[1, row, b] = data[p, row, beams[k, b]]
-            alike, _, _, turned, _, _, _, spread = compare(
-                pair, 0, 1, limit, icap, use, evidence, tau, NO_OFFSET, c2
-            )
-            angle = k * step + turned
-            weight += times * alike
-            moment += times * alike * (angle * angle + spread)
-        out[p - begin, 0] = math.sqrt(moment / weight)
-        out[p - begin, 1] = math.sqrt(free_moment / free_weight)
+        turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out[p - begin])

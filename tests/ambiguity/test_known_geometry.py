@@ -62,7 +62,12 @@ def test_closed_room_is_localizable(laser: RangeScanner, angle: float) -> None:
     free = amap.dataset["free"].values
     assert (amap.dataset["zone"].values[free] == LOCALIZABLE).all()
     assert amap.dataset["major"].values[free].max() < 0.2
-    assert amap.dataset["heading"].values[free].max() < 0.1
+    # In the middle of a rectangle half a turn looks alike; elsewhere the heading is known.
+    x, y = np.meshgrid(amap.dataset["x"], amap.dataset["y"])
+    c, s = math.cos(angle), math.sin(angle)
+    middle = np.hypot(x - (2.5 * c - 2.0 * s), y - (2.5 * s + 2.0 * c)) < 0.5
+    assert amap.dataset["heading"].values[free & ~middle].max() < 0.1
+    assert amap.dataset["heading"].values[free & middle].max() > 0.5
 
 
 @pytest.mark.parametrize("degrees", [0, 5, 17, 33, 45, 71, 90, 146])
@@ -122,6 +127,8 @@ def test_beside_a_tilted_wall_too(laser: RangeScanner, degrees: float) -> None:
 
 def test_at_the_centre_of_a_circle_heading_is_lost_and_position_is_not(disc: AmbiguityMap) -> None:
     assert disc.sample("heading", 0.05, 0.05) > 0.9
+    # Wherever the lattice lies: half a cell off the centre it is still lost.
+    assert np.asarray(disc.sample("heading", [0.0, 0.1], [0.1, 0.05])).min() > 0.7
     assert disc.sample("level", 0.05, 0.05) < 0.15
     assert disc.sample("zone", 0.05, 0.05) == LOCALIZABLE
 
@@ -130,7 +137,7 @@ def test_off_the_centre_of_a_circle_the_heading_is_known(disc: AmbiguityMap) -> 
     around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
     for far in (0.5, 1.0, 2.0, 2.6):
         x, y = 0.05 + far * np.cos(around), 0.05 + far * np.sin(around)
-        assert np.asarray(disc.sample("heading", x, y)).max() < 0.1
+        assert np.asarray(disc.sample("heading", x, y)).max() < 0.15
         # Towards the wall it is sure; along the circle it is less so.
         assert np.asarray(disc.sample("minor", x, y)).max() < 0.15
     assert apart(disc.sample("direction", 2.05, 0.05), math.pi / 2) < 2.0
