@@ -61,18 +61,20 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     path = Path(os.path.realpath(path))  # through a link, so that the link stays
     parent = writable_parent(path)
-    try:
-        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=parent))
-    except OSError as error:
-        raise InputError(
-            f"{path}: nothing can be written in {parent} ({error.strerror}); choose another output."
-        ) from error
-    fresh = scratch / path.name
-    try:
+    with contextlib.ExitStack() as stack:
+        # Made and noted for removal in one go: an interrupt in between would leave it behind.
+        with holding_interrupts():
+            try:
+                scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=parent))
+            except OSError as error:
+                raise InputError(
+                    f"{path}: nothing can be written in {parent} ({error.strerror}); "
+                    "choose another output."
+                ) from error
+            stack.callback(_remove, scratch)
+        fresh = scratch / path.name
         yield fresh
         _put(fresh, path, scratch / ".old")
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -103,6 +105,11 @@ def holding_interrupts() -> Iterator[None]:
             signal.signal(number, handler)
         if came:
             signal.raise_signal(came[0])
+
+
+def _remove(scratch: Path) -> None:
+    with holding_interrupts():
+        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _put(fresh: Path, path: Path, old: Path) -> None:
