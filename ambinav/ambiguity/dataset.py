@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
+import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -117,6 +118,11 @@ def assemble(
         segments.kind,
         dims=("segment",),
         attrs={"long_name": "0: wall, 1: frontier", "units": "code"},
+    )
+    variables["floor"] = xr.DataArray(
+        np.frombuffer(shapely.to_wkb(lattice.environment.free), dtype=np.uint8).copy(),
+        dims=("byte",),
+        attrs={"long_name": "outline of the free space as well-known binary", "units": "m"},
     )
     coords = {
         "x": ("x", lattice.x, {"long_name": "x of the cell's centre", "units": "m"}),

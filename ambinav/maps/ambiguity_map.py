@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import difflib
+import json
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple, overload
 
 import numpy as np
+import shapely
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps import interpolation, schema, store
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
@@ -52,6 +56,7 @@ class AmbiguityMap:
 
     Attributes:
         dataset: All layers, the walls and, in attrs, where everything comes from.
+        source: Where it was read from.
     """
 
     def __init__(self, dataset: xr.Dataset, *, source: str = "dataset") -> None:
@@ -66,6 +71,7 @@ class AmbiguityMap:
         """
         schema.check(dataset, source)
         self.dataset = dataset
+        self.source = source
         self._layers = schema.layers(dataset)
         self._free = np.ascontiguousarray(dataset["free"].values, dtype=np.bool_)
         dx, dy = schema.spacings(dataset, source)
@@ -123,6 +129,30 @@ class AmbiguityMap:
     def segments(self) -> Segments:
         """The walls and frontiers that the map was computed from."""
         return Segments(self.dataset["segments"].values, self.dataset["segment_kind"].values)
+
+    @cached_property
+    def environment(self) -> Environment:
+        """The building that the map was computed from, as far as a robot can meet it.
+
+        Raises:
+            InputError: the outline of the free space cannot be read.
+        """
+        attrs = self.dataset.attrs
+        try:
+            free = shapely.from_wkb(self.dataset["floor"].values.tobytes())
+        except (shapely.errors.GEOSException, TypeError) as error:
+            raise InputError(
+                f"{self.source}: floor, the outline of the free space, cannot be read ({error}); "
+                "make the map again with `ambinav map`."
+            ) from error
+        return Environment(
+            self.segments,
+            free,
+            name=str(attrs["environment"]),
+            source=Path(attrs["environment_source"]) if attrs.get("environment_source") else None,
+            checksum=str(attrs.get("environment_sha256", "")),
+            notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
+        )
 
     @property
     def unexplored(self) -> NDArray[np.bool_]:

@@ -23,7 +23,7 @@ REQUIRED_LAYERS: Final = (
     "free",
     "clearance",
 )
-REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind")
+REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind", "floor")
 REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 
 AGGREGATES: Final = ("mean", "best", "worst")

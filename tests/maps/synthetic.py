@@ -13,6 +13,7 @@ import json
 import math
 
 import numpy as np
+import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -102,6 +103,8 @@ def dataset(headings: int = 0) -> xr.Dataset:
         out[name].attrs = {"long_name": str(name), "units": "1"}
     out["segments"] = (("segment", "end"), xy)
     out["segment_kind"] = (("segment",), kind)
+    outline = shapely.to_wkb(shapely.Polygon(OUTLINE))
+    out["floor"] = (("byte",), np.frombuffer(outline, dtype=np.uint8).copy())
     out.attrs = {
         "title": "Ambiguity map of synthetic",
         "frame": "map",

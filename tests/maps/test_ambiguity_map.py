@@ -234,3 +234,24 @@ def test_a_map_one_cell_wide_takes_the_spacing_from_its_parameters():
 def test_what_is_no_map_is_refused(spoil, message):
     with pytest.raises(InputError, match=message):
         AmbiguityMap(spoil(synthetic.dataset()))
+
+
+def test_environment_is_the_building() -> None:
+    amap = AmbiguityMap(synthetic.dataset())
+    env = amap.environment
+    assert env.bounds == (0.0, 0.0, 26.0, 10.0)
+    assert env.name == "synthetic"
+    assert env.free.area == pytest.approx(16.0 + 24.0 + 100.0)
+    assert env.is_free([2.0, 2.0, 10.0], [2.0, 6.0, 2.0], radius=0.5).tolist() == [
+        True,
+        False,
+        True,
+    ]
+    np.testing.assert_array_equal(env.segments.kind, amap.segments.kind)
+
+
+def test_damaged_outline_is_refused() -> None:
+    dataset = synthetic.dataset()
+    dataset["floor"] = (("byte",), dataset["floor"].values[:20])
+    with pytest.raises(InputError, match="floor, the outline of the free space"):
+        _ = AmbiguityMap(dataset).environment
