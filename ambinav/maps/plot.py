@@ -40,7 +40,7 @@ def floor_axes(amap: AmbiguityMap, longest: float = drawing.LONGEST) -> Axes:
         amap: The map.
         longest: Inches of the longer side, about.
     """
-    return drawing.new_axes(_view(amap), longest=longest)
+    return drawing.new_axes(view(amap), longest=longest)
 
 
 def plot_zones(
@@ -71,8 +71,8 @@ def plot_zones(
     picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
     faded = amap.unexplored
     picture[faded] = FADE * palette[-1] + (1.0 - FADE) * picture[faded]
-    _image(axes, amap, picture)
-    _finish(axes, amap, title or _title(amap, "Zones", heading))
+    draw_image(axes, amap, picture)
+    finish(axes, amap, title or _title(amap, "Zones", heading))
     if strokes:
         _strokes(axes, amap, heading)
     if legend:
@@ -120,8 +120,8 @@ def plot_layer(
         # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
         # are the dark ones. cividis fades into the grey outside.
         norm, colours, outside = Normalize(0.0, _top(layer, values)), "viridis_r", OUTSIDE_COLOUR
-    image = _image(axes, amap, values, cmap=colours, norm=norm)
-    _finish(
+    image = draw_image(axes, amap, values, cmap=colours, norm=norm)
+    finish(
         axes, amap, title or _title(amap, layer.replace("_", " ").capitalize(), heading), outside
     )
     if strokes:
@@ -168,12 +168,12 @@ def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> 
         columnspacing=1.4,
         borderaxespad=0.2,
         **_BESIDE
-        if drawing.is_tall(_view(amap))
+        if drawing.is_tall(view(amap))
         else {**_BELOW, "ncol": len(handles) if len(handles) < MANY else (len(handles) + 1) // 2},
     )
 
 
-def _view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
+def view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
     """Bounds of the free cells and a small margin: maps often lie in a sea of unknown cells."""
     free = amap.dataset["free"].values
     x, y = amap.dataset["x"].values, amap.dataset["y"].values
@@ -187,9 +187,10 @@ def _view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
     )  # fmt: skip
 
 
-def _image(
+def draw_image(
     axes: Axes, amap: AmbiguityMap, values: NDArray[np.float64], **scale: object
 ) -> AxesImage:
+    """Lay values (ny, nx), or colours (ny, nx, 4), over the cells of the map."""
     xmin, ymin, xmax, ymax = amap.bounds
     return axes.imshow(
         values,
@@ -201,8 +202,9 @@ def _image(
     )
 
 
-def _finish(axes: Axes, amap: AmbiguityMap, title: str, outside: str = OUTSIDE_COLOUR) -> None:
-    drawing.frame(axes, _view(amap), outside)
+def finish(axes: Axes, amap: AmbiguityMap, title: str, outside: str = OUTSIDE_COLOUR) -> None:
+    """Add what every picture of a floor has: frame, walls, scale bar and title."""
+    drawing.frame(axes, view(amap), outside)
     drawing.draw_walls(axes, amap.segments)
     drawing.draw_scale_bar(axes)
     axes.set_title(title, fontsize=13, loc="left")

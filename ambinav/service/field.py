@@ -1,4 +1,4 @@
-"""A density over poses and its exact integral along straight motions.
+"""A density over poses and its exact integral along straight lines.
 
 Between lattice points the density is linear in x, y and heading. Along a straight motion it is
 then a cubic between two crossings of the lattice, which Simpson's rule integrates exactly: what
@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from ambinav.geometry.steering import STRAIGHT, Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 Floats = NDArray[np.float64]
@@ -64,6 +65,12 @@ class Field:
         _values(x, y, theta, *self.arrays, out)
         return out
 
+    def near(self, x: float, y: float, theta: float) -> float:
+        """Value at one pose; where it is not free, that of the nearest free cell."""
+        u, v = (x - self.origin[0]) / self.spacing, (y - self.origin[1]) / self.spacing
+        w = theta * self.values.shape[2] / (2.0 * math.pi)
+        return float(_value(u, v, w, self.values))
+
     def slope(self, x: Floats, y: Floats, theta: Floats) -> Floats:
         """Derivative by x and y at poses, shape (N, 2), per metre; nan where not free."""
         out = np.empty((len(x), 2))
@@ -71,14 +78,28 @@ class Field:
         return out
 
     def integral(
-        self, x0: Floats, y0: Floats, theta0: Floats, x1: Floats, y1: Floats, theta1: Floats
+        self,
+        x0: Floats,
+        y0: Floats,
+        theta0: Floats,
+        x1: Floats,
+        y1: Floats,
+        theta1: Floats,
+        steering: Steering | None = None,
     ) -> Floats:
-        """Integral over the length of straight motions, each argument of shape (N,).
+        """Integral over the length of motions, each argument of shape (N,).
 
-        The heading turns evenly, the short way round. Unit of the field times metres.
+        Without a steering they are straight and the heading turns evenly, the short way round.
+        Unit of the field times metres.
         """
-        out = np.empty(len(x0))
-        _integrals(x0, y0, theta0, x1, y1, theta1, *self.arrays, out)
+        # That module's kernels are built on this one's.
+        from ambinav.service.motion import motion_integrals
+
+        kind, radius = (STRAIGHT, 0.0) if steering is None else (steering.kind, steering.radius)
+        a, b = np.column_stack((x0, y0, theta0)), np.column_stack((x1, y1, theta1))
+        out = np.empty(len(a))
+        values, _, left, low, inverse = self.arrays
+        motion_integrals(kind, float(radius), a, b, values, left, low, inverse, out)
         return out
 
 
@@ -108,6 +129,11 @@ def value_at(u, v, w, values):
         weight = 1.0 if headings == 1 else (share if side else 1.0 - share)
         total += weight * (low * (1.0 - b) + high * b)
     return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _value(u, v, w, values):
+    return value_at(u, v, w, values)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -236,11 +262,3 @@ def _slopes(x, y, theta, values, free, left, low, inverse, out):
         across = value_at(c + 1.0, v, w, values) - value_at(float(c), v, w, values)
         along = value_at(u, r + 1.0, w, values) - value_at(u, float(r), w, values)
         out[i, 0], out[i, 1] = across * inverse, along * inverse
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _integrals(x0, y0, theta0, x1, y1, theta1, values, free, left, low, inverse, out):
-    for i in prange(x0.size):
-        out[i] = integral_straight(
-            x0[i], y0[i], theta0[i], x1[i], y1[i], theta1[i], values, left, low, inverse
-        )

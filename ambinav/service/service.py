@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.steering import FACING, STRAIGHT, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.field import Field
+from ambinav.service.motion import motion_integrals
 
 Floats = NDArray[np.float64]
 
@@ -19,29 +21,60 @@ Floats = NDArray[np.float64]
 class AmbiguityService:
     """Cost and reward from one layer of an ambiguity map.
 
-    The cost of a metre is c = 1 + weight * layer, so a route's cost is in metres-equivalent and
-    its length is a lower bound of it. Costs of states and integrals over motions come from the
-    same field, exactly integrated: everything that asks gets the same number.
+    The cost of a metre is
+
+        c = 1 + weight * layer^power + clearance_weight * max(0, 1 - clearance / comfort),
+
+    so a route's cost is in metres-equivalent and its length is a lower bound of it. It is laid
+    out on the map's lattice and linear in between. Costs of states and integrals over motions
+    come from the same field: everything that asks gets the same number.
 
     Args:
         amap: The map.
         layer: A layer with values from 0 on, such as `level`, `major` or `ambiguity`.
         weight: How many extra metres one metre at layer 1 is worth, at least 0.
+        power: Above 1 makes the bad places count for more, the good ones for less; above 0.
+        clearance_weight: How many extra metres one metre along a wall is worth, at least 0.
+        comfort: Distance from the walls from which on they cost nothing, metres, above 0.
+
+    Attributes:
+        map: The map.
+        layer: The layer's name.
+        weight: As given; so are power, clearance_weight and comfort.
+        ambiguity: The layer as a field.
+        graded: layer^power, what the weight multiplies.
+        density: The cost of a metre.
 
     Raises:
-        InputError: the map has no such layer, the layer holds negative values, or the weight is
-            not a number of at least 0.
+        InputError: the map has no such layer, the layer holds negative values, or a number is
+            out of its range.
     """
 
-    def __init__(self, amap: AmbiguityMap, layer: str = "level", weight: float = 5.0) -> None:
-        if not (math.isfinite(weight) and weight >= 0.0):
-            raise InputError(f"weight is {weight}; give a number of at least 0.")
+    def __init__(
+        self,
+        amap: AmbiguityMap,
+        layer: str = "level",
+        weight: float = 5.0,
+        *,
+        power: float = 1.0,
+        clearance_weight: float = 0.0,
+        comfort: float = 0.5,
+    ) -> None:
+        for name, number in (("weight", weight), ("clearance_weight", clearance_weight)):
+            if not (math.isfinite(number) and number >= 0.0):
+                raise InputError(f"{name} is {number}; give a number of at least 0.")
+        for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
+            if not (math.isfinite(number) and number > 0.0):
+                raise InputError(f"{name} is {number}; give a number{unit} above 0.")
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
             raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")
         self.map = amap
         self.layer = layer
         self.weight = float(weight)
+        self.power = float(power)
+        self.clearance_weight = float(clearance_weight)
+        self.comfort = float(comfort)
         self.ambiguity = Field.of(amap, layer)
         least = float(self.ambiguity.values.min())
         if not least >= 0.0:
@@ -49,7 +82,19 @@ class AmbiguityService:
                 f"layer {layer!r} holds {least:g}; a cost needs a layer with values from 0 on, "
                 "such as level."
             )
-        density = np.float32(1.0) + np.float32(self.weight) * self.ambiguity.values
+        with np.errstate(over="ignore"):  # said below
+            graded = self.ambiguity.values ** np.float32(power)
+            density = np.float32(1.0) + np.float32(weight) * graded
+            if clearance_weight > 0.0:
+                clearance = Field.of(amap, "clearance").values
+                near = np.maximum(np.float32(0.0), 1.0 - clearance / np.float32(comfort))
+                density = density + np.float32(clearance_weight) * near
+        if not np.isfinite(density).all():
+            raise InputError(
+                f"weight {weight:g} and power {power:g} make costs of layer {layer!r} that are "
+                "not finite; give smaller ones."
+            )
+        self.graded = replace(self.ambiguity, values=graded)
         self.density = replace(self.ambiguity, values=density)
 
     def __repr__(self) -> str:
@@ -88,8 +133,9 @@ class AmbiguityService:
         y1: ArrayLike,
         theta0: ArrayLike | None = None,
         theta1: ArrayLike | None = None,
+        steering: Steering | None = None,
     ) -> Floats | float:
-        """Cost of straight motions in metres-equivalent: at least their length.
+        """Cost of motions in metres-equivalent: at least their length.
 
         Walls are not looked at: whether a motion is possible is for a collision check to say.
 
@@ -98,10 +144,16 @@ class AmbiguityService:
             y0: Start, metres.
             x1: End, metres.
             y1: End, metres.
-            theta0: Heading at the start, radians; needed if the layer depends on the heading.
-            theta1: Heading at the end; in between it turns evenly, the short way round.
+            theta0: Heading at the start, radians; needed for curves, and for straight lines if
+                the layer depends on the heading. In r2 it is the direction of travel, whatever is
+                given.
+            theta1: Heading at the end.
+            steering: How the robot moves; None: straight, as in se2.
+
+        Raises:
+            InputError: a heading is missing, or something is not finite.
         """
-        return self._integrate(self.density, x0, y0, x1, y1, theta0, theta1)
+        return self._integrate(self.density, x0, y0, x1, y1, theta0, theta1, steering)
 
     def reward(
         self,
@@ -111,10 +163,57 @@ class AmbiguityService:
         y1: ArrayLike,
         theta0: ArrayLike | None = None,
         theta1: ArrayLike | None = None,
+        steering: Steering | None = None,
     ) -> Floats | float:
         """Minus the layer integrated over the step, at most 0; arguments as in `motion_cost`."""
-        exposure = self._integrate(self.ambiguity, x0, y0, x1, y1, theta0, theta1)
+        exposure = self._integrate(self.ambiguity, x0, y0, x1, y1, theta0, theta1, steering)
         return 0.0 - exposure
+
+    def route_cost(self, poses: ArrayLike, steering: Steering | None = None) -> float:
+        """Cost of a route in metres-equivalent: of the motions from pose to pose.
+
+        Args:
+            poses: x, y, theta, shape (N, 3), metres and radians.
+            steering: How the robot moves; None: straight, as in se2.
+
+        Raises:
+            InputError: the poses are not of that shape, or not finite.
+        """
+        return _along(self.density, poses, steering)
+
+    def route_exposure(self, poses: ArrayLike, steering: Steering | None = None) -> float:
+        """The layer integrated along a route, layer times metres; arguments as in `route_cost`."""
+        return _along(self.ambiguity, poses, steering)
+
+    @property
+    def has_headings(self) -> bool:
+        """Whether the cost depends on the heading."""
+        return self.density.values.shape[2] > 1
+
+    def with_weight(self, weight: float) -> AmbiguityService:
+        """The same service at another weight.
+
+        Raises:
+            InputError: the weight is not a number of at least 0.
+        """
+        if weight == self.weight:
+            return self
+        return AmbiguityService(
+            self.map,
+            self.layer,
+            weight,
+            power=self.power,
+            clearance_weight=self.clearance_weight,
+            comfort=self.comfort,
+        )
+
+    def motion_costs(self, a: Floats, b: Floats, steering: Steering) -> Floats:
+        """Cost of each motion from a pose of a to that of b, shape (N, 3) each; shape (N,)."""
+        return _motions(self.density, a, b, steering)
+
+    def motion_exposures(self, a: Floats, b: Floats, steering: Steering) -> Floats:
+        """What the weight multiplies in `motion_costs`: layer^power times metres, shape (N,)."""
+        return _motions(self.graded, a, b, steering)
 
     def _integrate(
         self,
@@ -125,14 +224,19 @@ class AmbiguityService:
         y1: ArrayLike,
         theta0: ArrayLike | None,
         theta1: ArrayLike | None,
+        steering: Steering | None,
     ) -> Floats | float:
-        self._need_heading(theta0)
-        self._need_heading(theta1)
+        if steering is not None and steering.turns and (theta0 is None or theta1 is None):
+            raise InputError(f"{steering.space} needs headings; give theta0 and theta1.")
+        if steering is None or steering.kind != FACING:
+            self._need_heading(theta0)
+            self._need_heading(theta1)
         shape, ends = _flat(x0, y0, theta0, x1, y1, theta1)
         for name, end in zip(("x0", "y0", "theta0", "x1", "y1", "theta1"), ends, strict=True):
             if not np.isfinite(end).all():
                 raise InputError(f"{name} is not finite; give metres and radians.")
-        total = field.integral(*ends)
+        xa, ya, ta, xb, yb, tb = ends
+        total = field.integral(xa, ya, ta, xb, yb, tb, steering)
         return total.reshape(shape) if shape else float(total[0])
 
     def _poses(
@@ -147,6 +251,27 @@ class AmbiguityService:
                 f"layer {self.layer!r} depends on the heading; give theta, or use the layer "
                 f"{self.layer}_mean."
             )
+
+
+def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:
+    """Integral of a field over each motion from a to b."""
+    parts = np.empty(len(a))
+    values, _, left, low, inverse = field.arrays
+    motion_integrals(
+        steering.kind, float(steering.radius), np.ascontiguousarray(a), np.ascontiguousarray(b),
+        values, left, low, inverse, parts,
+    )  # fmt: skip
+    return parts
+
+
+def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
+    """Integral of a field along a route."""
+    route = checked_poses(poses, "poses")
+    kind, radius = (STRAIGHT, 0.0) if steering is None else (steering.kind, steering.radius)
+    parts = np.empty(max(len(route) - 1, 0))
+    values, _, left, low, inverse = field.arrays
+    motion_integrals(kind, float(radius), route[:-1], route[1:], values, left, low, inverse, parts)
+    return float(parts.sum())
 
 
 def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:

@@ -1,1 +1,59 @@
-"""OMPL plug-in of ambinav: planners that weigh a route's length against its ambiguity."""
+"""OMPL plug-in of ambinav: planners that weigh a route's length against its ambiguity.
+
+The names below are loaded when they are first used: what needs no OMPL is there without it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ambinav_planners.objective import AmbiguityObjective
+    from ambinav_planners.fronts import pareto
+    from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
+    from ambinav_planners.reference import NoWayError
+    from ambinav_planners.registry import Planner, planners
+    from ambinav_planners.roadmap import Roadmap
+    from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
+
+__all__ = [
+    "AmbiguityObjective",
+    "FootprintMotionValidator",
+    "FootprintStateValidity",
+    "NoWayError",
+    "NotFoundError",
+    "Planner",
+    "Roadmap",
+    "RoutePlanner",
+    "pareto",
+    "plan",
+    "planners",
+]
+
+_HOME = {
+    "AmbiguityObjective": "objective",
+    "FootprintMotionValidator": "validator",
+    "FootprintStateValidity": "validator",
+    "NoWayError": "reference",
+    "NotFoundError": "planning",
+    "Planner": "registry",
+    "Roadmap": "roadmap",
+    "RoutePlanner": "planning",
+    "pareto": "fronts",
+    "plan": "planning",
+    "planners": "registry",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module on first use (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import ambinav as an
+from ambinav.geometry.steering import Steering
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 LASER = an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
@@ -144,6 +145,11 @@ def test_headings_are_read_where_they_matter(headed: an.AmbiguityMap) -> None:
         ({"layer": "levle"}, "level"),
         ({"layer": "direction"}, "direction"),
         ({"layer": "zone"}, "zone"),
+        ({"power": 0.0}, "power"),
+        ({"power": math.inf}, "power"),
+        ({"clearance_weight": -1.0}, "clearance_weight"),
+        ({"comfort": 0.0}, "comfort"),
+        ({"weight": 1e39}, "not finite"),
     ],
 )
 def test_bad_arguments(plain: an.AmbiguityMap, arguments: dict[str, object], word: str) -> None:
@@ -154,3 +160,65 @@ def test_bad_arguments(plain: an.AmbiguityMap, arguments: dict[str, object], wor
 def test_a_motion_needs_finite_ends(plain: an.AmbiguityMap) -> None:
     with pytest.raises(an.InputError, match="x1"):
         an.AmbiguityService(plain).motion_cost(0.0, 0.0, math.inf, 0.0)
+
+
+STEERINGS = [
+    None, Steering(), Steering("se2"), Steering("dubins", 0.7), Steering("reeds-shepp", 0.7)
+]  # fmt: skip
+ROUTE = np.array([[2.0, 20.0, 0.0], [4.0, 21.0, 0.5], [4.5, 23.0, 1.5], [2.0, 22.0, 3.0]])
+
+
+@pytest.mark.parametrize("steering", STEERINGS, ids=str)
+def test_a_route_costs_the_sum_of_its_motions(
+    headed: an.AmbiguityMap, steering: Steering | None
+) -> None:
+    service = an.AmbiguityService(headed, weight=5.0)
+    a, b = ROUTE[:-1].T, ROUTE[1:].T
+    motions = np.asarray(service.motion_cost(a[0], a[1], b[0], b[1], a[2], b[2], steering=steering))
+    rewards = np.asarray(service.reward(a[0], a[1], b[0], b[1], a[2], b[2], steering=steering))
+    cost, exposure = service.route_cost(ROUTE, steering), service.route_exposure(ROUTE, steering)
+    assert cost == pytest.approx(motions.sum())
+    assert exposure == pytest.approx(-rewards.sum())
+    length = (steering or Steering("se2")).lengths(ROUTE[:-1], ROUTE[1:]).sum()
+    assert cost == pytest.approx(length + 5.0 * exposure, rel=1e-5)
+    assert service.route_cost(ROUTE[:1], steering) == 0.0
+
+
+def test_curves_need_headings_and_r2_none(plain: an.AmbiguityMap, headed: an.AmbiguityMap) -> None:
+    with pytest.raises(an.InputError, match="theta0"):
+        an.AmbiguityService(plain).motion_cost(
+            2.0, 20.0, 4.0, 21.0, 0.0, steering=Steering("dubins", 0.5)
+        )
+    service = an.AmbiguityService(headed)
+    along = math.atan2(1.0, 2.0)
+    assert service.motion_cost(2.0, 20.0, 4.0, 21.0, steering=Steering()) == pytest.approx(
+        service.motion_cost(2.0, 20.0, 4.0, 21.0, along, along)
+    )
+    with pytest.raises(an.InputError, match="poses"):
+        service.route_cost([[0.0, 1.0]])
+
+
+def test_power_and_clearance(plain: an.AmbiguityMap) -> None:
+    service = an.AmbiguityService(
+        plain, weight=4.0, power=2.0, clearance_weight=3.0, comfort=0.8
+    )  # fmt: skip
+    free = service.density.free
+    level, clearance = plain.dataset["level"].values, plain.dataset["clearance"].values
+    expected = 1 + 4 * level**2 + 3 * np.maximum(0, 1 - clearance / 0.8)
+    np.testing.assert_allclose(service.density.values[free, 0], expected[free], rtol=1e-5)
+    np.testing.assert_allclose(service.graded.values[free, 0], level[free] ** 2, rtol=1e-5)
+    np.testing.assert_array_equal(service.ambiguity.values[free, 0], level[free])
+    # Along the middle of a wide room nothing is near: only the layer counts.
+    assert service.density.values.min() >= 1.0
+    assert an.AmbiguityService(plain, weight=0.0, clearance_weight=1.0).cost(2.0, 2.0) >= 1.0
+
+
+def test_clearance_counts_with_headings_too(headed: an.AmbiguityMap) -> None:
+    near = an.AmbiguityService(headed, weight=0.0, clearance_weight=2.0, comfort=1.0)
+    clearance = headed.dataset["clearance"].values
+    expected = 1 + 2 * np.maximum(0, 1 - clearance[..., None])
+    free = near.density.free
+    assert near.density.values.shape[2] == 6
+    np.testing.assert_allclose(
+        near.density.values[free], np.broadcast_to(expected, (*free.shape, 6))[free], rtol=1e-5
+    )

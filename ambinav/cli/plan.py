@@ -1,0 +1,244 @@
+"""`ambinav plan`: routes over an ambiguity map."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import above_zero, check_writable, not_negative, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.routes.route import Route
+    from ambinav_planners.planning import RoutePlanner
+
+ROUTE_FILES = (".csv", ".geojson", ".json")
+PICTURES = (".png", ".pdf", ".svg")
+
+Point = tuple[float, float]
+
+
+def _list_planners(wanted: bool) -> None:
+    if not wanted:
+        return
+    with reporting():
+        _need_ompl()
+        from ambinav_planners import planners
+
+        for name, entry in sorted(planners().items()):
+            typer.echo(f"{name:18} {entry.text} [{', '.join(entry.spaces)}]")
+    raise typer.Exit
+
+
+def _need_ompl() -> None:
+    """Say what to install if OMPL is missing.
+
+    Raises:
+        InputError: it is.
+    """
+    from importlib.util import find_spec
+
+    if find_spec("ompl") is None:
+        raise InputError('planning needs OMPL; run: pip install "ambinav[planners]"')
+
+
+def plan(
+    map_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MAP.zarr",
+            help="An ambiguity map made by `ambinav map`.",
+            show_default=False,
+        ),
+    ],
+    start: Annotated[
+        Point, typer.Option("--start", metavar="X Y", help="Metres.", show_default=False)
+    ],
+    goal: Annotated[
+        Point, typer.Option("--goal", metavar="X Y", help="Metres.", show_default=False)
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE|DIR",
+            help="The route: .csv, .geojson or .json (like nav_msgs/Path); with --pareto a folder.",
+            show_default=False,
+        ),
+    ],
+    planner: Annotated[
+        str, typer.Option("--planner", "-p", metavar="NAME", help="See --list-planners.")
+    ] = "prmstar",
+    weight: Annotated[
+        float,
+        typer.Option("--weight", "-w", help="How many extra metres a metre at level 1 is worth."),
+    ] = 5.0,
+    time: Annotated[
+        float, typer.Option("--time", "-t", metavar="S", help="Time for planning, seconds.")
+    ] = 1.0,
+    iterations: Annotated[
+        int | None,
+        typer.Option(
+            "--iterations",
+            metavar="N",
+            help="Stop the planner after so many of its iterations, whatever the time.",
+            show_default="no limit",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="N", help="From 1 on.", show_default="another every time"),
+    ] = None,
+    layer: Annotated[
+        str, typer.Option("--layer", metavar="NAME", help="The layer that costs.")
+    ] = "level",
+    space: Annotated[
+        str,
+        typer.Option("--space", metavar="NAME", help="r2, se2, dubins or reeds-shepp."),
+    ] = "r2",
+    turning_radius: Annotated[
+        float,
+        typer.Option("--turning-radius", metavar="M", help="For dubins and reeds-shepp, metres."),
+    ] = 0.0,
+    headings: Annotated[
+        Point,
+        typer.Option(
+            "--headings",
+            metavar="A B",
+            help="At start and goal, radians, for spaces other than r2.",
+        ),
+    ] = (0.0, 0.0),
+    radius: Annotated[
+        float, typer.Option("--radius", metavar="M", help="Of a round robot, metres.")
+    ] = 0.2,
+    footprint: Annotated[
+        str | None,
+        typer.Option(
+            "--footprint",
+            metavar="POINTS",
+            help='Corners of another outline in the robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
+            show_default="a disc",
+        ),
+    ] = None,
+    clearance_weight: Annotated[
+        float,
+        typer.Option("--clearance-weight", help="Extra metres that a metre along a wall is worth."),
+    ] = 0.0,
+    comfort: Annotated[
+        float, typer.Option("--comfort", metavar="M", help="Walls cost nothing from here on.")
+    ] = 0.5,
+    avoid_open: Annotated[
+        bool, typer.Option("--avoid-open", help="Never enter the open zone.")
+    ] = False,
+    max_bad_metres: Annotated[
+        float | None,
+        typer.Option(
+            "--max-bad-metres",
+            metavar="M",
+            help="At most so many metres in a row above --bad-level.",
+            show_default="no limit",
+        ),
+    ] = None,
+    bad_level: Annotated[float, typer.Option("--bad-level", help="See --max-bad-metres.")] = 0.5,
+    improve: Annotated[
+        bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
+    ] = True,
+    shortest: Annotated[
+        bool, typer.Option("--shortest", help="Plan the shortest route as well and show both.")
+    ] = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE",
+            help="Draw the route on the floor map: .png, .pdf or .svg.",
+            show_default="none",
+        ),
+    ] = None,
+    pareto: Annotated[
+        bool,
+        typer.Option(
+            "--pareto", help="Routes for many weights; writes a table, routes and pictures."
+        ),
+    ] = False,
+    weights: Annotated[
+        str | None,
+        typer.Option(
+            "--weights", metavar="LIST", help="For --pareto.", show_default="0 0.5 1 2 3 5 8 12 20"
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+    list_planners: Annotated[
+        bool,
+        typer.Option(
+            "--list-planners",
+            callback=_list_planners,
+            is_eager=True,
+            help="Show the planners and exit.",
+        ),
+    ] = False,
+) -> None:
+    """Plan a route that goes around places of bad localization where that is worth the way.
+
+    Example: `ambinav plan office.zarr --start 2 3 --goal 20 8 -o route.csv --picture route.png`
+    """
+    with reporting():
+        _need_ompl()
+        above_zero(time, "--time", "1")
+        not_negative(weight, "--weight", "5")
+        above_zero(comfort, "--comfort", "0.5")
+        not_negative(clearance_weight, "--clearance-weight", "1")
+        if not pareto:
+            _check_suffix(output, "--output", ROUTE_FILES)
+        if picture is not None:
+            _check_suffix(picture, "--picture", PICTURES)
+            check_writable(picture)
+        check_writable(output)
+        from ambinav.geometry.footprint import Footprint
+        from ambinav.maps.ambiguity_map import AmbiguityMap
+        from ambinav.service.service import AmbiguityService
+        from ambinav_planners import NoWayError, RoutePlanner
+
+        service = AmbiguityService(
+            AmbiguityMap.open(map_file),
+            layer,
+            weight,
+            clearance_weight=clearance_weight,
+            comfort=comfort,
+        )
+        robot = RoutePlanner(
+            service,
+            footprint=(
+                Footprint.disc(radius)
+                if footprint is None
+                else Footprint.polygon(_numbers(footprint, "--footprint"))
+            ),
+            space=space,
+            turning_radius=turning_radius,
+            avoid_open=avoid_open,
+            max_bad_metres=max_bad_metres,
+            bad_level=bad_level,
+        )
+        ends = ((*start, headings[0]), (*goal, headings[1]))
+        budget = {"seconds": time, "iterations": iterations, "seed": seed}
+        try:
+            if pareto:
+                chosen = _weights(weights)
+                _plan_front(robot, ends, planner, chosen, budget, output, as_json)
+                return
+            routes = {f"weight {weight:g}": robot.plan(*ends, planner_name=planner, improved=improve, **budget)}
+            if shortest:
+                routes["shortest"] = robot.plan(
+                    *ends, planner_name=planner, improved=improve, weight=0.0, **budget
+                )
+        except NoWayError as error:
+            where = picture or output.with_name(f"{output.stem}-no-way.png")
+            _draw_no_way(robot, error, ends, where)
+            raise InputError(f"{error} The parts are drawn in {where}.") from None
+        _write(routes, robot, output, picture)
+        _show(routes, as_json, output, picture)

@@ -1,0 +1,37 @@
+"""The turning circles of two poses, in units of the turning radius.
+
+Start at the origin, heading along x. Its left circle has its centre at (0, 1), its right one at
+(0, -1). The curves of Dubins and of Reeds and Shepp follow from the vectors between a circle of
+the start and one of the goal: once these are known as length and angle, mirrored and reversed
+words need sums of angles alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+TURN = 2.0 * math.pi
+NEAR = 1e-9
+"""What counts as rounding, in radii and radians: far above it, and below what a robot can do."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_radii(radius, x0, y0, t0, x1, y1, t1):
+    """Second pose in the frame of the first: x and y in radii, heading within half a turn."""
+    c, s = math.cos(t0), math.sin(t0)
+    dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
+    return c * dx + s * dy, c * dy - s * dx, wrap(t1 - t0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def polar(x, y):
+    """Length and angle of a vector; angle 0 of none."""
+    return math.sqrt(x * x + y * y), math.atan2(y, x)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def wrap(angle):
+    """The angle within half a turn of 0."""
+    return angle - TURN * math.floor(angle / TURN + 0.5)

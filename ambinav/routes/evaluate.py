@@ -1,0 +1,167 @@
+"""Measuring a route: length, cost, exposure, metres in each zone, the longest bad stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.steering import Steering, checked_poses
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import ZONES
+from ambinav.routes.route import BAD_ZONES, Floats, Route
+from ambinav.service.service import AmbiguityService
+
+PER_CELL = 4
+"""Samples of the zone on a way of one cell."""
+
+
+def evaluate_route(
+    service: AmbiguityService,
+    poses: ArrayLike,
+    steering: Steering,
+    *,
+    planner: str,
+    seed: int | None = None,
+    seconds: float = 0.0,
+    first_seconds: float | None = None,
+    iterations: int | None = None,
+    curve: Iterable[tuple[float, float]] = (),
+    covariances: ArrayLike | None = None,
+) -> Route:
+    """Measure a route on a map, with the same integrals that planners and service use.
+
+    Walls are not looked at: whether the route is possible is for a collision check to say.
+
+    Args:
+        service: The map, and what a metre costs.
+        poses: x, y, theta, shape (N, 3), N at least 2; metres, radians, map frame. In r2 the
+            headings are laid along the travel, whatever is given.
+        steering: The kind of motion.
+        planner: Who found it.
+        seed: Of the planner's randomness.
+        seconds: Time that the planner took.
+        first_seconds: Time until it had some route.
+        iterations: Of the planner.
+        curve: (seconds, cost) each time that the planner had something better.
+        covariances: Of x, y, heading at each pose, shape (N, 3, 3), symmetric.
+
+    Raises:
+        InputError: fewer than two poses, poses or covariances of another shape, something in
+            them is not finite, or a pose lies outside of the map.
+    """
+    route = checked_poses(poses, "poses")
+    if len(route) < 2:
+        raise InputError(f"poses has {len(route)} of them; a route needs a start and a goal.")
+    route = steering.oriented(route)
+    levels = _levels(service, route)
+    dense, _, along = steering.dense(route, service.map.spacing / PER_CELL)
+    metres = np.diff(along)
+    turned = _wrapped(np.diff(dense[:, 2]))
+    middle = 0.5 * (dense[:-1] + dense[1:])
+    middle[:, 2] = dense[:-1, 2] + 0.5 * turned
+    codes = zone_codes(service.map, middle)
+    per_zone = np.bincount(codes, weights=metres, minlength=len(ZONES))
+    moving = metres > 0.0
+    bad = np.isin(codes, [ZONES.index(name) for name in BAD_ZONES])
+    a, b = route[:-1], route[1:]
+    costs = service.density.integral(*a.T, *b.T, steering)
+    return Route(
+        poses=route,
+        steering=steering,
+        planner=planner,
+        seed=seed,
+        environment=str(service.map.dataset.attrs["environment"]),
+        scanner=str(service.map.dataset.attrs["scanner"]),
+        layer=service.layer,
+        weight=service.weight,
+        power=service.power,
+        clearance_weight=service.clearance_weight,
+        comfort=service.comfort,
+        length=float(steering.lengths(a, b).sum()),
+        cost=service.route_cost(route, steering),
+        exposure=service.route_exposure(route, steering),
+        zone_metres=dict(zip(ZONES, per_zone.tolist(), strict=True)),
+        longest_bad=_longest_run(bad[moving], metres[moving]),
+        turn=float(np.abs(turned).sum()),
+        distance=_up_to(steering.lengths(a, b)),
+        spent=_up_to(costs),
+        levels=levels,
+        zones=zone_codes(service.map, route),
+        seconds=float(seconds),
+        first_seconds=None if first_seconds is None else float(first_seconds),
+        iterations=iterations,
+        curve=tuple((float(when), float(cost)) for when, cost in curve),
+        covariances=None if covariances is None else _covariances(covariances, len(route)),
+    )
+
+
+def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
+    """Code of the zone at poses (N, 3), read from the nearest free cell, uint8, shape (N,)."""
+    x, y, theta = poses.T
+    codes = np.array(amap.sample("zone", x, y, theta))
+    lost = np.flatnonzero(~(codes < len(ZONES)))
+    if lost.size:
+        # So close to a wall that the cell belongs to it.
+        from scipy.ndimage import distance_transform_edt
+
+        free = amap.dataset["free"].values
+        xs, ys = amap.dataset["x"].values, amap.dataset["y"].values
+        nearest = distance_transform_edt(~free, return_distances=False, return_indices=True)
+        row, column = (
+            np.clip(np.rint((value[lost] - axis[0]) / amap.spacing), 0, axis.size - 1).astype(int)
+            for value, axis in ((y, ys), (x, xs))
+        )
+        row, column = nearest[:, row, column]
+        codes[lost] = amap.sample("zone", xs[column], ys[row], theta[lost])
+    return codes.astype(np.uint8)
+
+
+def _levels(service: AmbiguityService, poses: Floats) -> Floats:
+    """The layer at poses, continued into cells of walls as in the integrals."""
+    field = service.ambiguity
+    everywhere = replace(field, free=np.ones_like(field.free))
+    levels = everywhere.at(*np.ascontiguousarray(poses.T))
+    outside = np.flatnonzero(np.isnan(levels))
+    if outside.size:
+        x, y, _ = poses[outside[0]]
+        raise InputError(
+            f"poses[{outside[0]}] is at ({x:g}, {y:g}) m, outside of the map; "
+            "give a route in the map's frame."
+        )
+    return levels
+
+
+def _longest_run(chosen: NDArray[np.bool_], metres: Floats) -> float:
+    """Metres of the longest run of chosen pieces."""
+    if not chosen.any():
+        return 0.0
+    edges = np.flatnonzero(np.diff(chosen.astype(np.int8), prepend=0, append=0))
+    gone = _up_to(metres)
+    return float((gone[edges[1::2]] - gone[edges[::2]]).max())
+
+
+def _up_to(parts: Floats) -> Floats:
+    """Running sums, from 0 on."""
+    return np.concatenate([[0.0], np.cumsum(parts)])
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _covariances(given: ArrayLike, count: int) -> Floats:
+    out = np.array(given, dtype=np.float64, order="C")
+    if out.shape != (count, 3, 3):
+        raise InputError(
+            f"covariances has the shape {out.shape}; give one of (3, 3) for each of the "
+            f"{count} poses."
+        )
+    if not np.isfinite(out).all():
+        raise InputError("covariances holds what is not finite; give metres and radians squared.")
+    if not np.allclose(out, out.transpose(0, 2, 1), rtol=1e-6, atol=1e-12):
+        raise InputError("covariances holds one that is not symmetric; give symmetric matrices.")
+    return 0.5 * (out + out.transpose(0, 2, 1))

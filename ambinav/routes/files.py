@@ -1,0 +1,150 @@
+"""Routes on disk: CSV, GeoJSON, and JSON as a ROS nav_msgs/Path; poses come back exactly."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav.routes import table
+from ambinav.routes.record import Figures, Waypoint, checked, figures, route_of, waypoints
+from ambinav.routes.route import Floats, Route
+from ambinav.sensing.fields import read_text
+
+FORMATS: Final = (".csv", ".geojson", ".json")
+"""Endings that a route's file may have."""
+
+TRACE_STEP: Final = 0.05
+"""Metres between the points that curves are drawn with for those who only know straight lines."""
+
+
+def save_route(route: Route, path: str | Path) -> None:
+    """Write a route, whole or not at all; an older file is replaced.
+
+    - `.csv`: the figures in lines that begin with #, then a table of the poses.
+    - `.geojson`: a Feature with a LineString in the map frame (metres, not degrees); figures and
+      poses are its properties.
+    - `.json`: the fields of a ROS nav_msgs/Path in the frame `map`, and the member `ambinav` with
+      figures and poses.
+
+    The line and the path show curves (dubins, reeds-shepp) by points `TRACE_STEP` apart.
+
+    Args:
+        route: What to write.
+        path: Where to; the ending says the format.
+
+    Raises:
+        InputError: another ending, or the place is not writable.
+    """
+    path = Path(path)
+    kind = check_format(path)
+    if kind == ".csv":
+        text = table.text_of(route)
+    else:
+        whole = _feature(route) if kind == ".geojson" else _path_message(route)
+        text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+
+
+def load_route(path: str | Path) -> Route:
+    """Read a route that `save_route` wrote; its poses are exactly those that were saved.
+
+    Raises:
+        InputError: there is no such file, or it is not a route; the message names the line or
+            field and the value.
+    """
+    path = Path(path)
+    kind = check_format(path)
+    text = read_text(path)
+    if kind == ".csv":
+        return table.route_of_text(text, str(path))
+    try:
+        whole = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{path}: line {error.lineno}: not valid JSON ({error.msg}); save the route again."
+        ) from error
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply for a route; save it again.") from error
+    member = "properties" if kind == ".geojson" else "ambinav"
+    told = whole.get(member) if isinstance(whole, dict) else None
+    if not isinstance(told, dict) or not isinstance(told.get("poses"), list):
+        raise InputError(
+            f"{path}: {member}.poses is missing, so this is no route of ambinav; "
+            "save one with `ambinav plan`."
+        )
+    rest = {name: value for name, value in told.items() if name != "poses"}
+    points = [
+        checked(Waypoint, plain, f"{path}: {member}.poses[{i}]")
+        for i, plain in enumerate(told["poses"])
+    ]
+    return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
+
+
+def check_format(path: Path) -> str:
+    """The ending of a route's file, in lower case.
+
+    Raises:
+        InputError: no format has this ending.
+    """
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
+        raise InputError(
+            f"{path}: the ending {kind!r} names no format of routes; choose {', '.join(FORMATS)}."
+        )
+    return kind
+
+
+def trace(route: Route, step: float = TRACE_STEP) -> Floats:
+    """Poses to be joined by straight lines, shape (M, 3): the route's own, or points of its curves.
+
+    Args:
+        route: The route.
+        step: Metres between points of a curve, at most.
+    """
+    if not route.steering.turns:
+        return route.poses
+    dense, _, along = route.steering.dense(route.poses, step)
+    return dense[np.diff(along, prepend=-1.0) > 0.0]
+
+
+def _record(route: Route) -> dict[str, Any]:
+    poses = [point.model_dump(exclude_none=True) for point in waypoints(route)]
+    return {**figures(route).model_dump(), "poses": poses}
+
+
+def _feature(route: Route) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": {"type": "LineString", "coordinates": trace(route)[:, :2].tolist()},
+        "properties": _record(route),
+    }
+
+
+def _path_message(route: Route) -> dict[str, Any]:
+    header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
+    return {
+        "header": header,
+        "poses": [
+            {
+                "header": header,
+                "pose": {
+                    "position": {"x": x, "y": y, "z": 0.0},
+                    "orientation": {
+                        "x": 0.0,
+                        "y": 0.0,
+                        "z": math.sin(theta / 2.0),
+                        "w": math.cos(theta / 2.0),
+                    },
+                },
+            }
+            for x, y, theta in trace(route).tolist()
+        ],
+        "ambinav": _record(route),
+    }

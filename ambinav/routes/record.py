@@ -1,0 +1,193 @@
+"""A route as plain data: the fields that its files hold, and their checks."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ambinav.errors import InputError
+from ambinav.geometry.steering import Steering
+from ambinav.maps.zones import ZONES
+from ambinav.routes.route import Route
+
+FORMAT: Final = "ambinav-route/1"
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Amount = Annotated[float, Field(allow_inf_nan=False, ge=0.0)]
+Model = TypeVar("Model", bound=BaseModel)
+Zone = Literal["localizable", "transition", "corridor", "open"]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Figures(_Part):
+    """What a route is and costs; every field of a file but the poses. See `Route` for meanings."""
+
+    format: Literal["ambinav-route/1"] = FORMAT
+    planner: str
+    seed: int | None
+    environment: str
+    scanner: str
+    space: str
+    radius_m: Number
+    layer: str
+    weight: Amount
+    power: Amount
+    clearance_weight: Amount
+    comfort_m: Amount
+    length_m: Amount
+    cost: Amount
+    exposure_m: Amount
+    localizable_m: Amount
+    transition_m: Amount
+    corridor_m: Amount
+    open_m: Amount
+    longest_bad_m: Amount
+    turn_rad: Amount
+    seconds: Amount
+    first_seconds: Amount | None
+    iterations: int | None
+    curve: tuple[tuple[Amount, Amount], ...]
+
+
+class Waypoint(_Part):
+    """One pose of a route."""
+
+    x: Number
+    y: Number
+    theta: Number
+    distance: Amount
+    cost: Amount
+    level: Amount
+    zone: Zone
+    covariance: tuple[Number, Number, Number, Number, Number, Number] | None = Field(
+        default=None, description="xx, xy, x theta, yy, y theta, theta theta"
+    )
+
+
+_UPPER: Final = np.triu_indices(3)
+
+
+def figures(route: Route) -> Figures:
+    """The figures of a route."""
+    same = {field.name for field in fields(route)} & set(Figures.model_fields)
+    return Figures.model_validate(
+        {name: getattr(route, name) for name in same}
+        | {f"{name}_m": metres for name, metres in route.zone_metres.items()}
+        | {
+            "space": route.steering.space,
+            "radius_m": route.steering.radius,
+            "comfort_m": route.comfort,
+            "length_m": route.length,
+            "exposure_m": route.exposure,
+            "longest_bad_m": route.longest_bad,
+            "turn_rad": route.turn,
+        }
+    )
+
+
+def waypoints(route: Route) -> Iterator[Waypoint]:
+    """The poses of a route, one after the other."""
+    for i, (x, y, theta) in enumerate(route.poses.tolist()):
+        covariance = None if route.covariances is None else route.covariances[i][_UPPER].tolist()
+        yield Waypoint(
+            x=x,
+            y=y,
+            theta=theta,
+            distance=float(route.distance[i]),
+            cost=float(route.spent[i]),
+            level=float(route.levels[i]),
+            zone=ZONES[route.zones[i]],
+            covariance=covariance,
+        )
+
+
+def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
+    """The route that the figures and poses of a file describe.
+
+    Raises:
+        InputError: fewer than two poses, only some with a covariance, or an unusable steering.
+    """
+    if len(points) < 2:
+        raise InputError(
+            f"{where}: it has {len(points)} of the poses of a route; it needs two or more."
+        )
+    given = [point.covariance for point in points if point.covariance is not None]
+    if given and len(given) < len(points):
+        raise InputError(
+            f"{where}: only {len(given)} of {len(points)} poses have a covariance; "
+            "give it for all or for none."
+        )
+    try:
+        steering = Steering(told.space, told.radius_m)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    covariances = None
+    if given:
+        covariances = np.empty((len(given), 3, 3))
+        covariances[:, _UPPER[0], _UPPER[1]] = given
+        covariances[:, _UPPER[1], _UPPER[0]] = given
+    return Route(
+        poses=np.array([(point.x, point.y, point.theta) for point in points]),
+        steering=steering,
+        planner=told.planner,
+        seed=told.seed,
+        environment=told.environment,
+        scanner=told.scanner,
+        layer=told.layer,
+        weight=told.weight,
+        power=told.power,
+        clearance_weight=told.clearance_weight,
+        comfort=told.comfort_m,
+        length=told.length_m,
+        cost=told.cost,
+        exposure=told.exposure_m,
+        zone_metres={name: getattr(told, f"{name}_m") for name in ZONES},
+        longest_bad=told.longest_bad_m,
+        turn=told.turn_rad,
+        distance=np.array([point.distance for point in points]),
+        spent=np.array([point.cost for point in points]),
+        levels=np.array([point.level for point in points]),
+        zones=np.array([ZONES.index(point.zone) for point in points], dtype=np.uint8),
+        seconds=told.seconds,
+        first_seconds=told.first_seconds,
+        iterations=told.iterations,
+        curve=told.curve,
+        covariances=covariances,
+    )
+
+
+def checked(model: type[Model], plain: Any, where: str) -> Model:
+    """Plain data as a model.
+
+    Args:
+        model: Which.
+        plain: As a parser gave it.
+        where: Named in messages: the file, and the line or member.
+
+    Raises:
+        InputError: a field is missing, unknown or holds something else; the message names it.
+    """
+    try:
+        return model.model_validate(plain)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name = ".".join(str(part) for part in first["loc"]) or "content"
+        if first["type"] == "missing":
+            raise InputError(
+                f"{where}: the field {name!r} is missing; save the route again."
+            ) from error
+        if first["type"] == "extra_forbidden":
+            raise InputError(f"{where}: the field {name!r} is unknown; leave it out.") from error
+        value = json.dumps(first["input"], default=str)
+        value = value if len(value) <= 60 else f"{value[:57]}..."
+        wish = re.sub(r"^(Input|Value) should be", "it should be", first["msg"])
+        raise InputError(f"{where}: {name} is {value}; {wish}.") from error

@@ -1,0 +1,104 @@
+"""A route: the poses that a planner found, and what they cost on the map they were planned for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.steering import Steering
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+
+Floats = NDArray[np.float64]
+
+BAD_ZONES = (ZONES[CORRIDOR], ZONES[OPEN])
+"""Names of the zones in which a robot gets lost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Poses from start to goal, N of them, and their figures.
+
+    Make one with `ambinav.routes.evaluate.evaluate_route`, so that every route is measured alike.
+
+    Attributes:
+        poses: float64, shape (N, 3): x, y in metres, heading in radians, map frame. What lies
+            between two of them says `steering`.
+        steering: The kind of motion.
+        planner: Who found it.
+        seed: Of the planner's randomness; None where there is none.
+        environment: Name of the environment.
+        scanner: Name of the scanner.
+        layer: The map's layer that the cost was made of.
+        weight: Extra metres for one metre at layer 1.
+        power: The layer counts with this power in the cost.
+        clearance_weight: Extra metres for one metre along a wall.
+        comfort: From this distance to walls on, in metres, that costs nothing.
+        length: Metres travelled; reverse counts as forwards.
+        cost: Integral of the cost over the length, metres-equivalent.
+        exposure: Integral of the layer over the length, metres.
+        zone_metres: Metres travelled in each zone of the map, by name; they sum to `length`.
+        longest_bad: The longest stretch in a row in `BAD_ZONES`, metres.
+        turn: Sum of all turns, on the spot or on the way, radians.
+        distance: Shape (N,): metres travelled up to each pose.
+        spent: Shape (N,): cost up to each pose, metres-equivalent.
+        levels: Shape (N,): the layer at each pose.
+        zones: uint8, shape (N,): code of the zone at each pose.
+        seconds: Time that the planner took.
+        first_seconds: Time until it had some route; None where that is not known.
+        iterations: Of the planner; None where it does not count any.
+        curve: (seconds, cost) each time that the planner had something better.
+        covariances: Shape (N, 3, 3): predicted covariance of x, y, heading at each pose, or None.
+    """
+
+    poses: Floats
+    steering: Steering
+    planner: str
+    seed: int | None
+    environment: str
+    scanner: str
+    layer: str
+    weight: float
+    power: float
+    clearance_weight: float
+    comfort: float
+    length: float
+    cost: float
+    exposure: float
+    zone_metres: dict[str, float]
+    longest_bad: float
+    turn: float
+    distance: Floats
+    spent: Floats
+    levels: Floats
+    zones: NDArray[np.uint8]
+    seconds: float
+    first_seconds: float | None
+    iterations: int | None
+    curve: tuple[tuple[float, float], ...]
+    covariances: Floats | None
+
+    @property
+    def start(self) -> tuple[float, float, float]:
+        """The first pose: x, y, heading."""
+        x, y, theta = self.poses[0].tolist()
+        return x, y, theta
+
+    @property
+    def goal(self) -> tuple[float, float, float]:
+        """The last pose: x, y, heading."""
+        x, y, theta = self.poses[-1].tolist()
+        return x, y, theta
+
+    @property
+    def bad_metres(self) -> float:
+        """Metres travelled in `BAD_ZONES`: corridor and open."""
+        return sum(self.zone_metres[name] for name in BAD_ZONES)
+
+    def __repr__(self) -> str:
+        """Who found it, and its main figures."""
+        return (
+            f"<Route of {self.planner!r}: {self.length:.2f} m, cost {self.cost:.2f}, "
+            f"{self.bad_metres:.2f} m in {' and '.join(BAD_ZONES)}, {len(self.poses)} poses>"
+        )

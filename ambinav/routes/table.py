@@ -1,0 +1,90 @@
+"""A route as CSV: figures in comment lines, then one line for each pose."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Any, Final
+
+from ambinav.errors import InputError
+from ambinav.routes.record import Figures, Waypoint, checked, figures, route_of, waypoints
+from ambinav.routes.route import Route
+
+COLUMNS: Final = ("x", "y", "theta", "distance", "cost", "level", "zone")
+COVARIANCE: Final = ("cov_xx", "cov_xy", "cov_xt", "cov_yy", "cov_yt", "cov_tt")
+"""Further columns of a route with predicted covariances: the upper triangle."""
+
+_REMARK: Final = (
+    "## x, y, distance from the start: metres; theta: radians; cost: metres-equivalent from the "
+    "start; level: the layer at the pose"
+)
+
+
+def text_of(route: Route) -> str:
+    """The whole file; numbers are written so that they read back exactly."""
+    out = io.StringIO()
+    for name, value in figures(route).model_dump(mode="json").items():
+        out.write(f"# {name}: {json.dumps(value, ensure_ascii=False)}\n")
+    out.write(f"{_REMARK}\n")
+    rows = csv.writer(out, lineterminator="\n")
+    rows.writerow(COLUMNS if route.covariances is None else COLUMNS + COVARIANCE)
+    for point in waypoints(route):
+        values = [getattr(point, name) for name in COLUMNS]
+        rows.writerow([*values, *(point.covariance or ())])
+    return out.getvalue()
+
+
+def route_of_text(text: str, where: str) -> Route:
+    """Read what `text_of` wrote.
+
+    Args:
+        text: The file.
+        where: Its name for messages.
+
+    Raises:
+        InputError: something is missing or wrong; the message names the line.
+    """
+    lines = list(enumerate(text.splitlines(), start=1))
+    told: dict[str, Any] = {}
+    for number, line in lines:
+        if line.startswith("#") and not line.startswith("##"):
+            name, value = _figure(line, f"{where}: line {number}")
+            told[name] = value
+    table = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
+    if not table:
+        raise InputError(f"{where}: there is no table of poses in it; save the route again.")
+    (first, head), *rest = table
+    names = _cells(head)
+    if names not in (list(COLUMNS), list(COLUMNS + COVARIANCE)):
+        raise InputError(
+            f"{where}: line {first}: the columns are {', '.join(names)}; "
+            f"a route has {', '.join(COLUMNS)}."
+        )
+    points = []
+    for number, line in rest:
+        cells = _cells(line)
+        if len(cells) != len(names):
+            raise InputError(
+                f"{where}: line {number}: it has {len(cells)} values and the table "
+                f"{len(names)} columns; correct the line."
+            )
+        plain: dict[str, Any] = dict(zip(COLUMNS, cells, strict=False))
+        if len(cells) > len(COLUMNS):
+            plain["covariance"] = cells[len(COLUMNS) :]
+        points.append(checked(Waypoint, plain, f"{where}: line {number}"))
+    return route_of(checked(Figures, told, where), points, where)
+
+
+def _figure(line: str, where: str) -> tuple[str, Any]:
+    name, _, value = line.lstrip("# ").partition(":")
+    try:
+        return name.strip(), json.loads(value)
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{where}: {line.strip()!r} is no figure of a route; write it as '# name: value'."
+        ) from error
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.split(",")]

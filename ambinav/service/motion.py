@@ -1,0 +1,89 @@
+"""Integral of a field over a motion of any kind: the one number that everything reports.
+
+Planners' objectives, the reference search, the improvement of routes and their evaluation all
+call `motion_integral`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit, prange
+
+from ambinav.geometry.curves import FACING, STRAIGHT, advance, curve_pieces
+from ambinav.service.field import integral_straight, value_at
+
+POINTS = 4
+"""On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inverse):
+    """Integral of a field over the metres travelled by one motion; reverse counts as forwards.
+
+    Straight lines are integrated exactly, arcs by the midpoint rule. FACING takes no notice of t0
+    and t1: the field is read at the direction of travel.
+
+    Kind and radius as in `ambinav.geometry.curves`; poses in metres and radians; then what
+    `Field.arrays` holds, but for what is free. Returns the field's unit times metres.
+    """
+    if kind == STRAIGHT:
+        return integral_straight(x0, y0, t0, x1, y1, t1, values, left, low, inverse)
+    if kind == FACING:
+        heading = math.atan2(y1 - y0, x1 - x0) if values.shape[2] > 1 else 0.0
+        return integral_straight(x0, y0, heading, x1, y1, heading, values, left, low, inverse)
+    pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
+    total, x, y, t = 0.0, x0, y0, t0
+    for i in range(5):
+        length, curvature = pieces[i], pieces[i + 5]
+        if length == 0.0:
+            continue
+        x2, y2, t2 = advance(x, y, t, length, curvature)
+        if curvature == 0.0:
+            total += integral_straight(x, y, t, x2, y2, t, values, left, low, inverse)
+        else:
+            total += _integral_arc(x, y, t, length, curvature, values, left, low, inverse)
+        x, y, t = x2, y2, t2
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
+    """Integral over an arc by the midpoint rule; points by turning a vector from its centre.
+
+    The field has a kink at every lattice line. There Simpson's rule is worse: with as many points
+    (four a cell, level map of configs/demo.geojson, arcs of 0.2 to 2 m) it was off by up to 0.2 %,
+    the midpoints by up to 0.07 %.
+    """
+    headings = values.shape[2]
+    per_turn = headings / (2.0 * math.pi)
+    turn = length * curvature
+    cells = abs(length) * inverse
+    if headings > 1:
+        cells = max(cells, abs(turn) * per_turn)
+    count = max(int(math.ceil(POINTS * cells)), POINTS)
+    radius = inverse / curvature
+    sine, cosine = math.sin(t), math.cos(t)
+    u, v = (x - left) * inverse - radius * sine, (y - low) * inverse + radius * cosine
+    each = turn / count
+    sine, cosine = math.sin(t + 0.5 * each), math.cos(t + 0.5 * each)
+    step_sine, step_cosine = math.sin(each), math.cos(each)
+    total = 0.0
+    for i in range(count):
+        w = (t + (i + 0.5) * each) * per_turn
+        total += value_at(u + radius * sine, v - radius * cosine, w, values)
+        sine, cosine = (
+            sine * step_cosine + cosine * step_sine,
+            cosine * step_cosine - sine * step_sine,
+        )
+    return total * abs(length) / count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def motion_integrals(kind, radius, a, b, values, left, low, inverse, out):
+    """Write `motion_integral` from each pose of a to that of b, shape (N, 3) each, into out."""
+    for i in prange(out.size):
+        out[i] = motion_integral(
+            kind, radius, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2],
+            values, left, low, inverse,
+        )  # fmt: skip

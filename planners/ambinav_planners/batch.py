@@ -1,0 +1,64 @@
+"""OMPL's FMT* and BFMT*, run with more and more samples for as long as there is time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ompl import base as ob
+from ompl import geometric as og
+
+from ambinav_planners.ompl_setup import Watch, found_poses, prepare
+from ambinav_planners.problem import Problem
+from ambinav_planners.registry import SPACES, Budget, Found, Planner, register
+
+FIRST_SAMPLES = 500
+
+
+def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Budget], Found]:
+    def solve(problem: Problem, budget: Budget) -> Found:
+        """Solve with 500 samples, then twice as many, and so on; the best way counts.
+
+        A budget of iterations is the number of samples of one single run.
+        """
+        watch = Watch(budget)
+        samples = FIRST_SAMPLES if budget.iterations is None else budget.iterations
+        best, least, most = None, float("inf"), None
+        while not watch.over:
+            setup = prepare(problem)
+            planner = make(setup.si)
+            planner.setNumSamples(samples)
+            setup.simple.setPlanner(planner)
+            setup.simple.solve(ob.PlannerTerminationCondition(lambda: watch.over))
+            poses = found_poses(setup)
+            if poses is not None:
+                cost = problem.service.route_cost(poses, problem.steering)
+                watch.note(cost)
+                if cost < least:
+                    best, least = poses, cost
+            if not watch.over:
+                most = samples
+            if budget.iterations is not None:
+                break
+            samples *= 2
+        return Found(best, tuple(watch.curve), most)
+
+    return solve
+
+
+def _add(name: str, make: Callable[[Any], Any], spaces: tuple[str, ...], text: str) -> None:
+    register(Planner(name, _solver(make), text, "samples", spaces, one_way=False, make=make))
+
+
+_add(
+    "fmt",
+    og.FMT,
+    SPACES,
+    "FMT*, with doubled numbers of samples (Janson et al. 2015)",
+)
+_add(
+    "bfmt",
+    og.BFMT,
+    ("r2", "se2", "reeds-shepp"),
+    "FMT* from both ends, with doubled numbers of samples (Starek et al. 2015)",
+)

@@ -1,0 +1,101 @@
+"""The trade between length and ambiguity: one route for every weight, on the same samples."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from ambinav.errors import InputError
+from ambinav.routes.pareto import ParetoFront, ParetoPoint
+from ambinav_planners.graph import MotionGraph
+from ambinav_planners.planning import NotFoundError, RoutePlanner, finish
+from ambinav_planners.problem import Problem
+from ambinav_planners.reference import cheapest_on, check_reachable, lattice_of
+from ambinav_planners.registry import Budget, Found, check_suits, planner
+from ambinav_planners.seeded import call_seeded
+
+WEIGHTS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
+"""Weights of a front if none are given."""
+
+
+def pareto(
+    robot: RoutePlanner,
+    start: Sequence[float],
+    goal: Sequence[float],
+    *,
+    weights: Sequence[float] = WEIGHTS,
+    planner_name: str = "reference",
+    seconds: float = 1.0,
+    iterations: int | None = None,
+    seed: int | None = None,
+) -> ParetoFront:
+    """The cheapest route for each weight.
+
+    With the planners reference and prmstar all weights are searched on one graph, so that the
+    routes differ by their weight alone. Other planners plan anew for every weight.
+
+    Args:
+        robot: The robot and what a metre costs.
+        start: x, y and, if it matters, theta.
+        goal: As `start`.
+        weights: At least two, from 0 on.
+        planner_name: See `ambinav_planners.planners()`.
+        seconds: Time for the graph, or for each weight.
+        iterations: As in `RoutePlanner.plan`.
+        seed: As in `RoutePlanner.plan`.
+
+    Raises:
+        InputError: fewer than two weights, or what `RoutePlanner.plan` refuses.
+    """
+    ordered = sorted(set(weights))
+    if len(ordered) < 2:
+        raise InputError(f"weights are {list(weights)}; a front needs at least two different ones.")
+    chosen = planner(planner_name)
+    if planner_name not in ("reference", "prmstar"):
+        return ParetoFront(
+            tuple(
+                ParetoPoint(
+                    weight,
+                    robot.plan(
+                        start,
+                        goal,
+                        planner_name=planner_name,
+                        weight=weight,
+                        seconds=seconds,
+                        iterations=iterations,
+                        seed=seed,
+                    ),
+                )
+                for weight in ordered
+            )
+        )
+    budget = Budget(seconds, iterations, seed)
+    problems = [robot.problem(start, goal, weight) for weight in ordered]
+    check_suits(chosen, problems[0])
+    graph = _graph(planner_name, problems[0], budget)
+    points = []
+    for problem in problems:
+        started = time.perf_counter()
+        poses = cheapest_on(graph, problem)
+        if poses is None:
+            check_reachable(problem)
+            raise NotFoundError(
+                f"planner {planner_name!r} found no way in {seconds:g} s; give more time."
+            )
+        cost = problem.service.route_cost(poses, problem.steering)
+        found = Found(poses, ((time.perf_counter() - started, cost),))
+        points.append(
+            ParetoPoint(
+                problem.service.weight,
+                finish(chosen, problem, found, budget, started),
+            )
+        )
+    return ParetoFront(tuple(points))
+
+
+def _graph(name: str, problem: Problem, budget: Budget) -> MotionGraph:
+    if name == "reference":
+        return lattice_of(problem.service, problem.checker).with_ends(problem.ends)
+    from ambinav_planners.roadmap import grown_graph
+
+    return call_seeded(budget.seed, grown_graph, problem, budget)

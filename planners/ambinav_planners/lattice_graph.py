@@ -1,0 +1,124 @@
+"""The lattice of a map as a graph of free straight motions, in 32 directions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.graph import MotionGraph
+
+# Half of the 32 steps to neighbours, columns and rows; the others are their opposites. The
+# directions are at most 18.4 degrees apart, so a path over them is at most 1.3 % longer than the
+# straight one.
+STEPS = np.array(
+    [
+        (column, row)
+        for column in range(-3, 4)
+        for row in range(4)
+        if math.gcd(column, row) == 1 and (row > 0 or column > 0)
+    ],
+    dtype=np.int32,
+)
+# The ends of a way are joined to what they see within this distance, metres; if there is nothing,
+# within the next.
+REACH = (0.5, 1.0, 2.0, 4.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeGraph:
+    """The free cells of a map and the motions between them.
+
+    Attributes:
+        graph: Its first `cells` nodes are the free cells.
+        cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
+        service: What a metre costs.
+        checker: Where the robot fits.
+    """
+
+    graph: MotionGraph
+    cell: NDArray[np.int32]
+    service: AmbiguityService
+    checker: CollisionChecker
+
+    @classmethod
+    def build(cls, service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
+        """Join the cells of the service's map where the robot fits.
+
+        Args:
+            service: Its map gives the lattice.
+            checker: For straight motions (r2).
+        """
+        dataset = service.map.dataset
+        x, y = np.meshgrid(dataset["x"].values, dataset["y"].values)
+        rows, columns = np.nonzero(dataset["free"].values)
+        poses = np.stack([x[rows, columns], y[rows, columns], np.zeros(len(rows))], axis=-1)
+        fits = checker.poses_free(poses)
+        rows, columns, poses = rows[fits], columns[fits], poses[fits]
+        cell = np.full(x.shape, -1, dtype=np.int32)
+        cell[rows, columns] = np.arange(len(rows), dtype=np.int32)
+        # A margin of cells that nothing fits in, so that no step leaves the array.
+        margin = np.pad(cell, 3, constant_values=-1)
+        pairs = []
+        for column, row in STEPS:
+            other = margin[rows + 3 + row, columns + 3 + column]
+            there = np.flatnonzero(other >= 0).astype(np.int32)
+            pairs.append(np.stack([there, other[there]], axis=-1))
+        graph = MotionGraph.of_motions(poses, np.concatenate(pairs), service, checker)
+        return cls(graph, cell, service, checker)
+
+    def with_ends(self, ends: NDArray[np.float64]) -> MotionGraph:
+        """The graph with poses more, shape (K, 3), joined to the cells that they see.
+
+        The poses become the last K nodes. They are joined to each other as well, if they see each
+        other and stand near enough.
+        """
+        cells = len(self.graph.poses)
+        poses = np.concatenate([self.graph.poses, ends])
+        pairs = [
+            np.array([[i, j]], dtype=np.int32)
+            for i in range(cells, len(poses))
+            for j in range(i + 1, len(poses))
+        ]
+        for k, end in enumerate(ends):
+            distance = np.hypot(*(self.graph.poses[:, :2] - end[:2]).T)
+            for reach in REACH:
+                near = np.flatnonzero(distance <= reach)
+                seen = near[
+                    self.checker.motions_free(
+                        np.broadcast_to(end, (len(near), 3)).copy(), self.graph.poses[near]
+                    )
+                ]
+                if len(seen):
+                    break
+            pairs.append(np.stack([np.full(len(seen), cells + k), seen], axis=-1).astype(np.int32))
+        more = MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, self.checker)
+        return joined(self.graph, more)
+
+    def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Component of every cell, int32, shape (rows, columns); -1 where nothing fits."""
+        return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
+
+
+def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
+    """The motions of two graphs over the nodes of `more`, whose first ones are those of `graph`."""
+    source = np.concatenate([graph.source, more.source])
+    order = np.argsort(source, kind="stable")
+    first = np.zeros(len(more.poses) + 1, dtype=np.int64)
+    np.cumsum(np.bincount(source, minlength=len(more.poses)), out=first[1:])
+
+    def merge(name: str) -> NDArray[np.float64]:
+        return np.concatenate([getattr(graph, name), getattr(more, name)])[order]
+
+    return replace(
+        more,
+        first=first,
+        target=np.concatenate([graph.target, more.target])[order],
+        length=merge("length"),
+        fixed=merge("fixed"),
+        exposure=merge("exposure"),
+    )

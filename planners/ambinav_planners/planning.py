@@ -1,0 +1,265 @@
+"""Plan routes: the robot, the cost and the building once, then any start, goal and planner."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.route import Route
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.improve import improve
+from ambinav_planners.limit import BadStretchLimit
+from ambinav_planners.problem import Problem, check_pose, make_checker
+from ambinav_planners.reference import check_reachable
+from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
+from ambinav_planners.seeded import call_seeded
+
+DEFAULT_PLANNER = "prmstar"
+DEFAULT_RADIUS = 0.2
+# Part of the time that is kept for improving what the planner found, and at most so many seconds.
+IMPROVING_SHARE, IMPROVING_MOST = 0.15, 0.3
+
+
+class NotFoundError(InputError):
+    """A planner found no way in its time, though the lattice does not rule one out."""
+
+
+class RoutePlanner:
+    """Plans routes for one robot in one building.
+
+    Args:
+        service_or_map: What a metre costs, or a map, whose layer `level` is then read at weight 5.
+        footprint: The robot's outline, or the radius of a disc in metres.
+        space: r2 (straight lines, no heading), se2 (straight lines, the heading turns on the
+            way), dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
+        turning_radius: Of the car, metres; for dubins and reeds-shepp only.
+        avoid_open: Never enter the open zone.
+        max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
+        bad_level: See there.
+
+    Raises:
+        InputError: a value that cannot be used.
+
+    Attributes:
+        service: What a metre costs.
+        checker: Where the robot fits and how it moves.
+        limit: The limit on bad metres in a row, or None.
+    """
+
+    def __init__(
+        self,
+        service_or_map: AmbiguityService | AmbiguityMap,
+        *,
+        footprint: Footprint | float = DEFAULT_RADIUS,
+        space: str = "r2",
+        turning_radius: float = 0.0,
+        avoid_open: bool = False,
+        max_bad_metres: float | None = None,
+        bad_level: float = 0.5,
+    ) -> None:
+        self.service = (
+            AmbiguityService(service_or_map)
+            if isinstance(service_or_map, AmbiguityMap)
+            else service_or_map
+        )
+        outline = footprint if isinstance(footprint, Footprint) else Footprint.disc(footprint)
+        self.limit = None if max_bad_metres is None else BadStretchLimit(max_bad_metres, bad_level)
+        self.checker = make_checker(
+            self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open
+        )
+
+    def problem(
+        self, start: Sequence[float], goal: Sequence[float], weight: float | None = None
+    ) -> Problem:
+        """A start and goal, checked.
+
+        Raises:
+            InputError: the robot does not fit at one of them, or the weight is no weight.
+        """
+        service = self.service if weight is None else self.service.with_weight(weight)
+        return Problem(
+            service,
+            self.checker,
+            check_pose("start", start, self.checker),
+            check_pose("goal", goal, self.checker),
+            self.limit,
+        )
+
+    def plan(
+        self,
+        start: Sequence[float],
+        goal: Sequence[float],
+        *,
+        planner_name: str = DEFAULT_PLANNER,
+        weight: float | None = None,
+        seconds: float = 1.0,
+        iterations: int | None = None,
+        seed: int | None = None,
+        improved: bool = True,
+    ) -> Route:
+        """Plan one route.
+
+        Args:
+            start: x, y and, if it matters, theta; map frame, metres and radians.
+            goal: As `start`.
+            planner_name: See `ambinav_planners.planners()`.
+            weight: How many extra metres a metre at layer 1 is worth; None takes the service's.
+            seconds: Time for planning and improving; inf needs `iterations`.
+            iterations: Budget of the planner in its own iterations; None for no limit.
+            seed: From 1 on. With a seed and iterations (and no limit of time that strikes first)
+                the route is the same every time.
+            improved: Shortcut and smooth what the planner found; that never raises the cost.
+
+        Returns:
+            The route; its cost is the same integral that the planner minimised.
+
+        Raises:
+            NoWayError: no way leads from start to goal.
+            NotFoundError: the planner found none in its time.
+            InputError: anything else that cannot be used; the message says what and why.
+        """
+        chosen = planner(planner_name)
+        budget = Budget(seconds, iterations, seed)
+        problem = self.problem(start, goal, weight)
+        check_suits(chosen, problem)
+        started = time.perf_counter()
+        found = _solve(chosen, problem, _share(budget, improved))
+        if found.poses is None:
+            check_reachable(problem)
+            raise NotFoundError(_not_found(chosen, problem, budget))
+        return finish(chosen, problem, found, budget, started, improved=improved)
+
+
+def plan(
+    service_or_map: AmbiguityService | AmbiguityMap,
+    start: Sequence[float],
+    goal: Sequence[float],
+    *,
+    planner: str = DEFAULT_PLANNER,
+    weight: float | None = None,
+    seconds: float = 1.0,
+    iterations: int | None = None,
+    seed: int | None = None,
+    footprint: Footprint | float = DEFAULT_RADIUS,
+    space: str = "r2",
+    turning_radius: float = 0.0,
+    avoid_open: bool = False,
+    max_bad_metres: float | None = None,
+    bad_level: float = 0.5,
+    improved: bool = True,
+) -> Route:
+    """Plan one route; see `RoutePlanner` and its `plan` for arguments and errors.
+
+    Who plans more than one route in a building keeps a `RoutePlanner`.
+    """
+    robot = RoutePlanner(
+        service_or_map,
+        footprint=footprint,
+        space=space,
+        turning_radius=turning_radius,
+        avoid_open=avoid_open,
+        max_bad_metres=max_bad_metres,
+        bad_level=bad_level,
+    )
+    return robot.plan(
+        start,
+        goal,
+        planner_name=planner,
+        weight=weight,
+        seconds=seconds,
+        iterations=iterations,
+        seed=seed,
+        improved=improved,
+    )
+
+
+def finish(
+    chosen: Planner,
+    problem: Problem,
+    found: Found,
+    budget: Budget,
+    started: float,
+    *,
+    improved: bool = True,
+) -> Route:
+    """Improve and measure what a planner found.
+
+    Args:
+        chosen: The planner.
+        problem: What it planned.
+        found: What it found, with poses.
+        budget: What it was given.
+        started: When it began, by `time.perf_counter`.
+        improved: Whether to improve at all.
+    """
+    if found.poses is None:
+        raise ValueError("nothing was found")
+    poses = found.poses
+    if improved and not found.finished:
+        poses = _improve(poses, problem)
+    seconds = time.perf_counter() - started
+    route = evaluate_route(
+        problem.service,
+        poses,
+        problem.steering,
+        planner=chosen.name,
+        seed=budget.seed,
+        seconds=seconds,
+        first_seconds=found.curve[0][0] if found.curve else None,
+        iterations=found.iterations,
+        curve=found.curve,
+        covariances=found.covariances,
+    )
+    if not found.curve or route.cost < found.curve[-1][1]:
+        route = replace(route, curve=(*found.curve, (seconds, route.cost)))
+    return route
+
+
+def _solve(chosen: Planner, problem: Problem, budget: Budget) -> Found:
+    seed = budget.seed if chosen.uses_ompl else None
+    return call_seeded(seed, run, chosen.name, problem, budget)
+
+
+def run(name: str, problem: Problem, budget: Budget) -> Found:
+    """Let the planner of a name solve a problem, without improving what it finds."""
+    return planner(name).solve(problem, budget)
+
+
+def _share(budget: Budget, improved: bool) -> Budget:
+    """What the planner gets of a budget, so that improving fits into the rest."""
+    if not improved or math.isinf(budget.seconds):
+        return budget
+    kept = min(IMPROVING_SHARE * budget.seconds, IMPROVING_MOST)
+    return replace(budget, seconds=budget.seconds - kept)
+
+
+def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
+    """The improved way, unless improving it breaks the limit on bad metres in a row."""
+    better = improve(poses, problem.service, problem.checker)
+    limit = problem.limit
+    if limit is not None and not limit.kept_by(better, problem.service, problem.steering):
+        return poses
+    return better
+
+
+def _not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
+    if problem.limit is not None:
+        return (
+            f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
+            f"row above level {problem.limit.level:g}; allow more, or a higher level."
+        )
+    spent = f"{budget.seconds:g} s" if budget.iterations is None else f"{budget.iterations} {chosen.iteration}"
+    return (
+        f"planner {chosen.name!r} found no way in {spent}, though a narrower robot or another "
+        "planner might; give more time, or try the planner prmstar or reference."
+    )

@@ -1,0 +1,112 @@
+"""What is to be planned: start, goal, robot, cost; checked before any planner runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.steering import Steering
+from ambinav.maps.zones import OPEN
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.limit import BadStretchLimit
+
+Pose = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A start, a goal, and everything that decides which way between them is best.
+
+    Attributes:
+        service: What a metre costs.
+        checker: Where the robot fits and how it moves.
+        start: x, y, theta in the map frame; metres, radians.
+        goal: As `start`.
+        limit: How many metres in a row may be bad, or None.
+    """
+
+    service: AmbiguityService
+    checker: CollisionChecker
+    start: Pose
+    goal: Pose
+    limit: BadStretchLimit | None = None
+
+    @property
+    def steering(self) -> Steering:
+        """The kind of motion."""
+        return self.checker.steering
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) of the free space, metres."""
+        xmin, ymin, xmax, ymax = self.checker.environment.free.bounds
+        return xmin, ymin, xmax, ymax
+
+    @property
+    def ends(self) -> NDArray[np.float64]:
+        """Start and goal, shape (2, 3)."""
+        return np.array([self.start, self.goal])
+
+
+def make_checker(
+    service: AmbiguityService,
+    footprint: Footprint,
+    steering: Steering,
+    *,
+    avoid_open: bool = False,
+) -> CollisionChecker:
+    """Where the robot fits in the building of the service's map.
+
+    Args:
+        service: Its map tells the building and its zones.
+        footprint: The robot's outline.
+        steering: The kind of motion.
+        avoid_open: Forbid the cells of the open zone as if they were walls. With headings, a cell
+            counts as open by its mean over heading.
+    """
+    amap = service.map
+    forbidden = None
+    if avoid_open:
+        forbidden = np.asarray(amap.floor("zone").values == OPEN)
+    x, y = (float(amap.dataset[name].values[0]) for name in ("x", "y"))
+    return CollisionChecker(
+        amap.environment,
+        footprint,
+        steering,
+        forbidden=forbidden,
+        origin=(x, y),
+        spacing=amap.spacing,
+    )
+
+
+def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> Pose:
+    """A start or goal as x, y, theta; two numbers get heading 0.
+
+    Raises:
+        InputError: not two or three finite numbers, or the robot does not fit there; the message
+            says why not and where the nearest free place is.
+    """
+    values = [float(value) for value in pose]
+    if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
+        raise InputError(
+            f"{name} is {tuple(values)}; give x and y in metres, and a heading in radians if it "
+            "matters."
+        )
+    x, y, theta = (*values, 0.0)[:3]
+    reason = checker.why_not(x, y, theta)
+    if reason is None:
+        return x, y, theta
+    nearest = checker.nearest_free(x, y, theta)
+    where = (
+        "no place in this building is wide enough for the robot"
+        if nearest is None
+        else f"the nearest free place is ({nearest[0]:.2f}, {nearest[1]:.2f}), {nearest[3]:.2f} m away"
+    )
+    raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")

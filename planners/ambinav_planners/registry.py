@@ -1,0 +1,179 @@
+"""Planners by name, and why others are refused."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav_planners.problem import Problem
+
+SPACES = ("r2", "se2", "dubins", "reeds-shepp")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When a planner stops: after so many seconds or iterations, whichever comes first.
+
+    Attributes:
+        seconds: Wall clock, above 0, or inf.
+        iterations: What one iteration is, the planner says; None for no limit.
+        seed: For OMPL's random numbers; None for other ones every time.
+    """
+
+    seconds: float = math.inf
+    iterations: int | None = None
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a budget that nothing can be done with, or that never ends."""
+        if not self.seconds > 0.0:
+            raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
+        if self.iterations is not None and self.iterations < 1:
+            raise InputError(f"iterations is {self.iterations}; give 1 or more.")
+        if math.isinf(self.seconds) and self.iterations is None:
+            raise InputError("neither time nor iterations limits the planner; give one of them.")
+        if self.seed is not None and not 0 < self.seed < 2**32:
+            raise InputError(f"seed is {self.seed}; give a whole number from 1 to 4294967295.")
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a planner found.
+
+    Attributes:
+        poses: Way points, float64, shape (N, 3), or None if it found no way.
+        curve: Seconds and cost whenever the cost fell, in order.
+        iterations: How many it made, or None if it does not count.
+        covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
+        finished: Whether the way is final, so that improving it would spoil what it promises.
+    """
+
+    poses: NDArray[np.float64] | None
+    curve: tuple[tuple[float, float], ...] = ()
+    iterations: int | None = None
+    covariances: NDArray[np.float64] | None = None
+    finished: bool = False
+
+
+Solve = Callable[[Problem, Budget], Found]
+
+
+@dataclass(frozen=True)
+class Planner:
+    """An entry of the registry.
+
+    Attributes:
+        name: What users call it.
+        solve: Finds a way.
+        text: One line on how it works.
+        iteration: What counts as one iteration, or "" if it does not iterate.
+        spaces: Kinds of motion that it plans for.
+        uses_ompl: Whether OMPL and its random numbers are in it.
+        keeps_limit: Whether it can keep a `BadStretchLimit`.
+        make: Makes OMPL's planner, if OMPL itself solves with it, else None.
+        one_way: Whether it is right where a motion costs more in one direction than in the other.
+    """
+
+    name: str
+    solve: Solve
+    text: str
+    iteration: str = ""
+    spaces: tuple[str, ...] = SPACES
+    uses_ompl: bool = True
+    keeps_limit: bool = False
+    one_way: bool = True
+    make: Callable[[Any], Any] | None = None
+
+
+@dataclass
+class _Registry:
+    planners: dict[str, Planner] = field(default_factory=dict)
+    loaded: bool = False
+
+
+_registry = _Registry()
+_HOMES = ("tree", "batch", "roadmap", "reference")
+
+_NOT_OPTIMISING = "it stops at the first way that it finds and never looks at the cost"
+REFUSED = {
+    "aorrtc": "OMPL's AORRTC never calls the objective, so it would ignore the ambiguity",
+    "prm": "OMPL's PRM deadlocks with an objective written in Python",
+    "rrt": _NOT_OPTIMISING,
+    "rrtconnect": _NOT_OPTIMISING,
+    "kpiece1": _NOT_OPTIMISING,
+    "bkpiece1": _NOT_OPTIMISING,
+    "lbkpiece1": _NOT_OPTIMISING,
+}
+"""OMPL's other geometric planners, by their name in lower case, and why they are not offered."""
+
+
+def register(planner: Planner) -> Planner:
+    """Add a planner.
+
+    Raises:
+        ValueError: the name is taken.
+    """
+    if planner.name in _registry.planners:
+        raise ValueError(f"planner {planner.name!r} is registered already")
+    _registry.planners[planner.name] = planner
+    return planner
+
+
+def planners() -> dict[str, Planner]:
+    """All planners by name."""
+    if not _registry.loaded:
+        for home in _HOMES:
+            importlib.import_module(f"ambinav_planners.{home}")
+        _registry.loaded = True
+    return dict(_registry.planners)
+
+
+def planner(name: str) -> Planner:
+    """The planner of a name.
+
+    Raises:
+        InputError: there is none, or it is refused; the message says why.
+    """
+    known = planners()
+    if name in known:
+        return known[name]
+    names = ", ".join(sorted(known))
+    reason = REFUSED.get(name.lower().replace("-", "").replace("_", ""))
+    if reason is not None:
+        raise InputError(f"planner {name!r} is refused: {reason}; give one of {names}.")
+    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
+    offer = f"did you mean {close[0]!r}? " if close else ""
+    raise InputError(f"planner {name!r} is not known; {offer}There are {names}.")
+
+
+def check_suits(chosen: Planner, problem: Problem) -> None:
+    """Refuse a planner that would solve another problem than this one.
+
+    Raises:
+        InputError: it does not plan in this space, cannot keep the limit, or would be wrong about
+            costs that differ by direction.
+    """
+    space = problem.steering.space
+    if space not in chosen.spaces:
+        able = ", ".join(chosen.spaces)
+        raise InputError(f"planner {chosen.name!r} does not plan in {space}; it knows {able}.")
+    if problem.limit is not None and not chosen.keeps_limit:
+        able = ", ".join(sorted(p.name for p in planners().values() if p.keeps_limit))
+        raise InputError(
+            f"planner {chosen.name!r} looks at one motion at a time and cannot keep a limit on "
+            f"metres in a row; give one of {able}."
+        )
+    if space == "r2" and problem.service.has_headings and not chosen.one_way:
+        able = ", ".join(sorted(p.name for p in planners().values() if p.one_way))
+        raise InputError(
+            f"planner {chosen.name!r} takes a motion in r2 to cost the same both ways, which it "
+            f"does not on a map with headings; give one of {able}, or the space se2."
+        )

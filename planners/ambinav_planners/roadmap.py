@@ -1,0 +1,149 @@
+"""OMPL's PRM*, grown as a roadmap and searched apart: one roadmap serves every weight."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from ompl import base as ob
+from ompl import geometric as og
+
+from ambinav_planners.graph import MotionGraph
+from ambinav_planners.ompl_setup import Setup, prepare
+from ambinav_planners.problem import Problem
+from ambinav_planners.reference import cheapest_on
+from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.spaces import pose_reader
+from ambinav_planners.validator import Unchecked
+
+# Milestones of the first roadmap; each next one has as many times more.
+FIRST_MILESTONES = 1000
+GROWTH = 4.0
+# The milestones after which more would not fit into memory.
+MAX_MILESTONES = 100_000
+# Part of the time that goes into growing one single roadmap.
+GROWING_SHARE = 0.25
+# Part of the time left that the next roadmap may be expected to take.
+CAUTION = 0.8
+
+
+@dataclass(eq=False)
+class Roadmap:
+    """A growing PRM* over a problem's free space.
+
+    OMPL draws the milestones and says which of them to join, e (1 + 1/d) log n neighbours each
+    (Karaman and Frazzoli 2011); whether the motions are free and what they cost is found out for
+    all of them at once. `solve` is not used: with an objective in Python it deadlocks.
+
+    Attributes:
+        problem: What it is for.
+    """
+
+    problem: Problem
+    _setup: Setup
+    _planner: og.PRMstar
+
+    @classmethod
+    def over(cls, problem: Problem) -> Roadmap:
+        """An empty roadmap."""
+        setup = prepare(problem, Unchecked)
+        planner = og.PRMstar(setup.si)
+        setup.simple.setPlanner(planner)
+        setup.simple.setup()
+        return cls(problem, setup, planner)
+
+    @property
+    def milestones(self) -> int:
+        """How many it has."""
+        return int(self._planner.milestoneCount())
+
+    def grow(self, milestones: int, until: float = math.inf) -> None:
+        """Grow to a number of milestones, or until a time of `time.perf_counter`."""
+
+        def stop() -> bool:
+            return bool(self.milestones >= milestones or time.perf_counter() >= until)
+
+        self._planner.growRoadmapPtc(ob.PlannerTerminationCondition(stop))
+
+    def graph(self) -> MotionGraph:
+        """Its free motions; start and goal are the last two nodes."""
+        data = ob.PlannerData(self._setup.si)
+        self._planner.getPlannerData(data)
+        read = pose_reader(self.problem.steering.space != "r2")
+        count = data.numVertices()
+        poses = np.array([read(data.getVertex(i).getState()) for i in range(count)])
+        neighbours = [data.getEdges(i) for i in range(count)]
+        source = np.repeat(np.arange(count), [len(row) for row in neighbours])
+        target = np.concatenate([np.asarray(row, dtype=np.int64) for row in neighbours])
+        pairs = np.stack([source, target], axis=-1)[source < target].astype(np.int32)
+        return MotionGraph.of_motions(
+            np.concatenate([poses.reshape(-1, 3), self.problem.ends]),
+            np.concatenate([pairs, self._ends(poses)]),
+            self.problem.service,
+            self.problem.checker,
+        )
+
+    def _ends(self, poses: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Pairs that join start and goal to their nearest milestones, and to each other."""
+        count = len(poses)
+        pairs = [np.array([[count, count + 1]])]
+        most = max(1, math.ceil(2.0 * math.e * 1.5 * math.log(count + 1)))
+        for k, end in enumerate(self.problem.ends):
+            distance = np.hypot(poses[:, 0] - end[0], poses[:, 1] - end[1])
+            near = np.argsort(distance, kind="stable")[:most]
+            pairs.append(np.stack([near, np.full(len(near), count + k)], axis=-1))
+        return np.concatenate(pairs).astype(np.int32)
+
+
+def grown_graph(problem: Problem, budget: Budget) -> MotionGraph:
+    """One roadmap that is about as large as the budget allows; start and goal are its last nodes.
+
+    Reading and checking it takes about three times as long as growing it.
+    """
+    roadmap = Roadmap.over(problem)
+    most = MAX_MILESTONES if budget.iterations is None else budget.iterations
+    roadmap.grow(most, time.perf_counter() + GROWING_SHARE * budget.seconds)
+    return roadmap.graph()
+
+
+def solve_roadmap(problem: Problem, budget: Budget) -> Found:
+    """Grow, search, and grow on for as long as the next roadmap fits into the time.
+
+    A budget of iterations is the number of milestones of one single roadmap.
+    """
+    started = time.perf_counter()
+    until = started + budget.seconds
+    roadmap = Roadmap.over(problem)
+    wanted = FIRST_MILESTONES if budget.iterations is None else budget.iterations
+    best: NDArray[np.float64] | None = None
+    curve: list[tuple[float, float]] = []
+    while True:
+        begun = time.perf_counter()
+        roadmap.grow(wanted, until)
+        poses = cheapest_on(roadmap.graph(), problem)
+        now = time.perf_counter()
+        if poses is not None:
+            cost = problem.service.route_cost(poses, problem.steering)
+            if not curve or cost < curve[-1][1]:
+                best = poses
+                curve.append((now - started, cost))
+        each = (now - begun) / roadmap.milestones
+        fits = int((until - now) * CAUTION / each)
+        wanted = min(int(GROWTH * roadmap.milestones), fits, MAX_MILESTONES)
+        # A roadmap that is hardly larger is not worth its time.
+        if budget.iterations is not None or wanted < 1.5 * roadmap.milestones:
+            return Found(best, tuple(curve), roadmap.milestones)
+
+
+register(
+    Planner(
+        "prmstar",
+        solve_roadmap,
+        "PRM* grown as a roadmap and searched apart (Karaman and Frazzoli 2011)",
+        iteration="milestones",
+        keeps_limit=True,
+    )
+)

@@ -1,0 +1,243 @@
+"""The way through a belief roadmap that ends well known and is not long."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav_planners.belief_roadmap import BeliefRoadmap
+from ambinav_planners.labels import (
+    Way,
+    check_node,
+    cost_to_go,
+    drop_first,
+    grown,
+    motions_back,
+    push,
+    way_back,
+)
+from ambinav_planners.transfer import carried
+
+Floats = NDArray[np.float64]
+
+MEASURES = ("trace", "weak")
+"""Deviation of the position in metres: root of the trace of the covariance's xy block, or root of
+its larger eigenvalue."""
+
+# Covariances that differ by less than this share are the same but for rounding.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefWay:
+    """A way and the covariances along it.
+
+    Attributes:
+        way: The way; its cost is its length plus weight times the deviation at the goal, metres.
+        covariances: At the nodes of the way, shape (N, 3, 3): x, y, theta, metres and radians.
+    """
+
+    way: Way
+    covariances: Floats
+
+
+def deviation(covariances: ArrayLike, measure: str = "trace") -> Floats:
+    """Deviation of the position of covariances, shape (..., 3, 3), in metres, shape (...).
+
+    Raises:
+        InputError: unknown measure.
+    """
+    _check_measure(measure)
+    s = np.asarray(covariances, dtype=np.float64)
+    trace = s[..., 0, 0] + s[..., 1, 1]
+    if measure == "weak":
+        trace = trace / 2 + np.hypot((s[..., 0, 0] - s[..., 1, 1]) / 2, s[..., 0, 1])
+    return np.asarray(np.sqrt(np.maximum(trace, 0.0)))
+
+
+def search_roadmap(
+    roadmap: BeliefRoadmap,
+    start: int,
+    goal: int,
+    covariance: ArrayLike,
+    *,
+    weight: float = 50.0,
+    measure: str = "trace",
+    max_std: float = math.inf,
+    tolerance: float = 0.0,
+) -> BeliefWay | None:
+    """The way of least length + weight * deviation at the goal.
+
+    The way may pass a node twice: going on to a place that tells more and coming back is worth it
+    at a large weight.
+
+    Args:
+        roadmap: The motions and what they do to the covariance.
+        start: A node.
+        goal: A node.
+        covariance: Of the pose at the start, shape (3, 3), may be singular.
+        weight: Metres of way that a metre less of deviation at the goal is worth.
+        measure: One of MEASURES.
+        max_std: Largest deviation at any node of the way, metres.
+        tolerance: A longer way to a node is gone on with only if its variance is lower by more
+            than this share in some direction. With 0 the result is exactly the best there is;
+            above 0 its figures are still its own, but a slightly better way may be missed.
+
+    Returns:
+        The way, or None if there is none that keeps to `max_std`.
+
+    Raises:
+        InputError: bad weight, measure, limit, tolerance, covariance or node.
+    """
+    _check_measure(measure)
+    for name, value in (("weight", weight), ("tolerance", tolerance)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise InputError(f"{name} is {value}; give a number of at least 0.")
+    if not max_std > 0.0:
+        raise InputError(f"max_std is {max_std}; give metres above 0, or inf.")
+    first = checked_covariance(covariance)
+    graph = roadmap.graph
+    start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
+    ahead = cost_to_go(graph, graph.length, goal)
+    weak = measure == "weak"
+    if not math.isfinite(ahead[start]) or deviation(first, measure) > max_std:
+        return None
+    motions, cost, labels = _search(
+        graph.first, graph.target, graph.length, roadmap.carry, roadmap.noise, roadmap.seen,
+        first, float(weight), weak, max_std, 1.0 + tolerance, ahead, start, goal,
+    )  # fmt: skip
+    if labels < 0:
+        return None
+    way = way_back(graph, start, motions, cost, labels)
+    return BeliefWay(way, roadmap.along(way.motions, first))
+
+
+def checked_covariance(covariance: ArrayLike) -> Floats:
+    """The covariance as float64, shape (3, 3).
+
+    Raises:
+        InputError: it is of another shape, not symmetric, or negative in some direction.
+    """
+    out = np.array(covariance, dtype=np.float64)
+    if out.shape != (3, 3) or not np.isfinite(out).all():
+        raise InputError("covariance is not 3 x 3 finite numbers; give x, y, theta.")
+    size = float(np.abs(out).max())
+    if not np.allclose(out, out.T, rtol=0.0, atol=1e-9 * size):
+        raise InputError("covariance is not symmetric; give one of x, y, theta.")
+    lowest = float(np.linalg.eigvalsh(out)[0])
+    if lowest < -1e-9 * size:
+        raise InputError(f"covariance has the eigenvalue {lowest:g}; none may be below 0.")
+    return out
+
+
+def _check_measure(measure: str) -> None:
+    if measure not in MEASURES:
+        raise InputError(f"measure is {measure!r}; choose from {', '.join(MEASURES)}.")
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _deviation(s, weak):
+    trace = s[0, 0] + s[1, 1]
+    if weak:
+        trace = 0.5 * trace + math.hypot(0.5 * (s[0, 0] - s[1, 1]), s[0, 1])
+    return math.sqrt(max(trace, 0.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def no_larger(one, other, margin):
+    """Whether covariance `one` is at most margin times the other in every direction.
+
+    By elimination: margin * other - one has no negative pivot, but for rounding.
+    """
+    d = margin * other - one
+    for k in range(3):
+        slack = ROUNDING * (one[k, k] + other[k, k])
+        if d[k, k] < -slack:
+            return False
+        if d[k, k] <= slack:
+            for i in range(k + 1, 3):
+                if d[i, k] * d[i, k] > slack * ROUNDING * (one[i, i] + other[i, i]):
+                    return False
+            continue
+        for i in range(k + 1, 3):
+            factor = d[i, k] / d[k, k]
+            for j in range(k + 1, 3):
+                d[i, j] -= factor * d[k, j]
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _covered(last, before, covariance, found, margin):
+    """Whether one of the labels of a node, from the last one back, is no larger."""
+    label = last
+    while label >= 0:
+        if no_larger(covariance[label], found, margin):
+            return True
+        label = before[label]
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _search(
+    first, target, length, carry, noise, seen, covariance, weight, weak, most, margin,
+    ahead, start, goal,
+):  # fmt: skip
+    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+    nodes = first.size - 1
+    newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
+    room = 1024
+    at = np.empty(room, dtype=np.int32)
+    parent = np.empty(room, dtype=np.int64)
+    motion = np.empty(room, dtype=np.int64)
+    before = np.empty(room, dtype=np.int64)  # the label of the same node before it
+    gone = np.empty(room)
+    found = np.empty((room, 3, 3))
+    keys = np.empty(room)
+    items = np.empty(room, dtype=np.int64)
+    at[0], parent[0], motion[0], gone[0], found[0] = start, -1, -1, 0.0, covariance
+    push(keys, items, 0, ahead[start], 0)
+    count, size, taken = 1, 1, 0
+    best, best_label = math.inf, -1
+    while size > 0 and keys[0] < best:
+        label = items[0]
+        drop_first(keys, items, size)
+        size -= 1
+        node = at[label]
+        if _covered(newest[node], before, found, found[label], margin):
+            continue
+        before[label], newest[node] = newest[node], label
+        taken += 1
+        if node == goal:
+            total = gone[label] + weight * _deviation(found[label], weak)
+            if total < best:
+                best, best_label = total, label
+        for e in range(first[node], first[node + 1]):
+            to = target[e]
+            total = gone[label] + length[e]
+            if total + ahead[to] >= best:
+                continue
+            ending = carried(carry[e], noise[e], seen[e], found[label])
+            if _deviation(ending, weak) > most:
+                continue
+            if _covered(newest[to], before, found, ending, margin):
+                continue
+            if count == at.size:
+                at, parent, motion = grown(at), grown(parent), grown(motion)
+                before, gone = grown(before), grown(gone)
+                more = np.empty((2 * count, 3, 3))
+                more[:count] = found
+                found = more
+            if size == keys.size:
+                keys, items = grown(keys), grown(items)
+            at[count], parent[count], motion[count] = to, label, e
+            gone[count], found[count] = total, ending
+            push(keys, items, size, total + ahead[to], count)
+            count, size = count + 1, size + 1
+    if best_label < 0:
+        return np.empty(0, dtype=np.int64), math.inf, -1
+    return motions_back(best_label, parent, motion), best, taken

@@ -1,0 +1,101 @@
+"""OMPL state spaces for the kinds of motion, and poses read from and written into their states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ompl import base as ob
+
+from ambinav.errors import InputError
+from ambinav.geometry.steering import Steering
+
+Bounds = tuple[float, float, float, float]
+Pose = tuple[float, float, float]
+
+# What one radian of yaw counts in OMPL's distance on SE(2), metres: OMPL's own value.
+YAW_WEIGHT = 0.5
+
+
+def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:
+    """OMPL's state space for a kind of motion.
+
+    Args:
+        steering: r2, se2, dubins or reeds-shepp.
+        bounds: (xmin, ymin, xmax, ymax) of the reference point, metres.
+
+    Returns:
+        RealVectorStateSpace, SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace. Distances
+        in SE2 are metres plus `YAW_WEIGHT` per radian.
+    """
+    limits = ob.RealVectorBounds(2)
+    for axis in (0, 1):
+        limits.setLow(axis, bounds[axis])
+        limits.setHigh(axis, bounds[axis + 2])
+    if steering.space == "r2":
+        space = ob.RealVectorStateSpace(2)
+    elif steering.space == "se2":
+        space = ob.SE2StateSpace()
+    elif steering.space == "dubins":
+        space = ob.DubinsStateSpace(steering.radius)
+    else:
+        space = ob.ReedsSheppStateSpace(steering.radius)
+    space.setBounds(limits)
+    return space
+
+
+def has_heading(space: ob.StateSpace) -> bool:
+    """Whether the states of a space know a heading.
+
+    Raises:
+        InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2).
+    """
+    if isinstance(space, ob.RealVectorStateSpace):
+        if space.getDimension() == 2:
+            return False
+    elif isinstance(space, ob.SE2StateSpace | ob.DubinsStateSpace | ob.ReedsSheppStateSpace):
+        return True
+    raise InputError(
+        f"state space {space.getName()!r} is none that ambiguity can be read in; give "
+        "RealVectorStateSpace(2), SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace."
+    )
+
+
+def steering_of(space: ob.StateSpace) -> Steering:
+    """The kind of motion of a space that has only one.
+
+    Raises:
+        InputError: OMPL does not tell the space's turning radius.
+    """
+    if not has_heading(space):
+        return Steering("r2")
+    if isinstance(space, ob.DubinsStateSpace | ob.ReedsSheppStateSpace):
+        raise InputError(
+            f"state space {space.getName()!r} does not tell its turning radius; give steering, "
+            'e.g. Steering("dubins", radius=1.0).'
+        )
+    return Steering("se2")
+
+
+def pose_reader(with_heading: bool) -> Callable[[Any], Pose]:
+    """A function from a state to x, y, theta; theta is 0 where states have none."""
+
+    def planar(state: Any) -> Pose:
+        return state[0], state[1], 0.0
+
+    def posed(state: Any) -> Pose:
+        return state.getX(), state.getY(), state.getYaw()
+
+    return posed if with_heading else planar
+
+
+def new_state(si: ob.SpaceInformation, pose: Pose, with_heading: bool) -> Any:
+    """A state at a pose, allocated by `si` (the space's own allocator leaks)."""
+    state = si.allocState()
+    if with_heading:
+        state.setX(pose[0])
+        state.setY(pose[1])
+        state.setYaw(pose[2])
+    else:
+        state[0], state[1] = pose[0], pose[1]
+    return state

@@ -1,0 +1,74 @@
+"""OMPL's anytime tree planners: RRT*, Informed RRT*, SORRT*, BIT*."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ompl import base as ob
+from ompl import geometric as og
+
+from ambinav_planners.ompl_setup import Watch, found_poses, prepare
+from ambinav_planners.problem import Problem
+from ambinav_planners.registry import Budget, Found, Planner, register
+
+# OMPL's own factor asks for 2^(d+1) e (1 + 1/d) log n neighbours, some 300 in the plane. This one
+# brings it to e (1 + 1/d) log n, the bound of Karaman and Frazzoli (2011), theorem 38: each
+# neighbour costs a call from C++ into Python, and with fewer the tree grows five times as fast.
+REWIRE_FACTOR = 0.14
+
+
+def _rrt(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[ob.SpaceInformation], Any]:
+    def configured(si: ob.SpaceInformation) -> Any:
+        planner = make(si)
+        planner.setRewireFactor(REWIRE_FACTOR)
+        return planner
+
+    return configured
+
+
+def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Budget], Found]:
+    def solve(problem: Problem, budget: Budget) -> Found:
+        watch = Watch(budget)
+        setup = prepare(problem)
+        planner = make(setup.si)
+        setup.simple.setPlanner(planner)
+        setup.simple.solve(watch.condition(planner.bestCost, planner.numIterations))
+        watch.note(planner.bestCost().value())
+        return Found(found_poses(setup), tuple(watch.curve), int(planner.numIterations()))
+
+    return solve
+
+
+def _add(name: str, make: Callable[[Any], Any], iteration: str, one_way: bool, text: str) -> None:
+    register(Planner(name, _solver(make), text, iteration, one_way=one_way, make=make))
+
+
+_add(
+    "rrtstar",
+    _rrt(og.RRTstar),
+    "samples",
+    False,
+    "RRT* (Karaman and Frazzoli 2011)",
+)
+_add(
+    "informed-rrtstar",
+    _rrt(og.InformedRRTstar),
+    "samples",
+    False,
+    "Informed RRT*: samples only what can still be better (Gammell et al. 2014)",
+)
+_add(
+    "sorrtstar",
+    _rrt(og.SORRTstar),
+    "samples",
+    False,
+    "Informed RRT* with samples sorted by what they promise (Gammell et al. 2015)",
+)
+_add(
+    "bitstar",
+    og.BITstar,
+    "edges",
+    True,
+    "BIT*: batches of samples searched in order of promise (Gammell et al. 2015)",
+)

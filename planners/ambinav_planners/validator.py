@@ -1,0 +1,58 @@
+"""Collision checks for OMPL: the footprint against the exact walls, one kernel call a motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ompl import base as ob
+
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.sweep import motion_free, pose_free
+from ambinav_planners.spaces import has_heading
+
+
+class FootprintStateValidity(ob.StateValidityChecker):
+    """Whether the footprint at a state is free of walls, frontiers and forbidden places."""
+
+    def __init__(self, si: ob.SpaceInformation, checker: CollisionChecker) -> None:
+        super().__init__(si)
+        self._with_heading = has_heading(si.getStateSpace())
+        self._arrays = checker.arrays
+
+    def isValid(self, state: Any) -> bool:  # noqa: N802 (OMPL's name)
+        """Whether the robot fits there."""
+        if self._with_heading:
+            return bool(pose_free(state.getX(), state.getY(), state.getYaw(), *self._arrays))
+        return bool(pose_free(state[0], state[1], 0.0, *self._arrays))
+
+
+class FootprintMotionValidator(ob.MotionValidator):
+    """Whether the footprint sweeps from state to state without touching anything.
+
+    Exact for discs on straight motions; see `ambinav.geometry.collision` for the others.
+    """
+
+    def __init__(self, si: ob.SpaceInformation, checker: CollisionChecker) -> None:
+        super().__init__(si)
+        self._with_heading = has_heading(si.getStateSpace())
+        self._kind, self._radius = checker.steering.kind, checker.steering.radius
+        self._arrays = checker.arrays
+
+    def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
+        """Whether the motion is free, given that its start is."""
+        if self._with_heading:
+            return bool(
+                motion_free(
+                    self._kind, self._radius, a.getX(), a.getY(), a.getYaw(),
+                    b.getX(), b.getY(), b.getYaw(), *self._arrays,
+                )
+            )  # fmt: skip
+        return bool(motion_free(0, 0.0, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
+
+
+class Unchecked(ob.MotionValidator):
+    """Calls every motion free: for a roadmap whose motions are all checked at once afterwards."""
+
+    def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
+        """True."""
+        return True
