@@ -1,4 +1,4 @@
-"""The command line: `ambinav audit | map | presets | calibrate`.
+"""The command line: `ambinav audit | map | plan | presets | calibrate`.
 
 Every command lives in a module of its own, and imports what computes only when it runs, so that
 `ambinav --help` answers at once.
@@ -15,6 +15,7 @@ import typer
 from ambinav.cli.audit import audit
 from ambinav.cli.calibrate import calibrate
 from ambinav.cli.map import build
+from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
 
 app = typer.Typer(
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 app.command("audit")(audit)
 app.command("map")(build)
+app.command("plan")(plan)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.planned import Asked, draw_no_way, plan_front, show_routes, write_routes
 from ambinav.cli.running import above_zero, check_writable, not_negative, reporting
 from ambinav.errors import InputError
-
-if TYPE_CHECKING:
-    from ambinav.routes.route import Route
-    from ambinav_planners.planning import RoutePlanner
 
 ROUTE_FILES = (".csv", ".geojson", ".json")
 PICTURES = (".png", ".pdf", ".svg")
@@ -121,7 +117,7 @@ def plan(
         typer.Option(
             "--footprint",
             metavar="POINTS",
-            help='Corners of another outline in the robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
+            help='Corners of another outline, robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
             show_default="a disc",
         ),
     ] = None,
@@ -216,7 +212,7 @@ def plan(
             footprint=(
                 Footprint.disc(radius)
                 if footprint is None
-                else Footprint.polygon(_numbers(footprint, "--footprint"))
+                else Footprint.polygon(_corners(footprint))
             ),
             space=space,
             turning_radius=turning_radius,
@@ -224,21 +220,50 @@ def plan(
             max_bad_metres=max_bad_metres,
             bad_level=bad_level,
         )
-        ends = ((*start, headings[0]), (*goal, headings[1]))
-        budget = {"seconds": time, "iterations": iterations, "seed": seed}
+        here, there = (*start, headings[0]), (*goal, headings[1])
+        asked = Asked(planner, time, iterations, seed, improve)
         try:
             if pareto:
-                chosen = _weights(weights)
-                _plan_front(robot, ends, planner, chosen, budget, output, as_json)
-                return
-            routes = {f"weight {weight:g}": robot.plan(*ends, planner_name=planner, improved=improve, **budget)}
-            if shortest:
-                routes["shortest"] = robot.plan(
-                    *ends, planner_name=planner, improved=improve, weight=0.0, **budget
-                )
+                plan_front(robot, here, there, asked, weights, output, as_json)
+            else:
+                routes = {f"weight {weight:g}": asked.plan(robot, here, there, weight)}
+                if shortest:
+                    routes["shortest"] = asked.plan(robot, here, there, 0.0)
+                write_routes(robot, routes, output, picture)
+                show_routes(routes, as_json, output, picture)
         except NoWayError as error:
             where = picture or output.with_name(f"{output.stem}-no-way.png")
-            _draw_no_way(robot, error, ends, where)
+            draw_no_way(robot, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
-        _write(routes, robot, output, picture)
-        _show(routes, as_json, output, picture)
+
+
+def _check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
+    """Check what a file's name ends in.
+
+    Raises:
+        InputError: it ends in something else.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(
+            f"{name}: {path} ends in {path.suffix or 'nothing'!r}; give a file that ends in "
+            f"{', '.join(suffixes)}."
+        )
+
+
+def _corners(text: str) -> list[tuple[float, float]]:
+    """Corners of a footprint from "x,y x,y x,y".
+
+    Raises:
+        InputError: a corner is not two numbers.
+    """
+    corners = []
+    for part in text.split():
+        try:
+            x, y = (float(number) for number in part.split(","))
+        except ValueError:
+            raise InputError(
+                f"--footprint: {part!r} is not a corner; give x,y in metres, and blanks between "
+                'corners, e.g. "0.3,0.2 -0.3,0.2 -0.3,-0.2 0.3,-0.2".'
+            ) from None
+        corners.append((x, y))
+    return corners

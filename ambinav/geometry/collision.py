@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.forbidden import is_forbidden
 from ambinav.geometry.obstacles import Arrays, pack
 from ambinav.geometry.segments import FRONTIER
 from ambinav.geometry.steering import FACING, Steering, checked_poses
@@ -177,17 +178,16 @@ class CollisionChecker:
             if gap <= WALL_DEPTH:
                 return "in a wall"
             return f"behind a wall, {gap:.2f} m from the free space"
-        footprint = self.footprint
-        if footprint.is_disc and gap < footprint.radius:
-            return f"{_metres(gap)} from {what}, the footprint needs {footprint.radius:g} m"
-        if self.must_turn and gap < footprint.outer:
-            return (
-                f"{_metres(gap)} from {what}, the footprint needs {footprint.outer:.2f} m "
-                "to turn on the spot"
-            )
-        if not footprint.is_disc and self.clearance(pose)[0] <= 1e-6:
-            return f"{_metres(gap)} from {what}, which the footprint touches at this heading"
-        return "in a forbidden zone"
+        table, _, forbidden = self.arrays
+        if is_forbidden(x, y, table, forbidden):
+            return "in a forbidden zone"
+        need = self.footprint.outer
+        if self.footprint.is_disc:
+            return f"{_metres(gap, need)} from {what}, the footprint needs {need:g} m"
+        if self.must_turn:
+            away = f"{_metres(gap, need)} from {what}"
+            return f"{away}, the footprint needs {need:.3f} m to turn on the spot"
+        return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
 
     @cached_property
     def _walls(self) -> shapely.STRtree:
@@ -211,6 +211,10 @@ class CollisionChecker:
         return None
 
 
-def _metres(gap: float) -> str:
-    """A distance to the centimetre, or finer where that would be nothing."""
-    return f"{gap:.2f} m" if gap >= 0.01 or gap == 0.0 else f"{math.ceil(gap * 1e4) / 1e4:g} m"
+def _metres(gap: float, need: float) -> str:
+    """A distance below `need`, with so many digits that it reads as neither 0 nor `need`."""
+    for digits in range(2, 7):
+        shown = round(gap, digits)
+        if 0.0 < shown < round(need, digits):
+            return f"{shown:.{digits}f} m"
+    return f"{gap:.3g} m"

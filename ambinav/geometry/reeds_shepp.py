@@ -24,7 +24,7 @@ TIE = 1e-11  # radii; far above what rounding makes of two words of equal length
 # A step to the side costs its square root: of 1e-13 radii 1e-6.
 ONE_CIRCLE = 1e-13
 
-# Words; the figures are the paper's formulas. The two that end in BACK run from the goal.
+# Words, named as they begin forward and to the left; those that end in BACK run from the goal.
 LSL, LSR, LRL, LRL_BACK, LRLR_OUT, LRLR_IN, LRSL, LRSL_BACK, LRSR, LRSR_BACK, LRSLR = range(11)
 
 

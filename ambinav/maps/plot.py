@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize, to_rgba
+from matplotlib.colors import Normalize, to_hex, to_rgba
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -72,7 +72,7 @@ def plot_zones(
     faded = amap.unexplored
     picture[faded] = FADE * palette[-1] + (1.0 - FADE) * picture[faded]
     draw_image(axes, amap, picture)
-    finish(axes, amap, title or _title(amap, "Zones", heading))
+    finish(axes, amap, title or floor_title(amap, "Zones", heading))
     if strokes:
         _strokes(axes, amap, heading)
     if legend:
@@ -122,7 +122,10 @@ def plot_layer(
         norm, colours, outside = Normalize(0.0, _top(layer, values)), "viridis_r", OUTSIDE_COLOUR
     image = draw_image(axes, amap, values, cmap=colours, norm=norm)
     finish(
-        axes, amap, title or _title(amap, layer.replace("_", " ").capitalize(), heading), outside
+        axes,
+        amap,
+        title or floor_title(amap, layer.replace("_", " ").capitalize(), heading),
+        outside,
     )
     if strokes:
         _strokes(axes, amap, heading)
@@ -140,20 +143,18 @@ def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> 
             facecolor=colour,
             edgecolor="#555555",
             linewidth=0.6,
-            label=f"{share.zone}\n{share.share:.0%}, {_area(share.area)}",
+            label=f"{share.zone}\n{share.share:.0%}, {area_text(share.area)}",
         )
         for share, colour in zip(amap.zone_shares(heading), COLOURS, strict=True)
     ]
     faded = float(amap.unexplored.sum()) * amap.spacing**2
     if faded:
-        outside, lost = np.array(to_rgba(OUTSIDE_COLOUR)), np.array(to_rgba(COLOURS[OPEN]))
-        colour = FADE * outside + (1.0 - FADE) * lost
         handles.append(
             Patch(
-                facecolor=tuple(colour.tolist()),
+                facecolor=unexplored_colour(),
                 edgecolor="#555555",
                 linewidth=0.6,
-                label=f"unexplored\n{_area(faded)}",
+                label=f"unexplored\n{area_text(faded)}",
             )
         )
     if strokes:
@@ -171,6 +172,12 @@ def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> 
         if drawing.is_tall(view(amap))
         else {**_BELOW, "ncol": len(handles) if len(handles) < MANY else (len(handles) + 1) // 2},
     )
+
+
+def unexplored_colour() -> str:
+    """What open floor is faded to where it is not explored."""
+    outside, lost = np.array(to_rgba(OUTSIDE_COLOUR)), np.array(to_rgba(COLOURS[OPEN]))
+    return to_hex(tuple((FADE * outside + (1.0 - FADE) * lost).tolist()))
 
 
 def view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
@@ -220,7 +227,8 @@ def _strokes(axes: Axes, amap: AmbiguityMap, heading: Heading) -> None:
     drawing.draw_weak_direction(axes, x, y, direction, major - minor, depth)
 
 
-def _title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
+def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
+    """What is shown, for which scanner, where, and at which heading if that matters."""
     text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
     if not amap.has_theta:
         return text
@@ -238,5 +246,6 @@ def _top(layer: str, values: NDArray[np.float64]) -> float:
     return float(known.max()) if known.size and known.max() > 0.0 else 1.0
 
 
-def _area(area: float) -> str:
+def area_text(area: float) -> str:
+    """An area in square metres as a legend tells it."""
     return f"{area:.0f} m²" if area >= 10 else f"{area:.1f} m²"

@@ -1,4 +1,4 @@
-"""Parts of a picture of routes: cased lines, marks for start and goal, ellipses of covariances."""
+"""Parts of a picture of routes: cased lines, marks of their ends, ellipses of covariances."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from matplotlib.patheffects import Normal, Stroke
 
 from ambinav.routes.files import trace
 from ambinav.routes.route import Floats, Route
-
 
 START: Final = "S"
 GOAL: Final = "G"
@@ -65,7 +64,7 @@ def widths(count: int) -> Floats:
     """
     if count == 1:
         return np.array([0.5 * (NARROWEST + WIDEST)])
-    return np.linspace(min(WIDEST, NARROWEST + 1.8 * (count - 1)), NARROWEST, count)
+    return np.linspace(min(WIDEST, NARROWEST + 2.4 * (count - 1)), NARROWEST, count)
 
 
 def route_line(look: Style, width: float, poses: Floats | None = None) -> Line2D:

@@ -68,7 +68,9 @@ def evaluate_route(
     moving = metres > 0.0
     bad = np.isin(codes, [ZONES.index(name) for name in BAD_ZONES])
     a, b = route[:-1], route[1:]
-    costs = service.density.integral(*a.T, *b.T, steering)
+    xa, ya, ta = a.T
+    xb, yb, tb = b.T
+    costs = service.density.integral(xa, ya, ta, xb, yb, tb, steering)
     return Route(
         poses=route,
         steering=steering,

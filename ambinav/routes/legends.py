@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.font_manager import FontProperties
 from matplotlib.legend import Legend
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
@@ -19,9 +20,14 @@ from ambinav.routes.drawing import root_figure
 FONT_SIZE: Final = 11
 _DROP: Final = 34.0
 """Points from the floor's lower edge to the routes' legend: scale bar and colours lie between."""
-_DROP_BESIDE: Final = 20.0
-"""Points for each entry of the colours where the legends stand beside the floor."""
-_COLUMNS: Final = 3
+_DROP_BESIDE: Final = 110.0
+"""Points from the floor's upper edge to the routes' legend, where they stand beside the floor."""
+_WIDE: Final = 3.4
+_BESIDE: Final = 1.6
+_CAPTION: Final = 0.5
+_ROW: Final = 0.62
+"""Inches: of a column of routes; what routes need beside a tall building more than colours; what
+their caption and each row of them need below a wide one."""
 
 
 def colour_patch(colour: str, label: str) -> Patch:
@@ -29,36 +35,62 @@ def colour_patch(colour: str, label: str) -> Patch:
     return Patch(facecolor=colour, edgecolor="#555555", linewidth=0.6, label=label)
 
 
+def make_room(axes: Axes, amap: AmbiguityMap, entries: int) -> None:
+    """Enlarge a figure made by `floor_axes`, so that the legend of routes does not shrink the floor.
+
+    Args:
+        axes: The only ones of their figure.
+        amap: The map, whose shape decides where legends stand.
+        entries: Routes in the legend.
+    """
+    figure = root_figure(axes)
+    width, height = figure.get_size_inches().tolist()
+    if drawing.is_tall(view(amap)):
+        figure.set_size_inches(width + _BESIDE, height)
+    else:
+        rows = -(-entries // _columns(axes, entries))
+        figure.set_size_inches(width, height + _CAPTION + _ROW * rows)
+
+
 def floor_legend(axes: Axes, amap: AmbiguityMap, patches: Sequence[Patch]) -> None:
-    """Tell the colours: one row right of the scale bar, or a column beside a tall building."""
+    """Tell the colours: right of the scale bar, or in a column beside a tall building."""
     if drawing.is_tall(view(amap)):
         legend = _legend(axes, patches, 0.0, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     else:
-        legend = _legend(
-            axes, patches, 0.0, loc="upper right", bbox_to_anchor=(1.0, -0.005), ncol=len(patches)
-        )
-    axes.add_artist(legend)
+        # Entries of two lines are long ones: two columns leave room for the scale bar.
+        columns = 2 if any("\n" in str(patch.get_label()) for patch in patches) else len(patches)
+        place = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.005), "ncol": columns}
+        legend = _legend(axes, patches, 0.0, **place)
+    _add(axes, legend)
 
 
-def lower_legend(axes: Axes, amap: AmbiguityMap, handles: Sequence[Artist], caption: str) -> None:
+def lower_legend(
+    axes: Axes, amap: AmbiguityMap, handles: Sequence[Artist], caption: Sequence[str]
+) -> None:
     """Tell the routes, below the colours.
 
     Args:
         axes: Of the picture; `floor_legend` comes first.
         amap: The map, whose shape decides where legends stand.
         handles: With labels.
-        caption: One line above them.
+        caption: Remarks above them, in one line, or beside a tall building one below the other.
     """
-    if drawing.is_tall(view(amap)):
+    tall = drawing.is_tall(view(amap))
+    if tall:
         place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
-        legend = _legend(axes, handles, 4 * _DROP_BESIDE + 20.0, **place)
+        legend = _legend(axes, handles, _DROP_BESIDE, **place)
     else:
         place = {"loc": "upper left", "bbox_to_anchor": (-0.005, -0.005)}
-        columns = min(len(handles), _COLUMNS)
+        columns = _columns(axes, len(handles))
         legend = _legend(axes, handles, _DROP, ncol=columns, **place)
-    legend.set_title(caption, prop={"size": FONT_SIZE})
+    legend.set_title(("\n" if tall else "   ").join(caption), prop=FontProperties(size=FONT_SIZE))
     legend.set_alignment("left")
-    axes.add_artist(legend)
+    _add(axes, legend)
+
+
+def _columns(axes: Axes, entries: int) -> int:
+    """Columns of routes that fit below a floor."""
+    return max(1, min(entries, int(root_figure(axes).get_figwidth() / _WIDE)))
 
 
 def _legend(axes: Axes, handles: Sequence[Artist], drop: float, **place: Any) -> Legend:
@@ -77,3 +109,9 @@ def _legend(axes: Axes, handles: Sequence[Artist], drop: float, **place: Any) ->
         bbox_transform=axes.transAxes + down,
         **place,
     )
+
+
+def _add(axes: Axes, legend: Legend) -> None:
+    axes.add_artist(legend)
+    # Clipped to the floor it would not count for the size of the saved picture.
+    legend.set_clip_on(False)

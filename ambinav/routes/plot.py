@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
+from typing import Final
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import Heading, floor_axes, plot_zones, view
+from ambinav.maps.plot import Heading, floor_axes, floor_title, plot_zones, unexplored_colour, view
 from ambinav.maps.zones import COLOURS, ZONES
 from ambinav.routes.drawing import (
     GOAL,
@@ -23,8 +26,11 @@ from ambinav.routes.drawing import (
     style,
     widths,
 )
-from ambinav.routes.legends import colour_patch, floor_legend, lower_legend
+from ambinav.routes.legends import colour_patch, floor_legend, lower_legend, make_room
 from ambinav.routes.route import BAD_ZONES, Route
+
+LINE: Final = 40
+"""Letters to a line of the legend."""
 
 
 def plot_routes(
@@ -42,7 +48,8 @@ def plot_routes(
     Args:
         amap: The map.
         routes: By name, or in a row: then the planner and the weight name them. The first is
-            drawn lowest and widest, so that all show where they run together.
+            drawn lowest and widest, so that all show where they run together. Those that are
+            the same way share a line.
         ax: Where to draw; None makes a figure of its own.
         heading: "mean", "best", "worst" or radians: of the zones, where the heading matters.
         covariances: Whether to draw ellipses of 2 standard deviations along routes that have
@@ -56,15 +63,17 @@ def plot_routes(
     named = dict(routes) if isinstance(routes, Mapping) else name_routes(routes)
     if not named:
         raise InputError("routes is empty; give at least one route to draw.")
+    groups = _alike(named)
     axes = floor_axes(amap) if ax is None else ax
-    if title is None:
-        attrs = amap.dataset.attrs
-        title = f"Routes: {attrs['scanner']} in {attrs['environment']}"
+    if ax is None and legend:
+        make_room(axes, amap, len(groups))
+    title = title or floor_title(amap, "Routes", heading)
     plot_zones(amap, axes, heading, strokes=False, legend=False, title=title)
     xmin, ymin, xmax, ymax = view(amap)
-    looks = [(style(i), width) for i, width in enumerate(widths(len(named)).tolist())]
+    looks = [(style(i), width) for i, width in enumerate(widths(len(groups)).tolist())]
     uncertain = False
-    for i, (route, (look, width)) in enumerate(zip(named.values(), looks, strict=True)):
+    for i, (group, (look, width)) in enumerate(zip(groups, looks, strict=True)):
+        route = next(iter(group.values()))
         draw_route(axes, route, look, width, zorder=6 + 0.01 * i)
         if covariances and route.covariances is not None:
             uncertain = True
@@ -74,14 +83,18 @@ def plot_routes(
     goals = [(*route.goal[:2], GOAL) for route in named.values()]
     draw_ends(axes, [*starts, *goals], zorder=10)
     if legend:
-        zones = zip(COLOURS, ZONES, strict=True)
-        floor_legend(axes, amap, [colour_patch(colour, zone) for colour, zone in zones])
+        zones = [colour_patch(*entry) for entry in zip(COLOURS, ZONES, strict=True)]
+        if amap.unexplored.any():
+            zones.append(colour_patch(unexplored_colour(), "unexplored"))
+        floor_legend(axes, amap, zones)
         handles = [route_line(look, width) for look, width in looks]
-        for handle, (name, route) in zip(handles, named.items(), strict=True):
-            handle.set_label(describe(name, route))
-        caption = f"{START}: start   {GOAL}: goal"
+        for handle, group in zip(handles, groups, strict=True):
+            handle.set_label(describe(group))
+        caption = [f"{START}: start", f"{GOAL}: goal"]
+        if amap.has_theta:
+            caption.append("zones of a route: at its own headings")
         if uncertain:
-            caption += f"   ellipses: {SIGMAS:g} standard deviations of the position"
+            caption.append(f"ellipses: {SIGMAS:g} standard deviations of the position")
         lower_legend(axes, amap, handles, caption)
     return root_figure(axes)
 
@@ -95,10 +108,37 @@ def name_routes(routes: Sequence[Route]) -> dict[str, Route]:
     }
 
 
-def describe(name: str, route: Route) -> str:
-    """Text of a route's entry in the legend: its name, length, cost, and metres in bad zones."""
+def describe(group: Mapping[str, Route]) -> str:
+    """Text of an entry in the legend: names, length, cost, and metres in bad zones.
+
+    Args:
+        group: Routes by name that are one and the same way. Their cost is told if they were
+            planned with the same weight.
+    """
+    route = next(iter(group.values()))
+    costs = {(round(other.cost, 1), other.weight) for other in group.values()}
+    cost = f", cost {route.cost:.1f} (weight {route.weight:g})" if len(costs) == 1 else ""
     share = route.bad_metres / route.length if route.length > 0.0 else 0.0
     return (
-        f"{name}\n{route.length:.1f} m, cost {route.cost:.1f} (weight {route.weight:g})\n"
+        f"{textwrap.fill(', '.join(group), LINE)}\n{route.length:.1f} m{cost}\n"
         f"{route.bad_metres:.1f} m ({share:.0%}) in {' or '.join(BAD_ZONES)}"
     )
+
+
+def _alike(named: Mapping[str, Route]) -> list[dict[str, Route]]:
+    """Routes by name, those together that are the same way: one line would hide the other."""
+    groups: list[dict[str, Route]] = []
+    for name, route in named.items():
+        for group in groups:
+            first = next(iter(group.values()))
+            if (
+                first.steering == route.steering
+                and np.array_equal(first.poses, route.poses)
+                and first.covariances is None
+                and route.covariances is None
+            ):
+                group[name] = route
+                break
+        else:
+            groups.append({name: route})
+    return groups

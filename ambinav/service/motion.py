@@ -11,10 +11,17 @@ import math
 from numba import njit, prange
 
 from ambinav.geometry.curves import FACING, STRAIGHT, advance, curve_pieces
-from ambinav.service.field import integral_straight, value_at
+from ambinav.service.field import corner, integral_straight, value_at
 
 POINTS = 4
 """On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def line_integral(x0, y0, x1, y1, values, left, low, inverse):
+    """`motion_integral` of the kind FACING, with few arguments: called from Python, each counts."""
+    heading = math.atan2(y1 - y0, x1 - x0) if values.shape[2] > 1 else 0.0
+    return integral_straight(x0, y0, heading, x1, y1, heading, values, left, low, inverse)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -30,8 +37,7 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
     if kind == STRAIGHT:
         return integral_straight(x0, y0, t0, x1, y1, t1, values, left, low, inverse)
     if kind == FACING:
-        heading = math.atan2(y1 - y0, x1 - x0) if values.shape[2] > 1 else 0.0
-        return integral_straight(x0, y0, heading, x1, y1, heading, values, left, low, inverse)
+        return line_integral(x0, y0, x1, y1, values, left, low, inverse)
     pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
     total, x, y, t = 0.0, x0, y0, t0
     for i in range(5):
@@ -70,13 +76,27 @@ def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
     step_sine, step_cosine = math.sin(each), math.cos(each)
     total = 0.0
     for i in range(count):
-        w = (t + (i + 0.5) * each) * per_turn
-        total += value_at(u + radius * sine, v - radius * cosine, w, values)
+        if headings == 1:
+            total += _value_on_floor(u + radius * sine, v - radius * cosine, values)
+        else:
+            w = (t + (i + 0.5) * each) * per_turn
+            total += value_at(u + radius * sine, v - radius * cosine, w, values)
         sine, cosine = (
             sine * step_cosine + cosine * step_sine,
             cosine * step_cosine - sine * step_sine,
         )
     return total * abs(length) / count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _value_on_floor(u, v, values):
+    """As `value_at`, of a field without headings."""
+    c, a = corner(u, values.shape[1])
+    r, b = corner(v, values.shape[0])
+    c1, r1 = min(c + 1, values.shape[1] - 1), min(r + 1, values.shape[0] - 1)
+    low = values[r, c, 0] * (1.0 - a) + values[r, c1, 0] * a
+    high = values[r1, c, 0] * (1.0 - a) + values[r1, c1, 0] * a
+    return low * (1.0 - b) + high * b
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import FACING, STRAIGHT, Steering, checked_poses
+from ambinav.geometry.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.field import Field
@@ -188,7 +188,7 @@ class AmbiguityService:
     @property
     def has_headings(self) -> bool:
         """Whether the cost depends on the heading."""
-        return self.density.values.shape[2] > 1
+        return bool(self.density.values.shape[2] > 1)
 
     def with_weight(self, weight: float) -> AmbiguityService:
         """The same service at another weight.
@@ -246,7 +246,7 @@ class AmbiguityService:
         return _flat(x, y, theta)
 
     def _need_heading(self, theta: ArrayLike | None) -> None:
-        if theta is None and self.density.values.shape[2] > 1:
+        if theta is None and self.has_headings:
             raise InputError(
                 f"layer {self.layer!r} depends on the heading; give theta, or use the layer "
                 f"{self.layer}_mean."
@@ -267,11 +267,7 @@ def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:
 def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
     """Integral of a field along a route."""
     route = checked_poses(poses, "poses")
-    kind, radius = (STRAIGHT, 0.0) if steering is None else (steering.kind, steering.radius)
-    parts = np.empty(max(len(route) - 1, 0))
-    values, _, left, low, inverse = field.arrays
-    motion_integrals(kind, float(radius), route[:-1], route[1:], values, left, low, inverse, parts)
-    return float(parts.sum())
+    return float(_motions(field, route[:-1], route[1:], steering or Steering("se2")).sum())
 
 
 def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:

@@ -9,8 +9,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ambinav_planners.objective import AmbiguityObjective
     from ambinav_planners.fronts import pareto
+    from ambinav_planners.objective import AmbiguityObjective
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
     from ambinav_planners.reference import NoWayError
     from ambinav_planners.registry import Planner, planners

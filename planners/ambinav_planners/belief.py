@@ -119,6 +119,7 @@ def roadmap_route(
     measure: str = "trace",
     max_std: float = np.inf,
     tolerance: float = TOLERANCE,
+    exact: bool = False,
 ) -> Route:
     """Route through a belief roadmap that ends well known and is not long.
 
@@ -132,6 +133,7 @@ def roadmap_route(
         measure: `trace` or `weak`.
         max_std: Metres.
         tolerance: Share of the variance.
+        exact: Whether nothing may be missed; with many ways and a large weight that takes minutes.
 
     Raises:
         InputError: an argument is out of range, or there is no such route.
@@ -139,7 +141,7 @@ def roadmap_route(
     begin = time.perf_counter()
     found = search_roadmap(
         roadmap, start, goal, covariance,
-        weight=weight, measure=measure, max_std=max_std, tolerance=tolerance,
+        weight=weight, measure=measure, max_std=max_std, tolerance=tolerance, exact=exact,
     )  # fmt: skip
     if found is None:
         _refuse_unconnected(roadmap.graph, start, goal)

@@ -83,13 +83,9 @@ def pareto(
                 f"planner {planner_name!r} found no way in {seconds:g} s; give more time."
             )
         cost = problem.service.route_cost(poses, problem.steering)
-        found = Found(poses, ((time.perf_counter() - started, cost),))
-        points.append(
-            ParetoPoint(
-                problem.service.weight,
-                finish(chosen, problem, found, budget, started),
-            )
-        )
+        seconds = time.perf_counter() - started
+        found = Found(poses, ((seconds, cost),), seconds=seconds)
+        points.append(ParetoPoint(problem.service.weight, finish(chosen, problem, found, seed)))
     return ParetoFront(tuple(points))
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
-from ambinav.geometry.steering import STRAIGHT, checked_poses
+from ambinav.geometry.steering import FACING, STRAIGHT, checked_poses
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.bezier import round_corners
 from ambinav_planners.improve_kernel import (
@@ -41,10 +41,12 @@ SHORTCUT_REACH = 2.5
 SHORTCUT_VERTICES = 8
 # The scales of the band: metres between stations, and the step between candidates as a share of
 # that. The last scale decides how fine the result is.
-SCALES = ((2.0, 0.2), (1.0, 0.2), (0.5, 0.15), (0.3, 0.1), (0.3, 0.03))
-SIDES = 3
-# A scale is left when a round gains less than this share of the cost.
-ENOUGH = 1e-4
+SCALES = ((2.0, 0.2), (0.6, 0.2), (0.3, 0.1), (0.3, 0.03))
+SIDES = 2
+# So many stations may be left out where motions cannot end everywhere.
+SKIPPED = 4
+# A scale is left when two rounds gain less than this share of the cost.
+ENOUGH = 5e-4
 # Headings that a cost with headings is tried at: steps in radians, from coarse to fine.
 HEADING_STEPS = (0.4, 0.1)
 
@@ -67,7 +69,7 @@ def improve(
         service: What a metre costs.
         checker: What is free for the robot, and its kind of motion.
         smooth: Whether corners are rounded.
-        rounds: How often each scale of the band is repeated at the most; 0: shortcuts only.
+        rounds: How often each scale of the band is gone through at the most; 0: shortcuts only.
 
     Returns:
         The route, shape (M, 3). It starts and ends where `poses` does (in r2 the headings are
@@ -83,8 +85,10 @@ def improve(
         raise InputError(f"poses has {len(route)} poses; a route needs at least 2.")
     if not rounds >= 0:
         raise InputError(f"rounds is {rounds}; give a whole number of at least 0.")
-    _check_free(route, checker)
     work = _Workbench(service, checker)
+    paid = work.price(route)
+    if not math.isfinite(paid) or not checker.poses_free(route[:1])[0]:
+        raise InputError(_what_is_not_free(route, checker))
     found = [work.shortcut(route)]
     if not checker.steering.turns:
         found.append(work.descend(found[-1], rounds))
@@ -92,7 +96,6 @@ def improve(
             found.append(work.rounded(found[-1]))
         if checker.steering.kind == STRAIGHT:
             found.append(work.turned(found[-1]))
-    paid = work.price(route)
     for better in reversed(found):
         oriented = checker.steering.oriented(better)
         if work.price(oriented) <= paid:
@@ -100,16 +103,15 @@ def improve(
     return checker.steering.oriented(route)
 
 
-def _check_free(route: Floats, checker: CollisionChecker) -> None:
+def _what_is_not_free(route: Floats, checker: CollisionChecker) -> str:
     if not checker.poses_free(route[:1])[0]:
-        raise InputError("poses[0] is not free for the robot; give a route that starts free.")
+        return "poses[0] is not free for the robot; only a free route can be improved."
     free = checker.motions_free(route[:-1], route[1:])
-    if not free.all():
-        index = int(np.flatnonzero(~free)[0])
-        raise InputError(
-            f"the motion from poses[{index}] to poses[{index + 1}] is not free for the robot; "
-            "only a free route can be improved."
-        )
+    index = int(np.flatnonzero(~free)[0])
+    return (
+        f"the motion from poses[{index}] to poses[{index + 1}] is not free for the robot; only a "
+        "free route can be improved."
+    )
 
 
 class _Workbench:
@@ -123,22 +125,29 @@ class _Workbench:
         self.least = float(values.min())
         self.has_headings = values.shape[2] > 1
         self.walls: tuple[Any, ...] = tuple(checker.arrays)
+        # A polygon that turns on the spot between motions may pass where no motion can end.
+        self.must_turn = checker.must_turn
 
     def price(self, route: Floats) -> float:
         """What the whole route costs; inf if it is not free."""
-        return float(
-            route_price(self.kind, self.radius, route, math.inf, self.field, self.walls)
-        )
+        return float(route_price(self.kind, self.radius, route, math.inf, self.field, self.walls))
 
     def shortcut(self, route: Floats) -> Floats:
         """The cheapest chain between points of the route, then between the vertices left."""
-        points = _distinct(self.steering.dense(route, SHORTCUT_SPACING)[0])
+        points, leg, _ = self.steering.dense(route, SHORTCUT_SPACING)
+        # Where a curve ends is computed; the vertex that it leads to is exact.
+        points[np.searchsorted(leg, np.arange(len(route) - 1), side="right") - 1] = route[1:]
+        points = self.distinct(points)
         legs = np.diff(travelled(self.kind, self.radius, route))
-        # Along curves the motions of the route itself must be among those tried.
-        reach = max(SHORTCUT_REACH, float(legs.max())) if self.steering.turns else SHORTCUT_REACH
+        reach = SHORTCUT_REACH
+        if self.steering.turns or self.must_turn:  # the route's motions must be among those tried
+            reach = max(reach, float(legs.max()))
         along = travelled(self.kind, self.radius, points)
         first = np.searchsorted(along, along - reach * (1.0 + 1e-9))
-        return self.thinned(self.chain(points[:, np.newaxis], first, route))
+        found, count = self.chain(points[:, np.newaxis], first, route), len(points)
+        while len(found) < count:
+            found, count = self.thinned(found), len(found)
+        return found
 
     def thinned(self, route: Floats) -> Floats:
         """The cheapest chain between vertices of the route: those that gain nothing go."""
@@ -147,22 +156,27 @@ class _Workbench:
 
     def descend(self, route: Floats, rounds: int) -> Floats:
         """Move all vertices to where the chain costs least, scale by scale."""
+        skip = SKIPPED if self.must_turn else 0
         for spacing, share in SCALES:
             paid = math.inf
-            for _ in range(rounds):
+            for turn in range(2 * rounds):
                 points = stations(route, spacing)
-                candidates = beside(points, share, spacing, SIDES)
-                route, cost = self.priced(candidates, np.arange(len(points)) - 1, route)
+                # All move equally far, so that what stands close can move together, and in turn
+                # each as far as suits its motions.
+                candidates = beside(points, share * spacing, share if turn % 2 else math.inf, SIDES)
+                first = np.arange(len(points)) - 1 - skip
+                route, cost = self.priced(candidates, first, route)
                 route = self.thinned(route)
-                if not cost < paid * (1.0 - ENOUGH):
-                    break
-                paid = cost
+                if turn % 2:
+                    if not cost < paid * (1.0 - ENOUGH):
+                        break
+                    paid = cost
         return route
 
     def rounded(self, route: Floats) -> Floats:
         """Corners rounded where that is free and costs no more."""
         return np.asarray(
-            round_corners(self.kind, self.radius, _distinct(route), self.field, self.walls)
+            round_corners(self.kind, self.radius, self.distinct(route), self.field, self.walls)
         )
 
     def turned(self, route: Floats) -> Floats:
@@ -173,21 +187,22 @@ class _Workbench:
         return route
 
     def chain(self, candidates: Floats, first: NDArray[np.int64], route: Floats) -> Floats:
+        """The cheapest chain; the route itself if no chain is free."""
         return self.priced(candidates, first, route)[0]
 
     def priced(
         self, candidates: Floats, first: NDArray[np.int64], route: Floats
     ) -> tuple[Floats, float]:
-        """The cheapest chain and its cost; the route itself if no chain is free."""
+        """As `chain`, and what it costs; inf if no chain is free."""
         found, cost = cheapest_chain(
             self.kind, self.radius, np.ascontiguousarray(candidates),
             np.maximum(first, 0).astype(np.int64), self.least, self.field, self.walls,
         )  # fmt: skip
         return (found, cost) if math.isfinite(cost) else (route, math.inf)
 
-
-def _distinct(poses: Floats) -> Floats:
-    """The poses without those that repeat the place of the one before, ends kept."""
-    keep = np.ones(len(poses), dtype=np.bool_)
-    keep[1:] = (np.diff(poses, axis=0) != 0.0).any(axis=1)
-    return poses[keep]
+    def distinct(self, route: Floats) -> Floats:
+        """The route without poses that repeat the one before; in r2 the heading tells nothing."""
+        axes = 2 if self.kind == FACING else 3
+        keep = np.ones(len(route), dtype=np.bool_)
+        keep[1:] = (np.diff(route[:, :axes], axis=0) != 0.0).any(axis=1)
+        return route[keep]

@@ -69,8 +69,9 @@ def stations(poses, spacing):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _step(along, length, near, far, spacing):
-    left = length - along
-    return min(spacing, near + WIDENING * along, far + WIDENING * max(left, 0.0))
+    # Towards the far end a step is as long as one that comes from there.
+    left = max(length - along, 0.0)
+    return min(spacing, near + WIDENING * along, (far + WIDENING * left) / (1.0 + WIDENING))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -99,13 +100,13 @@ def turn_at(poses, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def beside(poses, share, widest, sides):
+def beside(poses, step, share, sides):
     """Candidates to the left and right of every pose but the first and the last.
 
     Args:
         poses: float64, shape (N, 3).
-        share: Step between candidates as a share of the shorter motion at the pose.
-        widest: The step is at most so wide, metres.
+        step: Metres between candidates.
+        share: They stand closer where that is more than this share of the shorter motion there.
         sides: How many candidates on each side.
 
     Returns:
@@ -126,9 +127,9 @@ def beside(poses, share, widest, sides):
         size = math.hypot(tx, ty)
         if size < 1e-6:  # the route turns back on itself: move along it
             tx, ty, size = -ay, ax, a
-        step = min(widest, share * min(a, b))
+        width = min(step, share * min(a, b))
         for k in range(1, wide):
-            offset = step * ((k + 1) // 2)
+            offset = width * ((k + 1) // 2)
             if k % 2 == 0:
                 offset = -offset
             out[i, k, 0] -= ty / size * offset
@@ -218,9 +219,7 @@ def cheapest_chain(kind, radius, candidates, first, least, field, walls):
                     if base + least * math.hypot(x1 - x0, y1 - y0) >= best:
                         continue
                     total = base + motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, *field)
-                    if total < best and motion_free(
-                        kind, radius, x0, y0, t0, x1, y1, t1, *walls
-                    ):
+                    if total < best and motion_free(kind, radius, x0, y0, t0, x1, y1, t1, *walls):
                         best, origin = total, i * wide + a
             cost[j, b] = best
             before[j, b] = origin

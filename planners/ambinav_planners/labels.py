@@ -67,7 +67,7 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
         cost: Of each motion, at least 0, shape (E,).
         goal: A node.
     """
-    first, source, motion = _reversed(graph.first, graph.target)
+    first, source, motion = reversed_graph(graph.first, graph.target)
     return _dijkstra(first, source, motion, cost, goal)
 
 
@@ -128,7 +128,7 @@ def motions_back(label, parent, motion):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _reversed(first, target):
+def reversed_graph(first, target):
     """The graph by its targets: first motion of each, and source and number of the motions."""
     nodes = first.size - 1
     begin = np.zeros(nodes + 1, dtype=np.int64)

@@ -11,7 +11,7 @@ from ompl import base as ob
 from ambinav.errors import InputError
 from ambinav.geometry.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.service.motion import motion_integral
+from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.spaces import has_heading, steering_of
 
@@ -75,7 +75,9 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         self._field = (values, left, low, inverse)
         # No metre costs less, so a straight line at this price is a lower bound of any way.
         self._least = float(np.min(values))
+        # Compiled before a planner's clock starts.
         motion_integral(self._kind, self._radius, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *self._field)
+        line_integral(0.0, 0.0, 0.0, 0.0, *self._field)
 
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Cost per metre at a state; in walls that of the nearest free place."""
@@ -91,9 +93,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
                     b.getX(), b.getY(), b.getYaw(), *self._field,
                 )
             )  # fmt: skip
-        return Cost(
-            motion_integral(0, 0.0, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._field),
-        )
+        return Cost(line_integral(a[0], a[1], b[0], b[1], *self._field))
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Lower bound of the cost of every way from a to b: the line at the map's lowest price."""

@@ -23,6 +23,7 @@ from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.reference import check_reachable
 from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
 from ambinav_planners.seeded import call_seeded
+from ambinav_planners.warmth import warm_up
 
 DEFAULT_PLANNER = "prmstar"
 DEFAULT_RADIUS = 0.2
@@ -132,12 +133,12 @@ class RoutePlanner:
         budget = Budget(seconds, iterations, seed)
         problem = self.problem(start, goal, weight)
         check_suits(chosen, problem)
-        started = time.perf_counter()
-        found = _solve(chosen, problem, _share(budget, improved))
+        seeded = seed if chosen.uses_ompl else None
+        found = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
         if found.poses is None:
             check_reachable(problem)
             raise NotFoundError(_not_found(chosen, problem, budget))
-        return finish(chosen, problem, found, budget, started, improved=improved)
+        return finish(chosen, problem, found, seed, improved=improved)
 
 
 def plan(
@@ -184,13 +185,7 @@ def plan(
 
 
 def finish(
-    chosen: Planner,
-    problem: Problem,
-    found: Found,
-    budget: Budget,
-    started: float,
-    *,
-    improved: bool = True,
+    chosen: Planner, problem: Problem, found: Found, seed: int | None, *, improved: bool = True
 ) -> Route:
     """Improve and measure what a planner found.
 
@@ -198,22 +193,23 @@ def finish(
         chosen: The planner.
         problem: What it planned.
         found: What it found, with poses.
-        budget: What it was given.
-        started: When it began, by `time.perf_counter`.
+        seed: What it was seeded with.
         improved: Whether to improve at all.
     """
     if found.poses is None:
         raise ValueError("nothing was found")
+    warm_up(problem)
+    started = time.perf_counter()
     poses = found.poses
     if improved and not found.finished:
         poses = _improve(poses, problem)
-    seconds = time.perf_counter() - started
+    seconds = found.seconds + time.perf_counter() - started
     route = evaluate_route(
         problem.service,
         poses,
         problem.steering,
         planner=chosen.name,
-        seed=budget.seed,
+        seed=seed,
         seconds=seconds,
         first_seconds=found.curve[0][0] if found.curve else None,
         iterations=found.iterations,
@@ -225,14 +221,13 @@ def finish(
     return route
 
 
-def _solve(chosen: Planner, problem: Problem, budget: Budget) -> Found:
-    seed = budget.seed if chosen.uses_ompl else None
-    return call_seeded(seed, run, chosen.name, problem, budget)
-
-
 def run(name: str, problem: Problem, budget: Budget) -> Found:
     """Let the planner of a name solve a problem, without improving what it finds."""
-    return planner(name).solve(problem, budget)
+    chosen = planner(name)
+    warm_up(problem)
+    started = time.perf_counter()
+    found = chosen.solve(problem, budget)
+    return replace(found, seconds=time.perf_counter() - started)
 
 
 def _share(budget: Budget, improved: bool) -> Budget:
@@ -244,7 +239,13 @@ def _share(budget: Budget, improved: bool) -> Budget:
 
 
 def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
-    """The improved way, unless improving it breaks the limit on bad metres in a row."""
+    """The improved way, unless improving it breaks the limit on bad metres in a row.
+
+    OMPL may have checked a motion the other way round only, and a polygon that turns within a
+    millimetre of a wall is not always called free both ways: such a way is left as it is.
+    """
+    if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
+        return poses
     better = improve(poses, problem.service, problem.checker)
     limit = problem.limit
     if limit is not None and not limit.kept_by(better, problem.service, problem.steering):
@@ -258,7 +259,11 @@ def _not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
             f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
             f"row above level {problem.limit.level:g}; allow more, or a higher level."
         )
-    spent = f"{budget.seconds:g} s" if budget.iterations is None else f"{budget.iterations} {chosen.iteration}"
+    spent = (
+        f"{budget.seconds:g} s"
+        if budget.iterations is None
+        else f"{budget.iterations} {chosen.iteration}"
+    )
     return (
         f"planner {chosen.name!r} found no way in {spent}, though a narrower robot or another "
         "planner might; give more time, or try the planner prmstar or reference."

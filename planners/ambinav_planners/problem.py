@@ -104,9 +104,8 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
     if reason is None:
         return x, y, theta
     nearest = checker.nearest_free(x, y, theta)
-    where = (
-        "no place in this building is wide enough for the robot"
-        if nearest is None
-        else f"the nearest free place is ({nearest[0]:.2f}, {nearest[1]:.2f}), {nearest[3]:.2f} m away"
-    )
+    where = "no place in this building is wide enough for the robot"
+    if nearest is not None:
+        place = f"({nearest[0]:.2f}, {nearest[1]:.2f})"
+        where = f"the nearest free place is {place}, {nearest[3]:.2f} m away"
     raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")

@@ -73,7 +73,9 @@ def planar(checker: CollisionChecker) -> CollisionChecker:
         return checker
     kept = _planar.get(checker)
     if kept is None:
-        kept = checker.with_footprint(Footprint.disc(checker.footprint.inner), Steering("r2"))
+        kept = CollisionChecker(
+            checker.environment, Footprint.disc(checker.footprint.inner), Steering("r2")
+        )
         _planar[checker] = kept
     return kept
 

@@ -54,6 +54,7 @@ class Found:
         iterations: How many it made, or None if it does not count.
         covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
         finished: Whether the way is final, so that improving it would spoil what it promises.
+        seconds: What it took.
     """
 
     poses: NDArray[np.float64] | None
@@ -61,6 +62,7 @@ class Found:
     iterations: int | None = None
     covariances: NDArray[np.float64] | None = None
     finished: bool = False
+    seconds: float = 0.0
 
 
 Solve = Callable[[Problem, Budget], Found]
@@ -100,7 +102,7 @@ class _Registry:
 
 
 _registry = _Registry()
-_HOMES = ("tree", "batch", "roadmap", "reference")
+_HOMES = ("tree", "batch", "roadmap", "reference", "beliefs")
 
 _NOT_OPTIMISING = "it stops at the first way that it finds and never looks at the cost"
 REFUSED = {

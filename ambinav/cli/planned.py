@@ -1,0 +1,195 @@
+"""What `ambinav plan` does with routes: plans them, writes them, draws them, shows them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.routes.pareto import ParetoFront
+    from ambinav.routes.route import Route
+    from ambinav_planners.planning import RoutePlanner
+    from ambinav_planners.reference import NoWayError
+
+Pose = tuple[float, float, float]
+
+# Routes that stay this near to each other, metres, are drawn as one in the picture of a front.
+SAME_WAY = 0.5
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How routes are to be planned; see `RoutePlanner.plan`."""
+
+    planner: str
+    seconds: float
+    iterations: int | None
+    seed: int | None
+    improved: bool
+
+    def plan(self, robot: RoutePlanner, start: Pose, goal: Pose, weight: float) -> Route:
+        """Plan one route."""
+        return robot.plan(
+            start,
+            goal,
+            planner_name=self.planner,
+            weight=weight,
+            seconds=self.seconds,
+            iterations=self.iterations,
+            seed=self.seed,
+            improved=self.improved,
+        )
+
+
+def write_routes(
+    robot: RoutePlanner, routes: Mapping[str, Route], output: Path, picture: Path | None
+) -> None:
+    """Write the first route, and all of them into the picture."""
+    from ambinav.maps.drawing import save_figure
+    from ambinav.routes.files import save_route
+
+    save_route(next(iter(routes.values())), output)
+    if picture is not None:
+        from ambinav.routes.plot import plot_routes
+
+        save_figure(plot_routes(robot.service.map, routes), picture)
+
+
+def draw_no_way(
+    robot: RoutePlanner, error: NoWayError, start: Pose, goal: Pose, picture: Path
+) -> None:
+    """Draw the part of the floor that the start reaches, and the one of the goal."""
+    from ambinav.maps.drawing import save_figure
+    from ambinav.routes.components import plot_components
+
+    save_figure(plot_components(robot.service.map, error.labels, start, goal), picture)
+
+
+def show_routes(
+    routes: Mapping[str, Route], as_json: bool, output: Path, picture: Path | None
+) -> None:
+    """Print the routes' figures as a table, or as JSON."""
+    if as_json:
+        told: dict[str, Any] = {"output": str(output)}
+        if picture is not None:
+            told["picture"] = str(picture)
+        told["routes"] = {name: _figures(route) for name, route in routes.items()}
+        typer.echo(json.dumps(told, indent=2))
+        return
+    _print_table(routes)
+    typer.echo(f"\nroute: {output}")
+    if picture is not None:
+        typer.echo(f"picture: {picture}")
+
+
+def plan_front(
+    robot: RoutePlanner,
+    start: Pose,
+    goal: Pose,
+    asked: Asked,
+    weights: str | None,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Plan a route for every weight; write pareto.csv, pareto.json, routes and two pictures.
+
+    Raises:
+        InputError: the weights are no numbers, the folder holds something else, or what planning
+            refuses.
+    """
+    from ambinav.files import replacing
+    from ambinav.maps.drawing import save_figure
+    from ambinav.routes.files import save_route
+    from ambinav.routes.plot import plot_routes
+    from ambinav.routes.plot_pareto import plot_pareto
+    from ambinav_planners.fronts import WEIGHTS, pareto
+
+    chosen = WEIGHTS if weights is None else _weights(weights)
+    if output.exists() and not (output / "pareto.json").is_file():
+        raise InputError(
+            f"--output: {output} is there and no folder of an earlier --pareto; it is not "
+            "replaced, choose another one."
+        )
+    front = pareto(
+        robot,
+        start,
+        goal,
+        weights=chosen,
+        planner_name=asked.planner,
+        seconds=asked.seconds,
+        iterations=asked.iterations,
+        seed=asked.seed,
+    )
+    routes = {f"weight {point.weight:g}": point.route for point in front.points}
+    with replacing(output) as folder:
+        folder.mkdir()
+        front.save(folder / "pareto.csv")
+        front.save(folder / "pareto.json")
+        for point in front.points:
+            save_route(point.route, folder / f"route-{point.weight:g}.csv")
+        save_figure(plot_pareto(front), folder / "pareto.png")
+        save_figure(plot_routes(robot.service.map, _different_ways(front)), folder / "routes.png")
+    if as_json:
+        typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
+        return
+    _print_table(routes)
+    typer.echo(f"\nfront: {output}")
+
+
+def _different_ways(front: ParetoFront) -> dict[str, Route]:
+    """Routes of the front by weight, without those that hardly leave one of a lower weight."""
+    import shapely
+
+    ways: dict[str, Route] = {}
+    lines: list[shapely.LineString] = []
+    for point in front.points:
+        route = point.route
+        line = shapely.LineString(route.steering.dense(route.poses, SAME_WAY / 2)[0][:, :2])
+        if all(shapely.hausdorff_distance(line, other) > SAME_WAY for other in lines):
+            ways[f"weight {point.weight:g}"] = route
+            lines.append(line)
+    return ways
+
+
+def _weights(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        raise InputError(
+            f"--weights: {text!r} is not a list of numbers; give e.g. '0 1 5'."
+        ) from None
+
+
+def _figures(route: Route) -> dict[str, Any]:
+    from ambinav.routes.record import figures
+
+    return figures(route).model_dump(mode="json")
+
+
+def _print_table(routes: Mapping[str, Route]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("route")
+    for title in ("length", "cost", "exposure", "corridor", "open", "longest bad", "time"):
+        table.add_column(title, justify="right")
+    for name, route in routes.items():
+        table.add_row(
+            name,
+            f"{route.length:.2f} m",
+            f"{route.cost:.2f} m",
+            f"{route.exposure:.2f} m",
+            f"{route.zone_metres['corridor']:.2f} m",
+            f"{route.zone_metres['open']:.2f} m",
+            f"{route.longest_bad:.2f} m",
+            f"{route.seconds:.2f} s",
+        )
+    Console(highlight=False).print(table)

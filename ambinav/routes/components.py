@@ -1,0 +1,94 @@
+"""The picture of "no way": what can be reached from the start, and from the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.plot import area_text, draw_image, finish, floor_axes
+from ambinav.maps.zones import OUTSIDE_COLOUR
+from ambinav.routes.drawing import GOAL, START, draw_ends, root_figure
+from ambinav.routes.legends import colour_patch, floor_legend
+
+FROM_START: Final = "#5B3A8E"
+FROM_GOAL: Final = "#8FD694"
+FROM_NEITHER: Final = "#FFFFFF"
+NO_ROOM: Final = "#B9B9B9"
+"""Fill of floor by what it can be reached from; dark and light, none a colour of the zones."""
+
+
+def plot_components(
+    amap: AmbiguityMap,
+    labels: NDArray[np.integer],
+    start: Sequence[float],
+    goal: Sequence[float],
+    ax: Axes | None = None,
+    *,
+    title: str | None = None,
+) -> Figure:
+    """Draw the part of the floor that the start lies in, and that of the goal.
+
+    Args:
+        amap: The map.
+        labels: Shape (rows, columns) of the map's lattice: number of the part that each cell
+            belongs to, -1 where the robot does not fit.
+        start: x, y in metres; more is not looked at.
+        goal: As `start`.
+        ax: Where to draw; None makes a figure of its own.
+        title: None says that there is no way.
+
+    Raises:
+        InputError: the labels have another shape than the lattice, or there are none.
+    """
+    free = amap.dataset["free"].values
+    if labels.shape != free.shape:
+        raise InputError(
+            f"labels has the shape {labels.shape}; the map's lattice has {free.shape}."
+        )
+    if not (labels >= 0).any():
+        raise InputError("labels holds no cell in which the robot fits; nothing can be drawn.")
+    first, last = _label_at(amap, labels, start), _label_at(amap, labels, goal)
+    entries = [
+        (FROM_START, "reachable from the start", labels == first),
+        (FROM_GOAL, "reachable from the goal", labels == last),
+        (
+            FROM_NEITHER,
+            "reachable from neither",
+            (labels >= 0) & (labels != first) & (labels != last),
+        ),
+        (NO_ROOM, "no room for the robot", free & (labels < 0)),
+    ]
+    picture = np.empty((*free.shape, 4))
+    picture[:] = to_rgba(OUTSIDE_COLOUR)
+    for colour, _, cells in entries:
+        picture[cells] = to_rgba(colour)
+    axes = floor_axes(amap) if ax is None else ax
+    draw_image(axes, amap, picture)
+    finish(axes, amap, title or f"No way from start to goal in {amap.dataset.attrs['environment']}")
+    draw_ends(axes, [(start[0], start[1], START), (goal[0], goal[1], GOAL)], zorder=10)
+    floor_legend(
+        axes,
+        amap,
+        [
+            colour_patch(colour, f"{text}\n{area_text(float(cells.sum()) * amap.spacing**2)}")
+            for colour, text, cells in entries
+            if cells.any()
+        ],
+    )
+    return root_figure(axes)
+
+
+def _label_at(amap: AmbiguityMap, labels: NDArray[np.integer], place: Sequence[float]) -> int:
+    """Label of the nearest cell in which the robot fits."""
+    rows, columns = np.nonzero(labels >= 0)
+    x, y = amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]
+    nearest = int(np.argmin(np.hypot(x - place[0], y - place[1])))
+    return int(labels[rows[nearest], columns[nearest]])

@@ -1,0 +1,119 @@
+"""The front over weights: how much further a robot must go to be less exposed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav.routes.route import Route
+
+SLACK = 1e-9
+"""Relative difference below which two lengths or exposures count as equal."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParetoPoint:
+    """The route of one weight.
+
+    Attributes:
+        weight: Extra metres for one metre at layer 1.
+        route: The route that was planned with it.
+    """
+
+    weight: float
+    route: Route
+
+
+@dataclass(frozen=True, eq=False)
+class ParetoFront:
+    """Routes between the same two poses for several weights.
+
+    Attributes:
+        points: At least one, by rising weight.
+
+    Raises:
+        InputError: no point at all.
+    """
+
+    points: tuple[ParetoPoint, ...]
+
+    def __post_init__(self) -> None:
+        if not self.points:
+            raise InputError("points is empty; a front needs at least one route.")
+        ordered = tuple(sorted(self.points, key=lambda point: point.weight))
+        object.__setattr__(self, "points", ordered)
+
+    @property
+    def dominated(self) -> tuple[bool, ...]:
+        """Of each point whether another one is no longer and no more exposed, and better in one.
+
+        Points that are equal in both do not dominate each other.
+        """
+        return tuple(any(_dominates(a.route, b.route) for a in self.points) for b in self.points)
+
+    @property
+    def shortest(self) -> Route:
+        """The shortest of the routes, against which extra length is counted."""
+        return min((point.route for point in self.points), key=lambda route: route.length)
+
+    @property
+    def extra(self) -> tuple[float, ...]:
+        """Of each point the extra length, as a share of the shortest route's."""
+        least = self.shortest.length
+        return tuple(
+            point.route.length / least - 1.0 if least > 0.0 else 0.0 for point in self.points
+        )
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The front as a table, one row for each point."""
+        return [
+            {
+                "weight": point.weight,
+                "length_m": point.route.length,
+                "extra_percent": 100.0 * extra,
+                "cost": point.route.cost,
+                "exposure_m": point.route.exposure,
+                **{f"{zone}_m": metres for zone, metres in point.route.zone_metres.items()},
+                "bad_m": point.route.bad_metres,
+                "longest_bad_m": point.route.longest_bad,
+                "turn_rad": point.route.turn,
+                "dominated": dominated,
+            }
+            for point, extra, dominated in zip(self.points, self.extra, self.dominated, strict=True)
+        ]
+
+    def save(self, path: str | Path) -> None:
+        """Write the table, whole or not at all: `.csv`, or `.json` as a list of objects.
+
+        Raises:
+            InputError: another ending, or the place is not writable.
+        """
+        path = Path(path)
+        rows = self.rows()
+        if path.suffix == ".csv":
+            out = io.StringIO()
+            table = csv.DictWriter(out, fieldnames=list(rows[0]), lineterminator="\n")
+            table.writeheader()
+            table.writerows({**row, "dominated": int(row["dominated"])} for row in rows)
+            text = out.getvalue()
+        elif path.suffix == ".json":
+            text = json.dumps(rows, indent=1, allow_nan=False) + "\n"
+        else:
+            raise InputError(
+                f"{path}: the ending {path.suffix!r} names no format of fronts; choose .csv, .json."
+            )
+        with replacing(path) as scratch:
+            scratch.write_text(text, encoding="utf-8")
+
+
+def _dominates(a: Route, b: Route) -> bool:
+    shorter = b.length - a.length
+    safer = b.exposure - a.exposure
+    long, exposed = SLACK * b.length, SLACK * max(b.exposure, b.length)
+    return shorter >= -long and safer >= -exposed and (shorter > long or safer > exposed)

@@ -1,0 +1,85 @@
+"""Belief-aware planners in the registry: over place and deviation, and the belief roadmap."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from ambinav_planners.belief_roadmap import BeliefRoadmap, OdometryNoise
+from ambinav_planners.belief_search import BeliefModel, Growth, belief_search
+from ambinav_planners.information import Information
+from ambinav_planners.problem import Problem
+from ambinav_planners.reference import lattice_of
+from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.roadmap import grown_graph
+from ambinav_planners.roadmap_search import search_roadmap
+
+# What the robot knows of its pose at the start: standard deviations in metres and radians.
+START_STD = (0.1, 0.1, 0.05)
+# Ways to a node whose variances differ by less than this share count as one.
+TOLERANCE = 0.02
+
+
+def solve_belief(problem: Problem, budget: Budget) -> Found:
+    """Search the lattice over place and standard deviation, whatever time it takes."""
+    started = time.perf_counter()
+    graph = lattice_of(problem.service, problem.checker).with_ends(problem.ends)
+    model = BeliefModel(weight=problem.service.weight)
+    growth = Growth.of(graph, Information.of(problem.service.map), model)
+    start, goal = len(graph.poses) - 2, len(graph.poses) - 1
+    found = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
+    if found is None:
+        return Found(None)
+    covariances = np.zeros((len(found.std), 3, 3))
+    covariances[:, 0, 0] = covariances[:, 1, 1] = found.std**2
+    poses = graph.steering.oriented(graph.poses[found.way.nodes])
+    cost = problem.service.route_cost(poses, problem.steering)
+    return Found(
+        poses,
+        ((time.perf_counter() - started, cost),),
+        found.way.labels,
+        covariances,
+        finished=True,
+    )
+
+
+def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
+    """Grow a PRM* for the time, then search it for the way that ends well known."""
+    started = time.perf_counter()
+    graph = grown_graph(problem, budget)
+    roadmap = BeliefRoadmap.of(graph, Information.of(problem.service.map), OdometryNoise())
+    covariance = np.diag(np.square(START_STD))
+    start, goal = len(graph.poses) - 2, len(graph.poses) - 1
+    found = search_roadmap(roadmap, start, goal, covariance, tolerance=TOLERANCE)
+    if found is None:
+        return Found(None)
+    poses = graph.steering.oriented(graph.poses[found.way.nodes])
+    cost = problem.service.route_cost(poses, problem.steering)
+    return Found(
+        poses,
+        ((time.perf_counter() - started, cost),),
+        found.way.labels,
+        found.covariances,
+        finished=True,
+    )
+
+
+register(
+    Planner(
+        "belief",
+        solve_belief,
+        "least cost over place and standard deviation (Gonzalez and Stentz 2005; Roy and Thrun)",
+        iteration="labels",
+        spaces=("r2",),
+        uses_ompl=False,
+    )
+)
+register(
+    Planner(
+        "belief-roadmap",
+        solve_belief_roadmap,
+        "the way on a PRM* that ends best localized (Prentice and Roy 2009)",
+        iteration="milestones",
+    )
+)

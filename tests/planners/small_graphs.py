@@ -1,0 +1,59 @@
+"""Small graphs of motions, and all ways through them: what the searches are held against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from ambinav.geometry.steering import Steering
+from ambinav_planners.graph import MotionGraph
+
+
+def graph_of(
+    poses: NDArray[np.float64], pairs: list[tuple[int, int]], steering: Steering | None = None
+) -> MotionGraph:
+    """Motions both ways between the pairs of nodes, costing their length."""
+    steering = steering or Steering()
+    both = sorted({*pairs, *((b, a) for a, b in pairs)})
+    source = np.array([a for a, _ in both], dtype=np.int64)
+    target = np.array([b for _, b in both], dtype=np.int32)
+    first = np.searchsorted(source, np.arange(len(poses) + 1)).astype(np.int64)
+    length = steering.lengths(poses[source], poses[target])
+    return MotionGraph(poses, first, target, length, length, np.zeros_like(length), steering)
+
+
+def chain(x: NDArray[np.float64], steering: Steering | None = None) -> MotionGraph:
+    """Nodes along the x axis, each joined to the next."""
+    poses = np.column_stack([x, np.zeros((len(x), 2))])
+    return graph_of(poses, [(k, k + 1) for k in range(len(x) - 1)], steering)
+
+
+@st.composite
+def graphs(draw: st.DrawFn, most: int = 7, steering: Steering | None = None) -> MotionGraph:
+    """Connected graphs of up to `most` nodes in a square of 4 m."""
+    count = draw(st.integers(3, most))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    poses = np.column_stack(
+        [rng.uniform(0.5, 3.5, (count, 2)), rng.uniform(-np.pi, np.pi, count)]
+    )
+    pairs = [(int(rng.integers(k)), k) for k in range(1, count)]
+    pairs += [(a, b) for a in range(count) for b in range(a) if rng.random() < 0.3]
+    return graph_of(poses, pairs, steering)
+
+
+def simple_ways(graph: MotionGraph, start: int, goal: int) -> Iterator[list[int]]:
+    """Motions of every way that passes no node twice."""
+
+    def go(node: int, seen: frozenset[int], motions: list[int]) -> Iterator[list[int]]:
+        if node == goal:
+            yield motions
+            return
+        for e in range(graph.first[node], graph.first[node + 1]):
+            to = int(graph.target[e])
+            if to not in seen:
+                yield from go(to, seen | {to}, [*motions, e])
+
+    yield from go(start, frozenset([start]), [])
