@@ -24,10 +24,13 @@ ENVIRONMENTS = {
     "demo": "configs/demo.geojson",
     "aces": "maps_from_logs/aces.yaml",
     "willow_full_005": "maps/willow_full_005.yaml",
+    "stata_hallways_5cm": "maps/stata_hallways_5cm.yaml",
+    "nav2_depot": "maps/nav2_depot.yaml",
     "edmonton": "maps_from_logs/edmonton.yaml",
     "infinite-corridor": "maps_from_logs/infinite-corridor.yaml",
 }
 BUNDLED = ("demo",)
+SOURCES = ("ambinav", "planners", "envs", "benchmarks")
 
 
 def environment_path(name: str) -> Path:
@@ -156,5 +159,5 @@ def _commit() -> str:
     commit = git("rev-parse", "--short=12", "HEAD")
     if not commit:
         return "unknown (not a git repository)"
-    changed = git("status", "--porcelain", "--untracked-files=no", "--", "ambinav", "benchmarks")
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", *SOURCES)
     return f"{commit}, with uncommitted changes" if changed else commit

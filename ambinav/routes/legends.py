@@ -36,7 +36,7 @@ def colour_patch(colour: str, label: str) -> Patch:
 
 
 def make_room(axes: Axes, amap: AmbiguityMap, entries: int) -> None:
-    """Enlarge a figure made by `floor_axes`, so that the legend of routes does not shrink the floor.
+    """Enlarge a figure of `floor_axes`, so that the legend of routes does not shrink the floor.
 
     Args:
         axes: The only ones of their figure.

@@ -45,7 +45,7 @@ def route_of_text(text: str, where: str) -> Route:
     Raises:
         InputError: something is missing or wrong; the message names the line.
     """
-    lines = list(enumerate(text.splitlines(), start=1))
+    lines = list(enumerate(text.split("\n"), start=1))
     told: dict[str, Any] = {}
     for number, line in lines:
         if line.startswith("#") and not line.startswith("##"):

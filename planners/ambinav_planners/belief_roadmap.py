@@ -3,11 +3,7 @@
 Prentice & Roy (2009, "The belief roadmap: efficient planning in belief space by factoring the
 covariance", IJRR 28(11-12)): what the extended Kalman filter does to the covariance along a motion
 is worked out once per motion (`ambinav_planners.transfer`), and a search carries covariances from
-node to node in one step each. They keep for every node the one covariance of the smallest trace
-that was found, which is a rule of thumb: a covariance with a larger trace can be the better one
-to go on with. Here a way to a node is dropped only if another is no longer and leaves a covariance
-that is no larger in any direction (the Loewner order, which the filter preserves), so that
-nothing is lost.
+node to node in one step each (`ambinav_planners.roadmap_search`).
 
 Motion model, our own: an odometry whose errors are white along the way. In the frame of travel,
 over a stretch of ds metres and a turn of dt radians, with h = drift^2 ds + turn^2 |dt|,

@@ -21,6 +21,8 @@ TURN_PER_PIECE = math.radians(5.0)
 MOST_PIECES = 36
 # How often the offset of a curve from its corner is halved before the corner is left.
 HALVINGS = 6
+# Points nearer than this, metres, are one: a motion between them would look anywhere.
+SAME_PLACE = 1e-6
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -103,7 +105,16 @@ def round_corners(kind, radius, poses, field, walls):
             out[size] = poses[i]
             size += 1
         for k in range(taken):
-            out[size] = best[k]
-            size += 1
+            # Two curves may meet in the middle of a motion: one point there is enough.
+            if not _same_place(out[size - 1], best[k]):
+                out[size] = best[k]
+                size += 1
+    if size > 1 and _same_place(out[size - 1], poses[count - 1]):
+        size -= 1
     out[size] = poses[count - 1]
     return out[: size + 1].copy()
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _same_place(a, b):
+    return math.hypot(a[0] - b[0], a[1] - b[1]) < SAME_PLACE

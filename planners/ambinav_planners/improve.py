@@ -47,6 +47,9 @@ SIDES = 2
 SKIPPED = 4
 # A scale is left when two rounds gain less than this share of the cost.
 ENOUGH = 5e-4
+# The same for curves, which need room to turn.
+CURVE_SCALES = ((4.0, 0.1), (2.0, 0.1), (2.0, 0.03))
+CURVE_SKIPPED = 2
 # Headings that a cost with headings is tried at: steps in radians, from coarse to fine.
 HEADING_STEPS = (0.4, 0.1)
 
@@ -86,19 +89,21 @@ def improve(
     if not rounds >= 0:
         raise InputError(f"rounds is {rounds}; give a whole number of at least 0.")
     work = _Workbench(service, checker)
-    paid = work.price(route)
-    if not math.isfinite(paid) or not checker.poses_free(route[:1])[0]:
+    if not (work.is_free(route) and checker.poses_free(route[:1])[0]):
         raise InputError(_what_is_not_free(route, checker))
     found = [work.shortcut(route)]
-    if not checker.steering.turns:
+    if checker.steering.turns:
+        found.append(work.steer(found[-1], rounds))
+    else:
         found.append(work.descend(found[-1], rounds))
         if smooth:
             found.append(work.rounded(found[-1]))
         if checker.steering.kind == STRAIGHT:
             found.append(work.turned(found[-1]))
+    paid = service.route_cost(route, checker.steering)
     for better in reversed(found):
         oriented = checker.steering.oriented(better)
-        if work.price(oriented) <= paid:
+        if service.route_cost(oriented, checker.steering) <= paid and work.is_free(oriented):
             return oriented
     return checker.steering.oriented(route)
 
@@ -128,16 +133,14 @@ class _Workbench:
         # A polygon that turns on the spot between motions may pass where no motion can end.
         self.must_turn = checker.must_turn
 
-    def price(self, route: Floats) -> float:
-        """What the whole route costs; inf if it is not free."""
-        return float(route_price(self.kind, self.radius, route, math.inf, self.field, self.walls))
+    def is_free(self, route: Floats) -> bool:
+        """Whether all motions of a route are free, if its start is."""
+        price = route_price(self.kind, self.radius, route, math.inf, self.field, self.walls)
+        return math.isfinite(price)
 
     def shortcut(self, route: Floats) -> Floats:
         """The cheapest chain between points of the route, then between the vertices left."""
-        points, leg, _ = self.steering.dense(route, SHORTCUT_SPACING)
-        # Where a curve ends is computed; the vertex that it leads to is exact.
-        points[np.searchsorted(leg, np.arange(len(route) - 1), side="right") - 1] = route[1:]
-        points = self.distinct(points)
+        points = self.dense(route, SHORTCUT_SPACING)
         legs = np.diff(travelled(self.kind, self.radius, route))
         reach = SHORTCUT_REACH
         if self.steering.turns or self.must_turn:  # the route's motions must be among those tried
@@ -148,6 +151,13 @@ class _Workbench:
         while len(found) < count:
             found, count = self.thinned(found), len(found)
         return found
+
+    def dense(self, route: Floats, spacing: float) -> Floats:
+        """Points along the route at most `spacing` metres apart, its vertices among them."""
+        points, leg, _ = self.steering.dense(route, spacing)
+        # Where a curve ends is computed; the vertex that it leads to is exact.
+        points[np.searchsorted(leg, np.arange(len(route) - 1), side="right") - 1] = route[1:]
+        return self.distinct(points)
 
     def thinned(self, route: Floats) -> Floats:
         """The cheapest chain between vertices of the route: those that gain nothing go."""
@@ -167,6 +177,25 @@ class _Workbench:
                 first = np.arange(len(points)) - 1 - skip
                 route, cost = self.priced(candidates, first, route)
                 route = self.thinned(route)
+                if turn % 2:
+                    if not cost < paid * (1.0 - ENOUGH):
+                        break
+                    paid = cost
+        return route
+
+    def steer(self, route: Floats, rounds: int) -> Floats:
+        """As `descend`, for curves: places and headings are moved in turn."""
+        for spacing, share in CURVE_SCALES:
+            paid = math.inf
+            for turn in range(2 * rounds):
+                points = self.dense(route, spacing)
+                candidates = (
+                    headings(points, 2.0 * share, SIDES)
+                    if turn % 2
+                    else beside(points, share * spacing, math.inf, SIDES)
+                )
+                first = np.arange(len(points)) - CURVE_SKIPPED - 1
+                route, cost = self.priced(candidates, first, route)
                 if turn % 2:
                     if not cost < paid * (1.0 - ENOUGH):
                         break

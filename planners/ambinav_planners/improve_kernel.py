@@ -76,6 +76,7 @@ def _step(along, length, near, far, spacing):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def short_way(angle):
+    """An angle, radians, brought into [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 

@@ -68,7 +68,8 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
         goal: A node.
     """
     first, source, motion = reversed_graph(graph.first, graph.target)
-    return _dijkstra(first, source, motion, cost, goal)
+    found: Floats = _dijkstra(first, source, motion, cost, goal)
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

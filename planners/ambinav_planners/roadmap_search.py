@@ -1,4 +1,12 @@
-"""The way through a belief roadmap that ends well known and is not long."""
+"""The way through a belief roadmap that ends well known and is not long.
+
+Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
+length, and keep for every node the one covariance of the least trace that was found. That is a
+rule of thumb: one with a larger trace can be the better one to go on with. Here the length
+counts too, and every way to a node is gone on with unless a shorter one has left a covariance that
+is no larger: by the measure alone, or exactly, in every direction (the Loewner order, which the
+filter preserves, so that nothing is lost).
+"""
 
 from __future__ import annotations
 
@@ -74,7 +82,7 @@ def search_roadmap(
     measure: str = "trace",
     max_std: float = math.inf,
     tolerance: float = 0.0,
-    exact: bool = True,
+    exact: bool = False,
 ) -> BeliefWay | None:
     """The way of least length + weight * deviation at the goal.
 
@@ -90,10 +98,12 @@ def search_roadmap(
         measure: One of MEASURES.
         max_std: Largest deviation at any node of the way, metres.
         tolerance: A longer way to a node is gone on with only if its variance is lower by more
-            than this share in some direction. With 0 the result is exactly the best there is;
-            above 0 its figures are still its own, but a slightly better way may be missed.
-        exact: False compares the covariances at a node by the measure alone, as Prentice & Roy
-            do: many times faster on a grown roadmap, and without the guarantee.
+            than this share. Above 0 the figures of the way are still its own, but a slightly
+            better one, or one that keeps to `max_std` by less than that share, may be missed.
+        exact: True compares the covariances at a node in every direction: with a tolerance of 0
+            the way is exactly the best there is, but on a grown roadmap of thousands of nodes
+            that takes minutes. False compares them by the measure alone, as Prentice & Roy do
+            by the trace: a second, without the guarantee.
 
     Returns:
         The way, or None if there is none that keeps to `max_std`.

@@ -12,9 +12,6 @@ import numpy as np
 import pytest
 import shapely
 import xarray as xr
-from ambinav_planners.bezier import corner_curve
-from ambinav_planners.improve import improve
-from ambinav_planners.improve_kernel import beside, cheapest_chain, headings, stations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -31,6 +28,9 @@ from ambinav.geometry.steering import Steering
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.bezier import corner_curve
+from ambinav_planners.improve import improve
+from ambinav_planners.improve_kernel import beside, cheapest_chain, headings, stations
 from tests.geometry.scenes import environment, points_inside, room, scene
 
 Floats = NDArray[np.float64]
@@ -119,8 +119,7 @@ def test_a_border_is_crossed_by_snells_law(way: str, low: float, high: float, x:
     exact = layered(y, 1.0 + np.array([low, low, high, high]), x)
     route = improve(WAYS[way](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
     cost = service.route_cost(route, R2)
-    print("snell", way, low, high, x, 100 * (cost / exact - 1))
-    assert exact * (1 - 1e-5) <= cost <= exact * 1.02
+    assert exact * (1 - 1e-5) <= cost <= exact * 1.001
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -134,7 +133,6 @@ def test_on_a_slope_the_way_is_a_catenary(way: str, slope: float, x: float) -> N
     a, b = (3.0, 10.0), (3.0 + x, 10.0)
     route = improve(WAYS[way](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
     cost = service.route_cost(route, R2)
-    print("catenary", way, slope, x, 100 * (cost / exact - 1))
     assert exact * (1 - 1e-5) <= cost <= exact * 1.001
 
 
@@ -145,7 +143,7 @@ def test_around_a_hill(way: str) -> None:
     radius, sweep = 5.0, math.radians(160.0)
 
     def density(r: float) -> float:
-        return 1.0 + 2.0 * math.exp(-r * r / 8.0)
+        return 1.0 + math.exp(-r * r / 8.0)
 
     def along(nearest: float, integrand: Callable[[float, float], float]) -> float:
         c = density(nearest) * nearest
@@ -156,18 +154,17 @@ def test_around_a_hill(way: str) -> None:
 
         return 2.0 * quad(part, 1e-9, math.sqrt(radius - nearest), limit=200)[0]
 
-    nearest = brentq(lambda r: along(r, lambda s, c: c / s) - sweep, 0.05, 4.0)
+    nearest = brentq(lambda r: along(r, lambda s, c: c / s) - sweep, 2.5, 4.5)
     exact = along(nearest, lambda r, _: density(r) ** 2 * r)
     env = room(14.0, 14.0)
     service = service_of(
-        env, lambda x, y: 2.0 * np.exp(-((x - 7.0) ** 2 + (y - 7.0) ** 2) / 8.0), spacing=0.05
+        env, lambda x, y: np.exp(-((x - 7.0) ** 2 + (y - 7.0) ** 2) / 8.0), spacing=0.05
     )
     a = (7.0 + radius * math.cos(sweep / 2), 7.0 + radius * math.sin(sweep / 2))
     b = (a[0], 14.0 - a[1])
     route = improve(WAYS[way](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
     cost = service.route_cost(route, R2)
-    print("hill", way, 100 * (cost / exact - 1))
-    assert exact * (1 - 5e-4) <= cost <= exact * 1.002
+    assert exact * (1 - 5e-4) <= cost <= exact * 1.001
     # A fine lattice of eight directions is an upper bound that knows nothing of all this.
     fine = np.arange(0.0, 14.01, 0.05)
     grid = service.cost(*np.meshgrid(fine[1:-1], fine[1:-1]))
@@ -192,7 +189,6 @@ def test_around_a_corner_the_way_is_tangent_arc_tangent(radius: float, smooth: b
     checker = CollisionChecker(env, Footprint.disc(radius), R2)
     route = improve(rough, service, checker, smooth=smooth)
     cost = service.route_cost(route, R2)
-    print("corner", radius, smooth, 100 * (cost / exact - 1))
     assert exact * (1 - 1e-6) <= cost <= exact * 1.001
 
 
@@ -273,17 +269,21 @@ def test_never_dearer_always_free_ends_kept(
     assert (improve(route, service, checker) == better).all()
 
 
-def test_headings_go_along_the_travel() -> None:
+def test_shortcuts_alone_find_the_straight_way() -> None:
     env = room(20.0, 14.0)
     service = service_of(env, lambda x, _: 0.0 * x)
     checker = CollisionChecker(env, Footprint.disc(0.2), Steering("se2"))
     route = np.array([[2, 2, 3.0], [5, 9, -2.0], [9, 3, 1.0], [15, 12, 0.5]])
     better = improve(route, service, checker, rounds=0, smooth=False)
-    assert len(better) == 2
+    assert (better == route[[0, -1]]).all()
+
+
+@pytest.mark.parametrize("footprint", [LONG, Footprint.disc(0.2)])
+def test_headings_go_along_the_travel(footprint: Footprint) -> None:
     free = shapely.box(0, 0, 12, 12) - shapely.box(5, 0, 9, 6)
     env = environment(free)
     service = service_of(env, lambda x, _: 0.0 * x)
-    checker = CollisionChecker(env, LONG, Steering("se2"))
+    checker = CollisionChecker(env, footprint, Steering("se2"))
     route = np.array([[4.0, 3.0, 1.5], [3.0, 8.0, 3.0], [8.0, 7.0, 0.0]])
     better = improve(route, service, checker)
     travel = np.arctan2(*np.diff(better[:, :2], axis=0).T[::-1])
@@ -297,9 +297,10 @@ def test_a_heading_that_is_cheaper_is_kept() -> None:
     service = service_of(env, lambda x, _: 1.0 + 0.0 * x, 5.0, turns=8)
     checker = CollisionChecker(env, Footprint.disc(0.2), Steering("se2"))
     route = np.array([[18.0, 3.0, math.pi], [10.0, 3.0, math.pi], [2.0, 3.0, math.pi]])
-    better = improve(np.insert(route, [1, 2], [[14, 3, 1.0], [6, 3, 1.0]], axis=0), service, checker)
+    better = improve(
+        np.insert(route, [1, 2], [[14, 3, 1.0], [6, 3, 1.0]], axis=0), service, checker
+    )
     middle = better[np.abs(better[:, 0] - 10.0) < 5.0]
-    print(better)
     assert np.abs(middle[:, 2]).max() < 0.5
 
 
@@ -311,7 +312,6 @@ def test_a_long_robot_passes_where_it_cannot_turn() -> None:
     checker = CollisionChecker(env, LONG, R2)
     route = line((1.0, 1.0), (3.0, 5.0), (4.0, 3.0), (6.5, 3.0), (8.0, 1.0), (9.0, 5.0))
     better = improve(route, service, checker)
-    print(service.route_cost(better, R2), service.route_cost(route, R2))
     assert service.route_cost(better, R2) < 0.75 * service.route_cost(route, R2)
     assert checker.motions_free(better[:-1], better[1:]).all()
 

@@ -1,0 +1,184 @@
+"""Planners against the reference: cost, length, exposure, time to the first way, iterations.
+
+Ten pairs of places in each of six environments, weight 5, a disc of 0.2 m. The reference is the
+lattice optimum finished at any angle; a gap is how much more a route costs than that. Each
+environment runs in a process of its own on one thread, two at a time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from harness import add_out, environment_path, report, table
+
+LIBRARIES = ("ambinav", "numba", "numpy", "ompl", "scipy")
+ENVIRONMENTS = (
+    "willow_full_005", "stata_hallways_5cm", "edmonton", "aces", "nav2_depot", "demo",
+)  # fmt: skip
+PLANNERS = ("prmstar", "rrtstar", "informed-rrtstar", "sorrtstar", "bitstar", "fmt", "bfmt")
+Row = dict[str, Any]
+
+# What counts as a way with less ambiguity worth taking: half of the bad metres for a tenth more.
+LESS_BAD, MORE_LENGTH = 0.5, 1.1
+# Pairs whose shortest way has fewer bad metres, in metres, have nothing to gain.
+LEAST_BAD = 1.0
+
+
+def run_case(environment: str, options: Sequence[str]) -> list[Row]:
+    """Run `plan_case.py` in a process of its own, and return its rows."""
+    print(f"planning in {environment}", file=sys.stderr)
+    script = Path(__file__).with_name("plan_case.py")
+    done = subprocess.run(
+        [sys.executable, str(script), environment, *options],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
+    )
+    if done.returncode != 0:
+        raise SystemExit(done.returncode)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def gaps(rows: list[Row], planner: str, budget: float) -> tuple[list[float], list[Row], int]:
+    """Per cent above the reference, the rows of what was found, and how many were not found."""
+    best = {(r["environment"], r["pair"]): r for r in rows if r["planner"] == "reference"}
+    mine = [r for r in rows if r["planner"] == planner and r["budget"] == budget]
+    found = [r for r in mine if r["cost"] is not None]
+    shares = [100.0 * (r["cost"] / best[r["environment"], r["pair"]]["cost"] - 1.0) for r in found]
+    return shares, found, len(mine) - len(found)
+
+
+def planner_table(rows: list[Row], planners: Sequence[str], budget: float) -> str:
+    """One line for each planner at one time."""
+    best = {(r["environment"], r["pair"]): r for r in rows if r["planner"] == "reference"}
+    lines = []
+    for name in planners:
+        shares, found, missing = gaps(rows, name, budget)
+        if not found:
+            lines.append([name, f"0 / {missing}", *["-"] * 8])
+            continue
+        peers = [best[r["environment"], r["pair"]] for r in found]
+        length = [r["length"] / p["length"] for r, p in zip(found, peers, strict=True)]
+        exposure = [r["exposure"] / p["exposure"] for r, p in zip(found, peers, strict=True)]
+        first = [r["first"] for r in found if r["first"] is not None]
+        lines.append(
+            [
+                name,
+                f"{len(found)} / {len(found) + missing}",
+                f"{np.median(shares):.2f}",
+                f"{np.percentile(shares, 90):.2f}",
+                f"{max(shares):.2f}",
+                f"{np.median(length):.3f}",
+                f"{np.median(exposure):.3f}",
+                f"{np.median(first):.3f}",
+                f"{np.median([r['iterations'] or 0 for r in found]):.0f}",
+                f"{np.median([r['seconds'] for r in found]):.2f}",
+            ]
+        )
+    header = (
+        "planner", "found", "gap %: median", "90 %", "worst", "length / reference's",
+        "exposure / reference's", "first way s", "iterations", "took s",
+    )  # fmt: skip
+    return table(header, lines)
+
+
+def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -> str:
+    """The planner with the least median gap in each environment, and its gaps."""
+    lines = []
+    for environment in dict.fromkeys(r["environment"] for r in rows):
+        here = [r for r in rows if r["environment"] == environment]
+        tried = {name: gaps(here, name, budget) for name in planners}
+        complete = {n: g[0] for n, g in tried.items() if g[2] == 0 and g[0]}
+        if not complete:
+            lines.append([environment, "none found all", "-", "-"])
+            continue
+        name = min(complete, key=lambda n: float(np.median(complete[n])))
+        shares = complete[name]
+        lines.append([environment, name, f"{np.median(shares):.2f}", f"{max(shares):.2f}"])
+    return table(("environment", "best planner", "gap %: median", "worst"), lines, words=2)
+
+
+def trade_table(rows: list[Row]) -> str:
+    """What the weight buys: bad metres saved, and what they cost in length."""
+    lines = []
+    for environment in dict.fromkeys(r["environment"] for r in rows):
+        here = [r for r in rows if r["environment"] == environment]
+        counts = {"gain": 0, "halved": 0, "front": 0, "none": 0}
+        bad, extra = [], []
+        for pair in sorted({r["pair"] for r in here}):
+            mine = [r for r in here if r["pair"] == pair]
+            short = next(r for r in mine if r["planner"] == "shortest")
+            aware = next(r for r in mine if r["planner"] == "reference")
+            if short["bad"] < LEAST_BAD:
+                continue
+            counts["gain"] += 1
+            bad.append(aware["bad"] / short["bad"])
+            extra.append(100.0 * (aware["length"] / short["length"] - 1.0))
+            if _worth(aware, short):
+                counts["halved"] += 1
+            elif any(_worth(r, short) for r in mine if r["planner"] == "front"):
+                counts["front"] += 1
+            else:
+                counts["none"] += 1
+        middle = [f"{np.median(v):.2f}" if v else "-" for v in (bad, extra)]
+        lines.append([environment, *counts.values(), *middle])
+    header = (
+        "environment", f"pairs with {LEAST_BAD:g} m or more of bad floor", "halved at weight 5",
+        "only at another weight", "no such way on the front", "bad metres / shortest's",
+        "extra length %",
+    )  # fmt: skip
+    return table(header, lines)
+
+
+def _worth(route: Row, short: Row) -> bool:
+    return bool(
+        route["bad"] <= LESS_BAD * short["bad"] and route["length"] <= MORE_LENGTH * short["length"]
+    )
+
+
+def main() -> None:
+    """Run all cases and report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pairs", type=int, default=10)
+    parser.add_argument("--seconds", type=float, nargs="+", default=[1.0, 5.0])
+    parser.add_argument("--planners", nargs="+", default=list(PLANNERS))
+    parser.add_argument("--environments", nargs="+", default=list(ENVIRONMENTS))
+    parser.add_argument("--jobs", type=int, default=2)
+    add_out(parser)
+    args = parser.parse_args()
+    for name in args.environments:
+        environment_path(name)
+    options = ["--pairs", str(args.pairs), "--front", "--planners", *args.planners]
+    options += ["--seconds", *map(str, args.seconds)]
+    with ThreadPoolExecutor(args.jobs) as pool:
+        rows = [
+            row
+            for case in pool.map(lambda name: run_case(name, options), args.environments)
+            for row in case
+        ]
+    sections = [
+        f"{args.pairs} seeded pairs of places at least 8 m apart in each environment, weight 5, a "
+        f"disc of 0.2 m, one thread for each run, {args.jobs} at a time. Times hold planning and "
+        "improving. Gap: how much more a route costs than the reference's; below 0 it is cheaper."
+    ]
+    for seconds in args.seconds:
+        sections += [
+            f"## In {seconds:g} s",
+            planner_table(rows, args.planners, seconds),
+            environment_table(rows, args.planners, seconds),
+        ]
+    sections += ["## What the weight buys", trade_table(rows)]
+    report("Planners", LIBRARIES, "\n\n".join(sections), args.out)
+
+
+if __name__ == "__main__":
+    main()

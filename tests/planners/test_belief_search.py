@@ -1,0 +1,214 @@
+"""The search over nodes and deviations, against all ways and against closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from ambinav.errors import InputError
+from ambinav_planners.belief_search import BeliefModel, Growth, belief_search, std_along
+from ambinav_planners.graph import MotionGraph
+from ambinav_planners.information import Information
+from tests.planners.small_graphs import (
+    chain,
+    even_information,
+    graph_of,
+    graphs,
+    random_information,
+    ways_up_to,
+)
+
+UNSURE = BeliefModel(std=0.2, odometry=0.2, scan_distance=0.5, weight=2.0, reference=0.5)
+
+
+def priced(
+    graph: MotionGraph, growth: Growth, model: BeliefModel, motions: list[int]
+) -> tuple[float, float, float]:
+    """Cost, largest and last deviation of a way, in plain Python."""
+    p, cost, most = model.std**2, 0.0, model.std
+    for e in motions:
+        pieces = range(growth.first[e], growth.first[e + 1])
+        for j in pieces:
+            ends = [math.sqrt(p)]
+            for _ in range(2):
+                p = (p + growth.add[j]) / (1.0 + p * growth.shrink[j])
+                ends.append(math.sqrt(p))
+            mean = (ends[0] + 4.0 * ends[1] + ends[2]) / 6.0
+            cost += graph.length[e] / len(pieces) * (1.0 + model.weight * mean / model.reference)
+            most = max(most, ends[2])
+    return cost, most, math.sqrt(p)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    graph=graphs(6),
+    seed=st.integers(0, 2**32 - 1),
+    max_std=st.sampled_from([math.inf, 0.45, 0.35]),
+    max_goal_std=st.sampled_from([math.inf, 0.3]),
+)
+def test_least_cost_of_all_ways(
+    graph: MotionGraph, seed: int, max_std: float, max_goal_std: float
+) -> None:
+    information = random_information(np.random.default_rng(seed))
+    model = replace(UNSURE, max_std=max_std, max_goal_std=max_goal_std)
+    growth = Growth.of(graph, information, model)
+    goal = len(graph.poses) - 1
+    longest = 7.0
+    least = math.inf
+    for motions in ways_up_to(graph, 0, goal, longest):
+        cost, most, last = priced(graph, growth, model, motions)
+        if most <= max_std and last <= max_goal_std:
+            least = min(least, cost)
+    found = belief_search(graph, growth, model, 0, goal)
+    if found is None:
+        assert least == math.inf
+        return
+    cost, most, last = priced(graph, growth, model, found.way.motions.tolist())
+    assert found.way.cost == pytest.approx(cost, rel=1e-12)
+    assert found.std[-1] == pytest.approx(last, rel=1e-12)
+    assert most <= max_std + 1e-12
+    assert last <= max_goal_std + 1e-12
+    if min(found.way.cost, least) <= longest:  # else the least way may be one of those left out
+        assert found.way.cost == pytest.approx(least, rel=1e-12)
+    else:
+        assert found.way.cost <= least + 1e-9
+
+
+@settings(max_examples=50, deadline=None)
+@given(graph=graphs(14), seed=st.integers(0, 2**32 - 1), std=st.sampled_from([0.0, 0.3]))
+def test_without_growth_and_scans_it_is_the_shortest_way(
+    graph: MotionGraph, seed: int, std: float
+) -> None:
+    model = replace(UNSURE, odometry=0.0, std=std)
+    told = even_information(0.0) if std else random_information(np.random.default_rng(seed))
+    growth = Growth.of(graph, told, model)
+    goal = len(graph.poses) - 1
+    found = belief_search(graph, growth, model, 0, goal)
+    nodes = graph.cheapest(0, goal, 0.0)
+    assert found is not None and nodes is not None
+    length = np.linalg.norm(np.diff(graph.poses[nodes, :2], axis=0), axis=1).sum()
+    assert found.way.cost == pytest.approx(length * (1 + 2.0 * std / 0.5), rel=1e-9)
+    np.testing.assert_allclose(found.std, std)
+
+
+def test_growth_without_scans_is_a_root() -> None:
+    x = np.array([0.0, 0.1, 1.0, 4.0])
+    graph = chain(x)
+    growth = Growth.of(graph, even_information(0.0), UNSURE)
+    found = belief_search(graph, growth, UNSURE, 0, 3)
+    assert found is not None
+    np.testing.assert_allclose(found.std, np.sqrt(0.04 + 0.04 * x), rtol=1e-9)
+
+
+@pytest.mark.parametrize("odometry", [0.0, 0.2])
+def test_scans_against_the_differential_equation(odometry: float) -> None:
+    """Deviation and cost against a solver, over 3 m with 8 per square metre and scan."""
+    model = replace(UNSURE, odometry=odometry)
+    graph = chain(np.array([0.0, 3.0]))
+    found = belief_search(graph, Growth.of(graph, even_information(8.0), model), model, 0, 1)
+
+    def slope(_: float, state: np.ndarray) -> list[float]:
+        p = state[0]
+        return [odometry**2 - 8.0 / 0.5 * p * p, 1.0 + 2.0 * math.sqrt(p) / 0.5]
+
+    solved = solve_ivp(slope, (0.0, 3.0), [0.04, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
+    assert found is not None
+    assert found.std[-1] == pytest.approx(math.sqrt(solved[0]), rel=1e-7)
+    assert found.way.cost == pytest.approx(solved[1], rel=1e-5)
+
+
+def test_the_cut_into_motions_does_not_matter() -> None:
+    ends = []
+    for count in (2, 5, 40):
+        graph = chain(np.linspace(0.0, 3.0, count))
+        growth = Growth.of(graph, even_information(5.0), UNSURE, step=0.7)
+        forwards = np.flatnonzero(graph.target > graph.source)
+        ends.append(std_along(growth, forwards, 0.5)[-1])
+    np.testing.assert_allclose(ends, ends[0], rtol=1e-12)
+
+
+def test_rate_is_the_limit_of_scans_one_by_one() -> None:
+    """A Kalman filter that grows and updates every scan_distance, for scans that tell little."""
+    model = replace(UNSURE, scan_distance=0.05)
+    graph = chain(np.array([0.0, 4.0]))
+    growth = Growth.of(graph, even_information(0.5), model)
+    p = model.std**2
+    for _ in range(80):
+        p += model.odometry**2 * 0.05
+        p = 1.0 / (1.0 / p + 0.5)
+    assert std_along(growth, np.array([0]), model.std)[-1] == pytest.approx(math.sqrt(p), rel=0.02)
+
+
+def two_ways() -> tuple[MotionGraph, Information]:
+    """4 m straight on where nothing tells, or 6 m along landmarks above y = 0.75."""
+    poses = np.array([[0, 0, 0], [4, 0, 0], [0, 1, 0], [4, 1, 0]], dtype=float)
+    graph = graph_of(poses, [(0, 1), (0, 2), (2, 3), (3, 1)])
+    plane = np.zeros((9, 17, 1), dtype=np.float32)
+    plane[3:] = 100.0
+    none = np.zeros_like(plane)
+    return graph, Information(plane, none, plane, none, plane, (0.0, 0.0), 0.25)
+
+
+def test_the_way_by_the_landmarks() -> None:
+    graph, information = two_ways()
+    for weight, nodes in ((0.0, [0, 1]), (5.0, [0, 2, 3, 1])):
+        model = BeliefModel(std=0.2, odometry=0.3, weight=weight, reference=0.3)
+        growth = Growth.of(graph, information, model)
+        found = belief_search(graph, growth, model, 0, 1)
+        assert found is not None
+        assert found.way.nodes.tolist() == nodes
+    assert found.std.max() < 0.4
+
+
+@pytest.mark.parametrize("limit", ["max_std", "max_goal_std"])
+def test_limits_force_the_way_by_the_landmarks(limit: str) -> None:
+    graph, information = two_ways()
+    model = BeliefModel(std=0.2, odometry=0.3, weight=0.0)
+    growth = Growth.of(graph, information, model)
+    found = belief_search(graph, growth, replace(model, **{limit: 0.4}), 0, 1)
+    assert found is not None
+    assert found.way.nodes.tolist()[-2:] == [3, 1]
+    assert found.std[-1] <= 0.4
+    # For the goal's sake alone it may as well go straight on first and look up the landmarks then.
+    assert found.way.cost == pytest.approx(6.0)
+    assert limit == "max_goal_std" or found.way.nodes.tolist() == [0, 2, 3, 1]
+    assert belief_search(graph, growth, replace(model, **{limit: 0.1}), 0, 1) is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(graph=graphs(14), seed=st.integers(0, 2**32 - 1))
+def test_tolerance_costs_little(graph: MotionGraph, seed: int) -> None:
+    growth = Growth.of(graph, random_information(np.random.default_rng(seed)), UNSURE)
+    goal = len(graph.poses) - 1
+    exact = belief_search(graph, growth, UNSURE, 0, goal)
+    quick = belief_search(graph, growth, UNSURE, 0, goal, tolerance=0.02)
+    assert exact is not None and quick is not None
+    assert exact.way.cost - 1e-12 <= quick.way.cost <= 1.01 * exact.way.cost
+    assert quick.way.labels <= exact.way.labels
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("std", -1.0), ("odometry", math.nan), ("weight", -0.1), ("scan_distance", 0.0),
+     ("reference", 0.0), ("max_std", 0.0), ("max_goal_std", -1.0)],
+)  # fmt: skip
+def test_bad_model(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=f"{name} is"):
+        BeliefModel(**{name: value})
+
+
+def test_bad_input() -> None:
+    graph = chain(np.array([0.0, 1.0]))
+    growth = Growth.of(graph, even_information(1.0), UNSURE)
+    with pytest.raises(InputError, match="tolerance is -1"):
+        belief_search(graph, growth, UNSURE, 0, 1, tolerance=-1.0)
+    with pytest.raises(InputError, match="start is node -1"):
+        belief_search(graph, growth, UNSURE, -1, 1)
+    with pytest.raises(InputError, match="step is 0"):
+        Growth.of(graph, even_information(1.0), UNSURE, step=0.0)

@@ -1,0 +1,241 @@
+"""Pictures of routes: what is drawn where, read back from the artists and from the pixels."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Stroke
+from matplotlib.text import Annotation
+
+from ambinav.errors import InputError
+from ambinav.geometry.steering import Steering
+from ambinav.maps import drawing
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import COLOURS
+from ambinav.routes.components import FROM_GOAL, FROM_NEITHER, FROM_START, NO_ROOM, plot_components
+from ambinav.routes.drawing import STYLES
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.plot import plot_routes
+from ambinav.service.service import AmbiguityService
+from tests.maps import synthetic
+
+
+@pytest.fixture(scope="module")
+def amap() -> AmbiguityMap:
+    return AmbiguityMap(synthetic.dataset())
+
+
+def route_through(amap, *places, steering=None, **told):
+    poses = [(x, y, 0.0) for x, y in places]
+    service = AmbiguityService(amap, weight=told.pop("weight", 5.0))
+    return evaluate_route(service, poses, steering or Steering(), planner="by hand", **told)
+
+
+@pytest.fixture(scope="module")
+def routes(amap):
+    return {
+        "shortest": route_through(amap, (1, 2), (17, 2), (24, 8)),
+        "careful": route_through(amap, (1, 2), (17, 1), (24, 8)),
+    }
+
+
+def cased(axes) -> list[Line2D]:
+    return [line for line in axes.lines if line.get_path_effects()]
+
+
+def texts(figure) -> list[str]:
+    legends = figure.axes[0].findobj(Legend)
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+def pixels(figure) -> np.ndarray:
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())[..., :3].astype(int)
+
+
+def colour_at(figure, x, y) -> tuple[int, ...]:
+    picture = pixels(figure)
+    column, row = figure.axes[0].transData.transform((x, y))
+    return tuple(picture[picture.shape[0] - 1 - int(row), int(column)].tolist())
+
+
+def byte(colour: str) -> tuple[int, ...]:
+    return tuple(round(255 * part) for part in to_rgb(colour))
+
+
+def lightness(colour: str) -> float:
+    """Relative luminance of WCAG 2, as a contrast ratio needs it."""
+    part = np.array(to_rgb(colour))
+    linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(a: str, b: str) -> float:
+    low, high = sorted((lightness(a), lightness(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_every_route_stands_out_on_every_zone():
+    # At least 3 to 1 (WCAG 2.2, 1.4.11), which no kind of colour blindness takes away: between
+    # the line and its casing, and between the zone and one of the two.
+    for style in STYLES:
+        assert contrast(style.colour, style.casing) >= 3.0
+        for zone in COLOURS:
+            assert max(contrast(style.colour, zone), contrast(style.casing, zone)) >= 3.0
+
+
+def test_neighbouring_routes_differ_in_lightness():
+    for first, second in pairwise(STYLES):
+        assert contrast(first.colour, second.colour) >= 3.0
+
+
+def test_routes_run_through_their_poses_and_keep_apart(amap, routes):
+    figure = plot_routes(amap, routes)
+    first, second = cased(figure.axes[0])
+    np.testing.assert_allclose(first.get_xydata(), [(1, 2), (17, 2), (24, 8)])
+    assert first.get_linewidth() > second.get_linewidth() + 2.0
+    assert first.get_zorder() < second.get_zorder()
+    assert colour_at(figure, 10.0, 2.0) == byte(STYLES[0].colour)
+    assert any(isinstance(effect, Stroke) for effect in first.get_path_effects())
+
+
+def test_legend_tells_length_cost_and_bad_metres(amap, routes):
+    told = texts(plot_routes(amap, routes))
+    assert told[:4] == ["localizable", "transition", "corridor", "open"]
+    route = routes["shortest"]
+    assert told[4] == (
+        f"shortest\n{route.length:.1f} m, cost {route.cost:.1f} (weight 5)\n"
+        f"{route.bad_metres:.1f} m ({route.bad_metres / route.length:.0%}) in corridor or open"
+    )
+
+
+def test_start_and_goal_are_marked_once(amap, routes):
+    axes = plot_routes(amap, routes).axes[0]
+    marks = [(t.get_text(), t.xy) for t in axes.texts if t.get_text() in ("S", "G")]
+    assert marks == [("S", (1.0, 2.0)), ("G", (24.0, 8.0))]
+
+
+def test_the_same_way_is_one_line(amap):
+    ways = {f"weight {w}": route_through(amap, (1, 2), (9, 2), weight=w) for w in (1, 3)}
+    ways["other"] = route_through(amap, (1, 2), (9, 2.5))
+    figure = plot_routes(amap, ways)
+    assert len(cased(figure.axes[0])) == 2
+    assert texts(figure)[4].startswith("weight 1, weight 3\n8.0 m\n")
+
+
+def test_unnamed_routes_are_named_after_their_planner(amap, routes):
+    figure = plot_routes(amap, list(routes.values()))
+    assert [text.split("\n")[0] for text in texts(figure)[4:]] == [
+        "by hand, weight 5 (1)", "by hand, weight 5 (2)"
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="routes is empty"):
+        plot_routes(amap, [])
+
+
+def test_curves_are_drawn_as_curves(amap):
+    car = route_through(amap, (18, 2), (18, 8), steering=Steering("dubins", 1.0))
+    line = cased(plot_routes(amap, [car]).axes[0])[0].get_xydata()
+    assert len(line) > 50
+    assert np.hypot(*np.diff(line, axis=0).T).sum() == pytest.approx(car.length, rel=1e-3)
+
+
+def test_ellipses_are_two_standard_deviations(amap):
+    along = np.array([0.8, 0.6])
+    covariance = np.zeros((3, 3, 3))
+    covariance[:, :2, :2] = 0.09 * np.outer(along, along) + 0.01 * (
+        np.eye(2) - np.outer(along, along)
+    )
+    unsure = route_through(amap, (1, 2), (9, 2), (15, 2), covariances=covariance)
+    axes = plot_routes(amap, [unsure]).axes[0]
+    casing, ellipses = (a for a in axes.collections if isinstance(a, EllipseCollection))
+    assert casing.get_linewidth()[0] > ellipses.get_linewidth()[0]
+    np.testing.assert_allclose(ellipses.get_widths(), 4 * 0.3)
+    np.testing.assert_allclose(ellipses.get_heights(), 4 * 0.1)
+    turn = np.radians(ellipses.get_angles()) - np.arctan2(0.6, 0.8)
+    np.testing.assert_allclose(np.sin(turn), 0.0, atol=1e-9)
+    assert sorted(ellipses.get_offsets()[:, 0].tolist()) == [1.0, 9.0, 15.0]
+    plain = plot_routes(amap, [unsure], covariances=False).axes[0]
+    assert not any(isinstance(a, EllipseCollection) for a in plain.collections)
+
+
+@pytest.mark.parametrize("part", [slice(None), slice(165, 200)], ids=["wide", "tall"])
+@pytest.mark.parametrize("count", [1, 5])
+def test_nothing_overlaps(amap, part, count):
+    building = AmbiguityMap(amap.dataset.isel(x=part))
+    ways = {f"way {i}": route_through(amap, (17, 2), (18, 3 + i)) for i in range(count)}
+    figure = plot_routes(building, ways)
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    renderer = figure.canvas.get_renderer()
+    scale = [t for t in axes.texts if isinstance(t, Annotation) and t.get_text().endswith("m")]
+    boxes = [a.get_window_extent(renderer) for a in (*axes.findobj(Legend), *scale)]
+    boxes.append(axes.get_window_extent(renderer))
+    assert len(boxes) == 4
+    for i, box in enumerate(boxes):
+        assert box.padded(-2).count_overlaps([b for j, b in enumerate(boxes) if j != i]) == 0
+    # The floor is not squeezed by what is told about it.
+    assert axes.get_window_extent().height > 0.5 * figure.bbox.height
+
+
+def test_draws_into_given_axes_and_saves(amap, routes, tmp_path):
+    figure = Figure()
+    axes = figure.subplots()
+    size = figure.get_size_inches().tolist()
+    assert plot_routes(amap, routes, axes) is figure
+    assert figure.get_size_inches().tolist() == size
+    drawing.save_figure(plot_routes(amap, routes), tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_headings_are_told_where_they_matter(routes):
+    turning = AmbiguityMap(synthetic.dataset(headings=4))
+    figure = plot_routes(turning, routes, heading="worst")
+    assert "worst heading" in figure.axes[0].get_title(loc="left")
+    captions = [legend.get_title().get_text() for legend in figure.axes[0].findobj(Legend)]
+    assert any("own headings" in caption for caption in captions)
+
+
+def test_components_have_their_colours(amap):
+    x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
+    labels = np.full(x.shape, -1)
+    labels[(x > 1) & (x < 3) & (y > 1) & (y < 3)] = 4
+    labels[(x > 17) & (x < 20) & (y > 1) & (y < 9)] = 0
+    labels[(x > 22) & (x < 25) & (y > 1) & (y < 9)] = 7
+    # The start lies a little outside of the cells where the robot fits.
+    figure = plot_components(amap, labels, (0.9, 2.0, 0.3), (18.0, 5.0))
+    assert colour_at(figure, 2.5, 2.5) == byte(FROM_START)
+    assert colour_at(figure, 19.0, 3.0) == byte(FROM_GOAL)
+    assert colour_at(figure, 24.0, 5.0) == byte(FROM_NEITHER)
+    assert colour_at(figure, 10.0, 2.0) == byte(NO_ROOM)
+    assert texts(figure)[:2] == [
+        "reachable from the start\n4.0 m²",
+        "reachable from the goal\n24 m²",
+    ]
+    assert contrast(FROM_START, FROM_GOAL) >= 3.0
+    assert "No way" in figure.axes[0].get_title(loc="left")
+
+
+def test_components_need_the_map_lattice(amap):
+    with pytest.raises(InputError, match=r"shape \(2, 2\)"):
+        plot_components(amap, np.zeros((2, 2), dtype=int), (1, 1), (2, 2))
+    nowhere = np.full(amap.dataset["free"].shape, -1)
+    with pytest.raises(InputError, match="no cell in which the robot fits"):
+        plot_components(amap, nowhere, (1, 1), (2, 2))
+
+
+def test_no_global_drawing_state():
+    code = (
+        "import sys, ambinav.routes.plot, ambinav.routes.components, ambinav.routes.plot_pareto; "
+        "print('pyplot' in str(sys.modules))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"
