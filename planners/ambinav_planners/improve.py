@@ -7,7 +7,7 @@ where it pays, and a corner is cut where it does not.
 1. Shortcuts: the cheapest chain of free motions between points of the route.
 2. A band: the cheapest chain through candidates beside the route, all vertices at once, on a
    scale that goes from metres to millimetres. (Moved one by one, vertices that stand close creep.)
-3. Rounding: corners become cubic Bezier curves.
+3. Rounding: corners between straight motions become cubic Bezier curves.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ ENOUGH = 5e-4
 # The same for curves, which need room to turn.
 CURVE_SCALES = ((4.0, 0.1), (2.0, 0.1), (2.0, 0.03))
 CURVE_SKIPPED = 2
+# Relative error of a cost, from adding up many motions.
+ROUNDING = 1e-12
 # Headings that a cost with headings is tried at: steps in radians, from coarse to fine.
 HEADING_STEPS = (0.4, 0.1)
 
@@ -64,8 +66,8 @@ def improve(
 ) -> Floats:
     """Make a route cheaper, without leaving what is free.
 
-    The same route comes out every time: nothing is random. Motions along curves (dubins,
-    reeds-shepp) are only shortcut.
+    The same route comes out every time: nothing is random. Curves (dubins, reeds-shepp) are not
+    rounded.
 
     Args:
         poses: The route, shape (N, 3), N at least 2: x, y, theta in metres and radians.
@@ -89,7 +91,8 @@ def improve(
     if not rounds >= 0:
         raise InputError(f"rounds is {rounds}; give a whole number of at least 0.")
     work = _Workbench(service, checker)
-    if not (work.is_free(route) and checker.poses_free(route[:1])[0]):
+    paid = work.price(route)
+    if not (math.isfinite(paid) and checker.poses_free(route[:1])[0]):
         raise InputError(_what_is_not_free(route, checker))
     found = [work.shortcut(route)]
     if checker.steering.turns:
@@ -100,10 +103,16 @@ def improve(
             found.append(work.rounded(found[-1]))
         if checker.steering.kind == STRAIGHT:
             found.append(work.turned(found[-1]))
-    paid = service.route_cost(route, checker.steering)
     for better in reversed(found):
         oriented = checker.steering.oriented(better)
-        if service.route_cost(oriented, checker.steering) <= paid and work.is_free(oriented):
+        price = work.price(oriented)
+        if price < paid * (1.0 - ROUNDING):
+            return oriented
+        # So near to each other the order of adding up decides: take the one that is reported.
+        if price <= paid * (1.0 + ROUNDING) and (
+            service.route_cost(oriented, checker.steering)
+            <= service.route_cost(route, checker.steering)
+        ):
             return oriented
     return checker.steering.oriented(route)
 
@@ -133,10 +142,9 @@ class _Workbench:
         # A polygon that turns on the spot between motions may pass where no motion can end.
         self.must_turn = checker.must_turn
 
-    def is_free(self, route: Floats) -> bool:
-        """Whether all motions of a route are free, if its start is."""
-        price = route_price(self.kind, self.radius, route, math.inf, self.field, self.walls)
-        return math.isfinite(price)
+    def price(self, route: Floats) -> float:
+        """What the whole route costs, if its start is free; inf if a motion is not free."""
+        return float(route_price(self.kind, self.radius, route, math.inf, self.field, self.walls))
 
     def shortcut(self, route: Floats) -> Floats:
         """The cheapest chain between points of the route, then between the vertices left."""

@@ -316,6 +316,16 @@ def test_a_long_robot_passes_where_it_cannot_turn() -> None:
     assert checker.motions_free(better[:-1], better[1:]).all()
 
 
+@pytest.mark.parametrize("space", ["dubins", "reeds-shepp"])
+def test_curves_come_near_to_the_straight_way(space: str) -> None:
+    env = room(20.0, 14.0)
+    service = service_of(env, lambda x, _: 0.0 * x)
+    checker = CollisionChecker(env, Footprint.disc(0.2), Steering(space, 0.5))
+    route = np.array([[2, 7, 0.0], [5, 9, -2.0], [8, 5, 1.0], [12, 8, 3.0], [18, 7, 0.0]])
+    better = improve(route, service, checker)
+    assert service.route_cost(better, checker.steering) == pytest.approx(16.0, rel=2e-3)
+
+
 def test_bad_routes_are_refused() -> None:
     env = room(10.0, 6.0, np.array([[5.0, 0.0, 5.0, 5.0]]))
     service = service_of(env, lambda x, _: 0.0 * x)
