@@ -47,7 +47,7 @@ SIDES = 2
 SKIPPED = 4
 # A scale is left when two rounds gain less than this share of the cost.
 ENOUGH = 5e-4
-# The same for curves, which need room to turn.
+# The same for curves, which need room to turn; headings stand apart by twice the share, radians.
 CURVE_SCALES = ((4.0, 0.1), (2.0, 0.1), (2.0, 0.03))
 CURVE_SKIPPED = 2
 # Relative error of a cost, from adding up many motions.
@@ -94,6 +94,8 @@ def improve(
     paid = work.price(route)
     if not (math.isfinite(paid) and checker.poses_free(route[:1])[0]):
         raise InputError(_what_is_not_free(route, checker))
+    if paid == 0.0:  # it stays in one place
+        return checker.steering.oriented(route)
     found = [work.shortcut(route)]
     if checker.steering.turns:
         found.append(work.steer(found[-1], rounds))

@@ -13,6 +13,7 @@ from ambinav.geometry.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.direct import direct
 from ambinav_planners.spaces import has_heading, steering_of
 
 Cost = ob.Cost
@@ -70,14 +71,14 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         self.service = service
         self.symmetric = heading or not service.has_headings
         self._with_heading = heading
-        self._kind, self._radius = self.steering.kind, self.steering.radius
+        self._kind, self._radius = self.steering.kind, float(self.steering.radius)
         values, _, left, low, inverse = service.density.arrays
         self._field = (values, left, low, inverse)
         # No metre costs less, so a straight line at this price is a lower bound of any way.
         self._least = float(np.min(values))
-        # Compiled before a planner's clock starts.
-        motion_integral(self._kind, self._radius, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *self._field)
-        line_integral(0.0, 0.0, 0.0, 0.0, *self._field)
+        zeros = (0.0,) * 6
+        self._integral = direct(motion_integral, self._kind, self._radius, *zeros, *self._field)
+        self._line = direct(line_integral, *zeros[:4], *self._field)
 
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Cost per metre at a state; in walls that of the nearest free place."""
@@ -88,12 +89,12 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         """Cost of a motion, metres-equivalent."""
         if self._with_heading:
             return Cost(
-                motion_integral(
+                self._integral(
                     self._kind, self._radius, a.getX(), a.getY(), a.getYaw(),
                     b.getX(), b.getY(), b.getYaw(), *self._field,
                 )
             )  # fmt: skip
-        return Cost(line_integral(a[0], a[1], b[0], b[1], *self._field))
+        return Cost(self._line(a[0], a[1], b[0], b[1], *self._field))
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Lower bound of the cost of every way from a to b: the line at the map's lowest price."""

@@ -8,6 +8,7 @@ from ompl import base as ob
 
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.sweep import motion_free, pose_free
+from ambinav_planners.direct import direct
 from ambinav_planners.spaces import has_heading
 
 
@@ -18,12 +19,13 @@ class FootprintStateValidity(ob.StateValidityChecker):
         super().__init__(si)
         self._with_heading = has_heading(si.getStateSpace())
         self._arrays = checker.arrays
+        self._free = direct(pose_free, 0.0, 0.0, 0.0, *self._arrays)
 
     def isValid(self, state: Any) -> bool:  # noqa: N802 (OMPL's name)
         """Whether the robot fits there."""
         if self._with_heading:
-            return bool(pose_free(state.getX(), state.getY(), state.getYaw(), *self._arrays))
-        return bool(pose_free(state[0], state[1], 0.0, *self._arrays))
+            return bool(self._free(state.getX(), state.getY(), state.getYaw(), *self._arrays))
+        return bool(self._free(state[0], state[1], 0.0, *self._arrays))
 
 
 class FootprintMotionValidator(ob.MotionValidator):
@@ -35,19 +37,21 @@ class FootprintMotionValidator(ob.MotionValidator):
     def __init__(self, si: ob.SpaceInformation, checker: CollisionChecker) -> None:
         super().__init__(si)
         self._with_heading = has_heading(si.getStateSpace())
-        self._kind, self._radius = checker.steering.kind, checker.steering.radius
+        self._kind, self._radius = checker.steering.kind, float(checker.steering.radius)
         self._arrays = checker.arrays
+        zeros = (0.0,) * 6
+        self._free = direct(motion_free, self._kind, self._radius, *zeros, *self._arrays)
 
     def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
         """Whether the motion is free, given that its start is."""
         if self._with_heading:
             return bool(
-                motion_free(
+                self._free(
                     self._kind, self._radius, a.getX(), a.getY(), a.getYaw(),
                     b.getX(), b.getY(), b.getYaw(), *self._arrays,
                 )
             )  # fmt: skip
-        return bool(motion_free(0, 0.0, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
+        return bool(self._free(0, 0.0, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
 
 
 class Unchecked(ob.MotionValidator):

@@ -349,7 +349,7 @@ def test_a_route_that_stands_still_stays() -> None:
         checker = CollisionChecker(env, Footprint.disc(0.2), steering)
         still = np.array([[2.0, 2.0, 0.5], [2.0, 2.0, 0.5]])
         better = improve(still, service, checker)
-        assert (better[[0, -1]] == still).all()
+        assert (better == still).all()
 
 
 def test_the_chain_is_the_cheapest_of_all() -> None:
