@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
-from ambinav_planners.belief_roadmap import BeliefRoadmap, OdometryNoise
-from ambinav_planners.belief_search import BeliefModel, Growth, belief_search
+from ambinav_planners.belief_roadmap import BeliefRoadmap
+from ambinav_planners.belief_search import Growth, belief_search
 from ambinav_planners.information import Information
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import lattice_of
@@ -15,17 +16,22 @@ from ambinav_planners.registry import Budget, Found, Planner, register
 from ambinav_planners.roadmap import grown_graph
 from ambinav_planners.roadmap_search import search_roadmap
 
-# What the robot knows of its pose at the start: standard deviations in metres and radians.
-START_STD = (0.1, 0.1, 0.05)
+# Standard deviation of the heading at the start, radians.
+START_HEADING_STD = 0.05
+# A metre of deviation at the goal counts as so many metres at weight 1.
+METRES_PER_METRE = 10.0
 # Ways to a node whose variances differ by less than this share count as one.
 TOLERANCE = 0.02
 
 
 def solve_belief(problem: Problem, budget: Budget) -> Found:
-    """Search the lattice over place and standard deviation, whatever time it takes."""
+    """Search the lattice over place and standard deviation, whatever time it takes.
+
+    What is least is the integral of 1 + weight * deviation / 0.5 m over the length.
+    """
     started = time.perf_counter()
-    graph = lattice_of(problem.service, problem.checker).with_ends(problem.ends)
-    model = BeliefModel(weight=problem.service.weight)
+    graph = lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
+    model = replace(problem.belief, weight=problem.service.weight)
     growth = Growth.of(graph, Information.of(problem.service.map), model)
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     found = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
@@ -45,13 +51,30 @@ def solve_belief(problem: Problem, budget: Budget) -> Found:
 
 
 def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
-    """Grow a PRM* for the time, then search it for the way that ends well known."""
+    """Grow a PRM* for the time, then search it for a way that ends well known and is not long.
+
+    What is least is the length plus 10 * weight times the deviation of the place at the goal.
+    """
     started = time.perf_counter()
     graph = grown_graph(problem, budget)
-    roadmap = BeliefRoadmap.of(graph, Information.of(problem.service.map), OdometryNoise())
-    covariance = np.diag(np.square(START_STD))
+    roadmap = BeliefRoadmap.of(
+        graph,
+        Information.of(problem.service.map),
+        problem.odometry,
+        scan_distance=problem.belief.scan_distance,
+    )
+    belief = problem.belief
+    covariance = np.diag(np.square([belief.std, belief.std, START_HEADING_STD]))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
-    found = search_roadmap(roadmap, start, goal, covariance, tolerance=TOLERANCE)
+    found = search_roadmap(
+        roadmap,
+        start,
+        goal,
+        covariance,
+        weight=METRES_PER_METRE * problem.service.weight,
+        max_std=belief.max_std,
+        tolerance=TOLERANCE,
+    )
     if found is None:
         return Found(None)
     poses = graph.steering.oriented(graph.poses[found.way.nodes])

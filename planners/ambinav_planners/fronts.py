@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ambinav.errors import InputError
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav_planners.graph import MotionGraph
-from ambinav_planners.planning import NotFoundError, RoutePlanner, finish
+from ambinav_planners.planning import NotFoundError, RoutePlanner, finish, not_found
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import cheapest_on, check_reachable, lattice_of
 from ambinav_planners.registry import Budget, Found, check_suits, planner
@@ -79,19 +79,17 @@ def pareto(
         poses = cheapest_on(graph, problem)
         if poses is None:
             check_reachable(problem)
-            raise NotFoundError(
-                f"planner {planner_name!r} found no way in {seconds:g} s; give more time."
-            )
+            raise NotFoundError(not_found(chosen, problem, budget))
         cost = problem.service.route_cost(poses, problem.steering)
-        seconds = time.perf_counter() - started
-        found = Found(poses, ((seconds, cost),), seconds=seconds)
+        took = time.perf_counter() - started
+        found = Found(poses, ((took, cost),), seconds=took)
         points.append(ParetoPoint(problem.service.weight, finish(chosen, problem, found, seed)))
     return ParetoFront(tuple(points))
 
 
 def _graph(name: str, problem: Problem, budget: Budget) -> MotionGraph:
     if name == "reference":
-        return lattice_of(problem.service, problem.checker).with_ends(problem.ends)
+        return lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
     from ambinav_planners.roadmap import grown_graph
 
     return call_seeded(budget.seed, grown_graph, problem, budget)

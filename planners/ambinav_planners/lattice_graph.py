@@ -37,13 +37,11 @@ class LatticeGraph:
         graph: Its first `cells` nodes are the free cells.
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
         service: What a metre costs.
-        checker: Where the robot fits.
     """
 
     graph: MotionGraph
     cell: NDArray[np.int32]
     service: AmbiguityService
-    checker: CollisionChecker
 
     @classmethod
     def build(cls, service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
@@ -69,13 +67,14 @@ class LatticeGraph:
             there = np.flatnonzero(other >= 0).astype(np.int32)
             pairs.append(np.stack([there, other[there]], axis=-1))
         graph = MotionGraph.of_motions(poses, np.concatenate(pairs), service, checker)
-        return cls(graph, cell, service, checker)
+        return cls(graph, cell, service)
 
-    def with_ends(self, ends: NDArray[np.float64]) -> MotionGraph:
+    def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
         """The graph with poses more, shape (K, 3), joined to the cells that they see.
 
         The poses become the last K nodes. They are joined to each other as well, if they see each
-        other and stand near enough.
+        other. The checker must be the one that the lattice was built with: it is not kept, so
+        that a lattice can be kept for just as long as its checker lives.
         """
         cells = len(self.graph.poses)
         poses = np.concatenate([self.graph.poses, ends])
@@ -89,14 +88,14 @@ class LatticeGraph:
             for reach in REACH:
                 near = np.flatnonzero(distance <= reach)
                 seen = near[
-                    self.checker.motions_free(
+                    checker.motions_free(
                         np.broadcast_to(end, (len(near), 3)).copy(), self.graph.poses[near]
                     )
                 ]
                 if len(seen):
                     break
             pairs.append(np.stack([np.full(len(seen), cells + k), seen], axis=-1).astype(np.int32))
-        more = MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, self.checker)
+        more = MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, checker)
         return joined(self.graph, more)
 
     def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -14,7 +14,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.direct import direct
-from ambinav_planners.spaces import has_heading, steering_of
+from ambinav_planners.spaces import kind_of, steering_of
 
 Cost = ob.Cost
 
@@ -61,16 +61,16 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         else:
             service = service_or_map if weight is None else service_or_map.with_weight(weight)
         space = si.getStateSpace()
-        heading = has_heading(space)
+        kind = kind_of(space)
         self.steering = steering_of(space) if steering is None else steering
-        if heading != (self.steering.space != "r2"):
+        if kind != self.steering.space:
             raise InputError(
                 f"steering {self.steering.space!r} does not suit the state space "
-                f"{space.getName()!r}; r2 is for RealVectorStateSpace, the others for poses."
+                f"{space.getName()!r}; give one of the space {kind!r}."
             )
         self.service = service
-        self.symmetric = heading or not service.has_headings
-        self._with_heading = heading
+        self._with_heading = kind != "r2"
+        self.symmetric = self._with_heading or not service.has_headings
         self._kind, self._radius = self.steering.kind, float(self.steering.radius)
         values, _, left, low, inverse = service.density.arrays
         self._field = (values, left, low, inverse)

@@ -17,11 +17,13 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.belief_roadmap import OdometryNoise
+from ambinav_planners.belief_search import BeliefModel
 from ambinav_planners.improve import improve
 from ambinav_planners.limit import BadStretchLimit
 from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.reference import check_reachable
-from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
+from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner, planners
 from ambinav_planners.seeded import call_seeded
 from ambinav_planners.warmth import warm_up
 
@@ -47,6 +49,10 @@ class RoutePlanner:
         avoid_open: Never enter the open zone.
         max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
         bad_level: See there.
+        belief: What the belief-aware planners suppose of the robot: its deviation at the start,
+            its scans, the limits of its deviation, and for the planner belief its odometry; the
+            weight in it is replaced by the plan's. None for the defaults.
+        odometry: The odometry's noise for the planner belief-roadmap. None for the default.
 
     Raises:
         InputError: a value that cannot be used.
@@ -55,6 +61,8 @@ class RoutePlanner:
         service: What a metre costs.
         checker: Where the robot fits and how it moves.
         limit: The limit on bad metres in a row, or None.
+        belief: See above.
+        odometry: See above.
     """
 
     def __init__(
@@ -67,7 +75,11 @@ class RoutePlanner:
         avoid_open: bool = False,
         max_bad_metres: float | None = None,
         bad_level: float = 0.5,
+        belief: BeliefModel | None = None,
+        odometry: OdometryNoise | None = None,
     ) -> None:
+        self.belief = BeliefModel() if belief is None else belief
+        self.odometry = OdometryNoise() if odometry is None else odometry
         self.service = (
             AmbiguityService(service_or_map)
             if isinstance(service_or_map, AmbiguityMap)
@@ -94,6 +106,8 @@ class RoutePlanner:
             check_pose("start", start, self.checker),
             check_pose("goal", goal, self.checker),
             self.limit,
+            self.belief,
+            self.odometry,
         )
 
     def plan(
@@ -137,7 +151,7 @@ class RoutePlanner:
         found = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
         if found.poses is None:
             check_reachable(problem)
-            raise NotFoundError(_not_found(chosen, problem, budget))
+            raise NotFoundError(not_found(chosen, problem, budget))
         return finish(chosen, problem, found, seed, improved=improved)
 
 
@@ -253,18 +267,27 @@ def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64
     return better
 
 
-def _not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
+def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
+    """What to say when a planner found no way, though there is one on the lattice."""
     if problem.limit is not None:
         return (
             f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
             f"row above level {problem.limit.level:g}; allow more, or a higher level."
         )
-    spent = (
-        f"{budget.seconds:g} s"
-        if budget.iterations is None
-        else f"{budget.iterations} {chosen.iteration}"
+    belief = problem.belief
+    if chosen.name.startswith("belief") and math.isfinite(min(belief.max_std, belief.max_goal_std)):
+        return (
+            f"planner {chosen.name!r} found no way that keeps the standard deviation up to "
+            f"{belief.max_std:g} m, and up to {belief.max_goal_std:g} m at the goal; allow more."
+        )
+    spent = f"{budget.seconds:g} s"
+    if budget.iterations is not None:
+        spent = f"{budget.iterations} {chosen.iteration}"
+    space = problem.steering.space
+    others = sorted(
+        p.name for p in planners().values() if space in p.spaces and p.name != chosen.name
     )
     return (
-        f"planner {chosen.name!r} found no way in {spent}, though a narrower robot or another "
-        "planner might; give more time, or try the planner prmstar or reference."
+        f"planner {chosen.name!r} found no way in {space} in {spent}; there may be none for this "
+        f"robot, or it takes more time or another planner ({', '.join(others)})."
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.steering import Steering
 from ambinav.maps.zones import OPEN
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.belief_roadmap import OdometryNoise
+from ambinav_planners.belief_search import BeliefModel
 from ambinav_planners.limit import BadStretchLimit
 
 Pose = tuple[float, float, float]
@@ -30,6 +32,8 @@ class Problem:
         start: x, y, theta in the map frame; metres, radians.
         goal: As `start`.
         limit: How many metres in a row may be bad, or None.
+        belief: For planners that look at what the robot will know of its place.
+        odometry: As `belief`.
     """
 
     service: AmbiguityService
@@ -37,6 +41,8 @@ class Problem:
     start: Pose
     goal: Pose
     limit: BadStretchLimit | None = None
+    belief: BeliefModel = field(default_factory=BeliefModel)
+    odometry: OdometryNoise = field(default_factory=OdometryNoise)
 
     @property
     def steering(self) -> Steering:
@@ -93,7 +99,10 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
         InputError: not two or three finite numbers, or the robot does not fit there; the message
             says why not and where the nearest free place is.
     """
-    values = [float(value) for value in pose]
+    try:
+        values = [float(value) for value in pose]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {pose!r}; give x and y in metres.") from None
     if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
         raise InputError(
             f"{name} is {tuple(values)}; give x and y in metres, and a heading in radians if it "

@@ -86,8 +86,9 @@ def check_reachable(problem: Problem) -> None:
     Raises:
         NoWayError: there is none; the message says how much floor either end reaches.
     """
-    lattice = lattice_of(problem.service, planar(problem.checker))
-    graph = lattice.with_ends(problem.ends)
+    checker = planar(problem.checker)
+    lattice = lattice_of(problem.service, checker)
+    graph = lattice.with_ends(problem.ends, checker)
     components = graph.components()
     start, goal = (int(label) for label in components[-2:])
     if start == goal:
@@ -143,7 +144,7 @@ def solve_reference(problem: Problem, budget: Budget) -> Found:
     """Dijkstra on the lattice, whatever time it takes."""
     started = time.perf_counter()
     lattice = lattice_of(problem.service, problem.checker)
-    poses = cheapest_on(lattice.with_ends(problem.ends), problem)
+    poses = cheapest_on(lattice.with_ends(problem.ends, problem.checker), problem)
     if poses is None:
         return Found(None)
     cost = problem.service.route_cost(poses, problem.steering)

@@ -7,6 +7,7 @@ import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from ambinav.errors import InputError
 from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")
+SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
+"""Those in which the way back is as long as the way there, as some of OMPL's planners need."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,11 @@ class Budget:
         """Refuse a budget that nothing can be done with, or that never ends."""
         if not self.seconds > 0.0:
             raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
-        if self.iterations is not None and self.iterations < 1:
-            raise InputError(f"iterations is {self.iterations}; give 1 or more.")
+        if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
+            raise InputError(f"iterations is {self.iterations}; give a whole number from 1 on.")
         if math.isinf(self.seconds) and self.iterations is None:
             raise InputError("neither time nor iterations limits the planner; give one of them.")
-        if self.seed is not None and not 0 < self.seed < 2**32:
+        if self.seed is not None and not (_is_whole(self.seed) and 0 < self.seed < 2**32):
             raise InputError(f"seed is {self.seed}; give a whole number from 1 to 4294967295.")
 
 
@@ -63,6 +66,10 @@ class Found:
     covariances: NDArray[np.float64] | None = None
     finished: bool = False
     seconds: float = 0.0
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral)
 
 
 Solve = Callable[[Problem, Budget], Found]
@@ -152,8 +159,8 @@ def planner(name: str) -> Planner:
     if reason is not None:
         raise InputError(f"planner {name!r} is refused: {reason}; give one of {names}.")
     close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
-    offer = f"did you mean {close[0]!r}? " if close else ""
-    raise InputError(f"planner {name!r} is not known; {offer}There are {names}.")
+    offer = f"did you mean {close[0]!r}? There are" if close else "there are"
+    raise InputError(f"planner {name!r} is not known; {offer} {names}.")
 
 
 def check_suits(chosen: Planner, problem: Problem) -> None:

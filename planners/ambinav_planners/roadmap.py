@@ -27,7 +27,7 @@ MAX_MILESTONES = 100_000
 # Part of the time that goes into growing one single roadmap.
 GROWING_SHARE = 0.25
 # Part of the time left that the next roadmap may be expected to take.
-CAUTION = 0.8
+CAUTION = 0.6
 
 
 @dataclass(eq=False)
@@ -74,13 +74,15 @@ class Roadmap:
         self._planner.getPlannerData(data)
         read = pose_reader(self.problem.steering.space != "r2")
         count = data.numVertices()
-        poses = np.array([read(data.getVertex(i).getState()) for i in range(count)])
+        # No milestone at all is a roadmap as well.
+        poses = np.array([read(data.getVertex(i).getState()) for i in range(count)]).reshape(-1, 3)
         neighbours = [data.getEdges(i) for i in range(count)]
-        source = np.repeat(np.arange(count), [len(row) for row in neighbours])
-        target = np.concatenate([np.asarray(row, dtype=np.int64) for row in neighbours])
+        degree = np.array([len(row) for row in neighbours], dtype=np.int64)
+        source = np.repeat(np.arange(count), degree)
+        target = np.array([other for row in neighbours for other in row], dtype=np.int64)
         pairs = np.stack([source, target], axis=-1)[source < target].astype(np.int32)
         return MotionGraph.of_motions(
-            np.concatenate([poses.reshape(-1, 3), self.problem.ends]),
+            np.concatenate([poses, self.problem.ends]),
             np.concatenate([pairs, self._ends(poses)]),
             self.problem.service,
             self.problem.checker,
@@ -130,11 +132,13 @@ def solve_roadmap(problem: Problem, budget: Budget) -> Found:
             if not curve or cost < curve[-1][1]:
                 best = poses
                 curve.append((now - started, cost))
+        if budget.iterations is not None or roadmap.milestones == 0:
+            return Found(best, tuple(curve), roadmap.milestones)
         each = (now - begun) / roadmap.milestones
-        fits = int((until - now) * CAUTION / each)
+        fits = int((until - now) * CAUTION / each)  # neighbours grow with the logarithm as well
         wanted = min(int(GROWTH * roadmap.milestones), fits, MAX_MILESTONES)
         # A roadmap that is hardly larger is not worth its time.
-        if budget.iterations is not None or wanted < 1.5 * roadmap.milestones:
+        if wanted < 1.5 * roadmap.milestones:
             return Found(best, tuple(curve), roadmap.milestones)
 
 

@@ -44,21 +44,35 @@ def make_space(steering: Steering, bounds: Bounds) -> ob.StateSpace:
     return space
 
 
+def kind_of(space: ob.StateSpace) -> str:
+    """Which kind of motion a space has: r2, se2, dubins or reeds-shepp.
+
+    Raises:
+        InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2).
+    """
+    if isinstance(space, ob.RealVectorStateSpace) and space.getDimension() == 2:
+        return "r2"
+    # The spaces of curves derive from SE(2) in OMPL, so they are asked for first.
+    for name, kind in (
+        ("dubins", ob.DubinsStateSpace),
+        ("reeds-shepp", ob.ReedsSheppStateSpace),
+        ("se2", ob.SE2StateSpace),
+    ):
+        if isinstance(space, kind):
+            return name
+    raise InputError(
+        f"state space {space.getName()!r} is none that ambiguity can be read in; give "
+        "RealVectorStateSpace(2), SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace."
+    )
+
+
 def has_heading(space: ob.StateSpace) -> bool:
     """Whether the states of a space know a heading.
 
     Raises:
         InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2).
     """
-    if isinstance(space, ob.RealVectorStateSpace):
-        if space.getDimension() == 2:
-            return False
-    elif isinstance(space, ob.SE2StateSpace | ob.DubinsStateSpace | ob.ReedsSheppStateSpace):
-        return True
-    raise InputError(
-        f"state space {space.getName()!r} is none that ambiguity can be read in; give "
-        "RealVectorStateSpace(2), SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace."
-    )
+    return kind_of(space) != "r2"
 
 
 def steering_of(space: ob.StateSpace) -> Steering:
@@ -67,14 +81,13 @@ def steering_of(space: ob.StateSpace) -> Steering:
     Raises:
         InputError: OMPL does not tell the space's turning radius.
     """
-    if not has_heading(space):
-        return Steering("r2")
-    if isinstance(space, ob.DubinsStateSpace | ob.ReedsSheppStateSpace):
+    kind = kind_of(space)
+    if kind in ("dubins", "reeds-shepp"):
         raise InputError(
             f"state space {space.getName()!r} does not tell its turning radius; give steering, "
-            'e.g. Steering("dubins", radius=1.0).'
+            f'e.g. Steering("{kind}", radius=1.0).'
         )
-    return Steering("se2")
+    return Steering(kind)
 
 
 def pose_reader(with_heading: bool) -> Callable[[Any], Pose]:

@@ -35,10 +35,12 @@ def chain(x: NDArray[np.float64], steering: Steering | None = None) -> MotionGra
 
 @st.composite
 def graphs(draw: st.DrawFn, most: int = 7, steering: Steering | None = None) -> MotionGraph:
-    """Connected graphs of up to `most` nodes in a square of 4 m."""
+    """Connected graphs of up to `most` nodes in a square of 4 m, at least 0.6 m apart."""
     count = draw(st.integers(3, most))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    poses = np.column_stack([rng.uniform(0.5, 3.5, (count, 2)), rng.uniform(-np.pi, np.pi, count)])
+    row, column = np.divmod(rng.permutation(16)[:count], 4)
+    xy = np.column_stack([column, row]) + 0.5 + rng.uniform(-0.2, 0.2, (count, 2))
+    poses = np.column_stack([xy, rng.uniform(-np.pi, np.pi, count)])
     pairs = [(int(rng.integers(k)), k) for k in range(1, count)]
     pairs += [(a, b) for a in range(count) for b in range(a) if rng.random() < 0.3]
     return graph_of(poses, pairs, steering)

@@ -59,7 +59,7 @@ def test_least_cost_of_all_ways(
     model = replace(UNSURE, max_std=max_std, max_goal_std=max_goal_std)
     growth = Growth.of(graph, information, model)
     goal = len(graph.poses) - 1
-    longest = 7.0
+    longest = 6.0
     least = math.inf
     for motions in ways_up_to(graph, 0, goal, longest):
         cost, most, last = priced(graph, growth, model, motions)
