@@ -1,10 +1,12 @@
 # Everything runs in a virtual environment of its own. `make help` lists the targets.
 # Overridable: PYTHON (the interpreter that makes the environment), VENV (its folder, relative and
-# without spaces), OUT (where the demo writes), PYTEST_ARGS.
+# without spaces), OUT (where the demo writes), SCANNER and ENDS (of the demo), PYTEST_ARGS.
 
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
+SCANNER ?= hokuyo-urg-04lx
+ENDS ?= --start 3 3 --goal 42 20
 PYTEST_ARGS ?= -n 2
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
@@ -20,9 +22,13 @@ help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
 		|| sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1: \2/p' Makefile
 
-demo: $(VENV)/.installed-core  ## audit the bundled building; pictures and report go to out/demo
-	$(BIN)/ambinav audit configs/demo.geojson --scanner hokuyo-urg-04lx -o "$(OUT)"
-	@printf '\nThe report, to open in a browser:\n  %s\nThe pictures:\n' "$(OUT)/report.html"
+demo: $(VENV)/.installed-core  ## audit the bundled building and plan through it; all goes to out/demo
+	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) -o "$(OUT)/report"
+	$(BIN)/ambinav map configs/demo.geojson --scanner $(SCANNER) -o "$(OUT)/map.zarr"
+	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --seed 1 --shortest \
+		-o "$(OUT)/route.csv" --picture "$(OUT)/routes.png"
+	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --pareto -o "$(OUT)/pareto"
+	@printf '\nThe report, to open in a browser:\n  %s\nThe pictures:\n' "$(OUT)/report/report.html"
 	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
 
 test: $(VENV)/.installed-dev  ## run the tests
@@ -49,10 +55,10 @@ clean:  ## remove the environment and everything that the tools have left
 	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find ambinav planners envs tests benchmarks configs -name __pycache__ -prune -exec rm -rf {} +
 
-# Installed again whenever the dependencies change. The plain install is enough for the demo.
+# Installed again whenever the dependencies change. The demo needs the planners only.
 $(VENV)/.installed-core: pyproject.toml constraints.txt | $(VENV)/.made
-	@echo "installing ambinav into $(VENV)"
-	@$(PIP) -e .
+	@echo "installing ambinav[planners] into $(VENV)"
+	@$(PIP) -e '.[planners]'
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -141,6 +142,15 @@ def plan(
         ),
     ] = None,
     bad_level: Annotated[float, typer.Option("--bad-level", help="See --max-bad-metres.")] = 0.5,
+    max_std: Annotated[
+        float | None,
+        typer.Option(
+            "--max-std",
+            metavar="M",
+            help="For belief planners: the largest standard deviation of the position, metres.",
+            show_default="no limit",
+        ),
+    ] = None,
     improve: Annotated[
         bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
     ] = True,
@@ -199,6 +209,7 @@ def plan(
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav.service.service import AmbiguityService
         from ambinav_planners import NoWayError, RoutePlanner
+        from ambinav_planners.belief_search import BeliefModel
 
         service = AmbiguityService(
             AmbiguityMap.open(map_file),
@@ -219,6 +230,7 @@ def plan(
             avoid_open=avoid_open,
             max_bad_metres=max_bad_metres,
             bad_level=bad_level,
+            belief=BeliefModel(max_std=math.inf if max_std is None else max_std),
         )
         here, there = (*start, headings[0]), (*goal, headings[1])
         asked = Asked(planner, time, iterations, seed, improve)

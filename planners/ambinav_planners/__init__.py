@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ambinav_planners.benchmark import write_benchmark
     from ambinav_planners.fronts import pareto
     from ambinav_planners.objective import AmbiguityObjective
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
@@ -29,6 +30,7 @@ __all__ = [
     "pareto",
     "plan",
     "planners",
+    "write_benchmark",
 ]
 
 _HOME = {
@@ -43,6 +45,7 @@ _HOME = {
     "pareto": "fronts",
     "plan": "planning",
     "planners": "registry",
+    "write_benchmark": "benchmark",
 }
 
 

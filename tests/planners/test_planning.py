@@ -1,0 +1,211 @@
+"""Routes by every planner: that they are free, near the optimum, and keep what was asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.footprint import Footprint
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.route import Route
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
+from ambinav_planners.registry import Planner, planners, register
+
+START, GOAL = (3.0, 3.0), (42.0, 20.0)
+# Left and right of the hall, whose middle is open.
+BEFORE_HALL, BEHIND_HALL = (7.9, 20.7), (22.3, 20.7)
+# Those that look for the cheapest way; belief-aware planners minimise something else.
+CHEAPEST = sorted(name for name in planners() if not name.startswith("belief"))
+
+
+def seconds_for(name: str) -> float:
+    return 2.0 if name in ("fmt", "bfmt") else 1.0
+
+
+def check(robot: RoutePlanner, route: Route, start: tuple[float, ...], goal: tuple[float, ...]):
+    """Held by every route: it is free, ends where it should, and is as dear as it says."""
+    checker = robot.checker
+    np.testing.assert_allclose(route.poses[0, : len(start)], start, atol=1e-9)
+    np.testing.assert_allclose(route.poses[-1, : len(goal)], goal, atol=1e-9)
+    assert checker.poses_free(route.poses).all()
+    assert checker.motions_free(route.poses[:-1], route.poses[1:]).all()
+    service = robot.service.with_weight(route.weight)
+    assert route.cost == pytest.approx(service.route_cost(route.poses, checker.steering))
+    assert route.cost >= route.length * (1.0 - 1e-9)
+    when, costs = np.array(route.curve).T
+    assert (np.diff(when) > 0.0).all()
+    assert (np.diff(costs) < 0.0).all()
+    assert route.cost <= costs[-1] * (1.0 + 1e-9)
+
+
+def longest_above(robot: RoutePlanner, route: Route, level: float, step: float = 0.01) -> float:
+    """Metres in a row where the level is above `level`, by sampling."""
+    dense, _, along = route.steering.dense(route.poses, step)
+    most = begun = 0.0
+    for (x, y, theta), gone in zip(dense.tolist(), along.tolist(), strict=True):
+        if robot.service.ambiguity.near(x, y, theta) <= level:
+            begun = gone
+        most = max(most, gone - begun)
+    return most
+
+
+@pytest.fixture(scope="module")
+def cheapest(robot: RoutePlanner) -> Route:
+    return robot.plan(START, GOAL, planner_name="reference")
+
+
+@pytest.fixture(scope="module")
+def shortest(robot: RoutePlanner) -> Route:
+    return robot.plan(START, GOAL, planner_name="reference", weight=0.0)
+
+
+@pytest.mark.parametrize("name", CHEAPEST)
+def test_every_planner_finds_a_way_near_the_reference(
+    robot: RoutePlanner, cheapest: Route, name: str
+) -> None:
+    route = robot.plan(START, GOAL, planner_name=name, seconds=seconds_for(name))
+    check(robot, route, START, GOAL)
+    assert route.cost <= 1.1 * cheapest.cost
+    assert route.planner == name
+    assert route.seconds < seconds_for(name) + 2.0
+    assert route.first_seconds == route.curve[0][0]
+    assert (route.iterations is None) == (planners()[name].iteration == "")
+
+
+@pytest.mark.parametrize("name", ["belief", "belief-roadmap"])
+def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> None:
+    route = robot.plan(START, (12.0, 6.0), planner_name=name, iterations=200)
+    np.testing.assert_allclose(route.poses[[0, -1], :2], [START, (12.0, 6.0)])
+    assert robot.checker.motions_free(route.poses[:-1], route.poses[1:]).all()
+    assert route.covariances is not None
+    assert route.covariances.shape == (len(route.poses), 3, 3)
+
+
+@pytest.mark.parametrize("name", ["prmstar", "bitstar", "reference"])
+def test_without_weight_the_way_is_the_shortest(
+    robot: RoutePlanner, shortest: Route, name: str
+) -> None:
+    route = robot.plan(START, GOAL, planner_name=name, weight=0.0, seconds=1.5)
+    assert route.length == pytest.approx(shortest.length, rel=0.01)
+    assert route.cost == pytest.approx(route.length)
+
+
+def test_the_aware_route_has_fewer_bad_metres(cheapest: Route, shortest: Route) -> None:
+    assert shortest.bad_metres > 10.0
+    assert cheapest.bad_metres <= 0.5 * shortest.bad_metres
+    assert cheapest.length <= 1.1 * shortest.length
+    assert cheapest.exposure < 0.5 * shortest.exposure
+
+
+def test_improving_never_raises_the_cost(robot: RoutePlanner) -> None:
+    options = {"planner_name": "prmstar", "iterations": 800, "seconds": math.inf, "seed": 3}
+    plain = robot.plan(START, GOAL, improved=False, **options)
+    better = robot.plan(START, GOAL, **options)
+    assert better.cost < plain.cost
+    check(robot, plain, START, GOAL)
+    check(robot, better, START, GOAL)
+
+
+@pytest.mark.parametrize("name", ["reference", "prmstar", "rrtstar"])
+def test_the_open_zone_is_never_entered_if_so_asked(demo: AmbiguityService, name: str) -> None:
+    zones: list[dict[str, float]] = []
+    for avoid in (False, True):
+        robot = RoutePlanner(demo, avoid_open=avoid)
+        route = robot.plan(BEFORE_HALL, BEHIND_HALL, planner_name=name, weight=0.0)
+        check(robot, route, BEFORE_HALL, BEHIND_HALL)
+        zones.append(route.zone_metres)
+    assert zones[0]["open"] > 5.0
+    assert zones[1]["open"] < 0.02
+    with pytest.raises(InputError, match=r"goal \(15, 20.7\) is in a forbidden zone; the nearest"):
+        robot.plan(BEFORE_HALL, (15.0, 20.7))
+
+
+@pytest.mark.parametrize("name", ["reference", "prmstar"])
+def test_the_limit_on_bad_metres_in_a_row_is_kept(demo: AmbiguityService, name: str) -> None:
+    costs = []
+    for most in (20.0, 6.0, 4.0):
+        robot = RoutePlanner(demo, max_bad_metres=most, bad_level=0.5)
+        route = robot.plan(BEFORE_HALL, BEHIND_HALL, planner_name=name, weight=0.0)
+        check(robot, route, BEFORE_HALL, BEHIND_HALL)
+        assert longest_above(robot, route, 0.5) <= most + 0.02
+        costs.append(route.cost)
+    assert costs[0] < costs[1] < costs[2] * 1.01
+    with pytest.raises(NotFoundError, match=r"at most 0.05 m in a row above level 0\.01; allow"):
+        plan(demo, START, GOAL, planner=name, max_bad_metres=0.05, bad_level=0.01)
+
+
+@pytest.mark.parametrize("name", ["rrtstar", "bitstar", "fmt", "belief"])
+def test_planners_that_cannot_keep_the_limit_are_refused(demo: AmbiguityService, name: str) -> None:
+    with pytest.raises(InputError, match="cannot keep a limit .* one of .*prmstar, reference"):
+        plan(demo, START, GOAL, planner=name, max_bad_metres=5.0)
+
+
+def test_a_price_on_walls_keeps_away_from_them(demo_map: AmbiguityMap) -> None:
+    away = []
+    for weight in (0.0, 3.0):
+        service = AmbiguityService(demo_map, weight=1.0, clearance_weight=weight, comfort=1.0)
+        robot = RoutePlanner(service)
+        route = robot.plan(START, GOAL, planner_name="prmstar")
+        check(robot, route, START, GOAL)
+        away.append(robot.checker.clearance(route.steering.dense(route.poses, 0.05)[0]).mean())
+    assert away[1] > 1.4 * away[0]
+
+
+def test_on_a_map_with_headings_a_way_and_its_way_back_differ(heading_map: AmbiguityMap) -> None:
+    robot = RoutePlanner(heading_map)
+    for name in ("rrtstar", "informed-rrtstar", "sorrtstar", "fmt", "bfmt"):
+        with pytest.raises(InputError, match=r"cost the same both ways.* or the space se2\."):
+            robot.plan(START, GOAL, planner_name=name)
+    there = robot.plan(START, GOAL, planner_name="reference")
+    back = robot.plan(GOAL, START, planner_name="reference")
+    check(robot, there, START, GOAL)
+    reverse = robot.checker.steering.oriented(there.poses[::-1])
+    assert abs(robot.service.route_cost(reverse) / there.cost - 1.0) > 0.01
+    assert back.cost <= robot.service.route_cost(reverse, robot.checker.steering) * 1.01
+    for name in ("bitstar", "prmstar"):
+        route = robot.plan(START, GOAL, planner_name=name)
+        check(robot, route, START, GOAL)
+        assert route.cost <= 1.1 * there.cost
+
+
+@pytest.mark.parametrize("name", ["prmstar", "bitstar", "bfmt"])
+def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
+    corners = [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)]
+    robot = RoutePlanner(demo, footprint=Footprint.polygon(corners), space="se2")
+    start, goal = (3.0, 3.0, 0.5), (12.0, 6.0, 2.0)
+    route = robot.plan(start, goal, planner_name=name, seconds=2.0)
+    check(robot, route, start, goal)
+    placed = robot.checker.footprint.placed(route.steering.dense(route.poses, 0.1)[0])
+    walls = demo.map.environment
+    assert all(walls.free.buffer(1e-6).covers(shape) for shape in placed)
+
+
+@pytest.mark.parametrize(
+    ("space", "name"),
+    [("dubins", "prmstar"), ("dubins", "bitstar"), ("reeds-shepp", "prmstar"),
+     ("reeds-shepp", "rrtstar"), ("reeds-shepp", "fmt")],
+)  # fmt: skip
+def test_cars(demo: AmbiguityService, space: str, name: str) -> None:
+    robot = RoutePlanner(demo, space=space, turning_radius=0.4)
+    start, goal = (3.0, 3.0, 0.0), (12.0, 6.0, 1.0)
+    route = robot.plan(start, goal, planner_name=name, seconds=3.0)
+    check(robot, route, start, goal)
+    assert bends(route.steering.dense(route.poses, 0.01)[0]) <= 1.0 / 0.4 + 0.1
+
+
+def bends(dense: NDArray[np.float64]) -> float:
+    """The sharpest bend along dense poses, per metre."""
+    gone = np.hypot(*np.diff(dense[:, :2], axis=0).T)
+    turned = np.abs((np.diff(dense[:, 2]) + np.pi) % (2.0 * np.pi) - np.pi)
+    moving = gone > 1e-3
+    return float((turned[moving] / gone[moving]).max())
+
+
+def test_names_are_taken_once() -> None:
+    with pytest.raises(ValueError, match="'fmt' is registered already"):
+        register(Planner("fmt", lambda problem, budget: None, ""))  # type: ignore[arg-type]
