@@ -10,7 +10,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.planned import Asked, draw_no_way, plan_front, show_routes, write_routes
-from ambinav.cli.running import above_zero, check_writable, not_negative, reporting
+from ambinav.cli.running import above_zero, check_file, check_writable, not_negative, reporting
 from ambinav.errors import InputError
 
 ROUTE_FILES = (".csv", ".geojson", ".json")
@@ -195,16 +195,18 @@ def plan(
     """
     with reporting():
         _need_ompl()
-        above_zero(time, "--time", "1")
-        not_negative(weight, "--weight", "5")
+        above_zero(time, "--time", "1", "seconds")
+        not_negative(weight, "--weight", "5", "a number")
         above_zero(comfort, "--comfort", "0.5")
-        not_negative(clearance_weight, "--clearance-weight", "1")
-        if not pareto:
+        not_negative(clearance_weight, "--clearance-weight", "1", "a number")
+        if pareto:
+            check_writable(output)
+        else:
             _check_suffix(output, "--output", ROUTE_FILES)
+            check_file(output)
         if picture is not None:
             _check_suffix(picture, "--picture", PICTURES)
-            check_writable(picture)
-        check_writable(output)
+            check_file(picture)
         from ambinav.geometry.footprint import Footprint
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav.service.service import AmbiguityService

@@ -127,24 +127,24 @@ def check_file(output: Path) -> None:
     check_writable(output)
 
 
-def above_zero(value: float | None, option: str, example: str) -> None:
+def above_zero(value: float | None, option: str, example: str, unit: str = "metres") -> None:
     """Check a number that must be finite and above zero; None passes.
 
     Raises:
         InputError: it is not.
     """
     if value is not None and not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{option}: {value:g} is not above zero; give metres, e.g. {example}.")
+        raise InputError(f"{option}: {value:g} is not above zero; give {unit}, e.g. {example}.")
 
 
-def not_negative(value: float | None, option: str, example: str) -> None:
+def not_negative(value: float | None, option: str, example: str, unit: str = "metres") -> None:
     """Check a number that must be finite and not negative; None passes.
 
     Raises:
         InputError: it is not.
     """
     if value is not None and not (math.isfinite(value) and value >= 0.0):
-        raise InputError(f"{option}: {value:g} is not zero or above; give metres, e.g. {example}.")
+        raise InputError(f"{option}: {value:g} is not zero or above; give {unit}, e.g. {example}.")
 
 
 def _say(text: str) -> None:

@@ -296,7 +296,8 @@ class AmbiguityMap:
         """Name of the variable to read: the `_mean` aggregate if a heading is needed but absent."""
         if layer not in self._layers:
             close = difflib.get_close_matches(layer, self._layers, n=3, cutoff=0.4)
-            offer = f"did you mean {' or '.join(close)}?" if close else "see amap.layers."
+            there = ", ".join(sorted({schema.base_name(name) for name in self._layers}))
+            offer = f"did you mean {' or '.join(close)}?" if close else f"there are {there}."
             raise InputError(f"{layer!r}: the map has no such layer; {offer}")
         if has_heading or "theta" not in self.dataset[layer].dims:
             return layer

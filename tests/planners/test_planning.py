@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
@@ -27,12 +28,14 @@ def seconds_for(name: str) -> float:
     return 2.0 if name in ("fmt", "bfmt") else 1.0
 
 
-def check(robot: RoutePlanner, route: Route, start: tuple[float, ...], goal: tuple[float, ...]):
+def check(
+    robot: RoutePlanner, route: Route, start: tuple[float, ...], goal: tuple[float, ...]
+) -> None:
     """Held by every route: it is free, ends where it should, and is as dear as it says."""
     checker = robot.checker
     np.testing.assert_allclose(route.poses[0, : len(start)], start, atol=1e-9)
     np.testing.assert_allclose(route.poses[-1, : len(goal)], goal, atol=1e-9)
-    assert checker.poses_free(route.poses).all()
+    assert roomy(checker).poses_free(route.poses).all()
     assert checker.motions_free(route.poses[:-1], route.poses[1:]).all()
     service = robot.service.with_weight(route.weight)
     assert route.cost == pytest.approx(service.route_cost(route.poses, checker.steering))
@@ -41,6 +44,14 @@ def check(robot: RoutePlanner, route: Route, start: tuple[float, ...], goal: tup
     assert (np.diff(when) > 0.0).all()
     assert (np.diff(costs) < 0.0).all()
     assert route.cost <= costs[-1] * (1.0 + 1e-9)
+
+
+def roomy(checker: CollisionChecker) -> CollisionChecker:
+    """The same check for a disc by the tolerance of motions smaller, or for the polygon."""
+    if not checker.footprint.is_disc:
+        return checker
+    disc = Footprint.disc(checker.footprint.radius - 1e-8)
+    return CollisionChecker(checker.environment, disc, checker.steering)
 
 
 def longest_above(robot: RoutePlanner, route: Route, level: float, step: float = 0.01) -> float:
@@ -79,7 +90,7 @@ def test_every_planner_finds_a_way_near_the_reference(
 
 @pytest.mark.parametrize("name", ["belief", "belief-roadmap"])
 def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> None:
-    route = robot.plan(START, (12.0, 6.0), planner_name=name, iterations=200)
+    route = robot.plan(START, (12.0, 6.0), planner_name=name, iterations=500)
     np.testing.assert_allclose(route.poses[[0, -1], :2], [START, (12.0, 6.0)])
     assert robot.checker.motions_free(route.poses[:-1], route.poses[1:]).all()
     assert route.covariances is not None
@@ -141,7 +152,7 @@ def test_the_limit_on_bad_metres_in_a_row_is_kept(demo: AmbiguityService, name: 
 
 @pytest.mark.parametrize("name", ["rrtstar", "bitstar", "fmt", "belief"])
 def test_planners_that_cannot_keep_the_limit_are_refused(demo: AmbiguityService, name: str) -> None:
-    with pytest.raises(InputError, match="cannot keep a limit .* one of .*prmstar, reference"):
+    with pytest.raises(InputError, match=r"cannot keep a limit .* one of .*prmstar, reference"):
         plan(demo, START, GOAL, planner=name, max_bad_metres=5.0)
 
 
@@ -178,7 +189,7 @@ def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
     corners = [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2)]
     robot = RoutePlanner(demo, footprint=Footprint.polygon(corners), space="se2")
     start, goal = (3.0, 3.0, 0.5), (12.0, 6.0, 2.0)
-    route = robot.plan(start, goal, planner_name=name, seconds=2.0)
+    route = robot.plan(start, goal, planner_name=name)
     check(robot, route, start, goal)
     placed = robot.checker.footprint.placed(route.steering.dense(route.poses, 0.1)[0])
     walls = demo.map.environment
@@ -193,7 +204,7 @@ def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
 def test_cars(demo: AmbiguityService, space: str, name: str) -> None:
     robot = RoutePlanner(demo, space=space, turning_radius=0.4)
     start, goal = (3.0, 3.0, 0.0), (12.0, 6.0, 1.0)
-    route = robot.plan(start, goal, planner_name=name, seconds=3.0)
+    route = robot.plan(start, goal, planner_name=name, seconds=2.0)
     check(robot, route, start, goal)
     assert bends(route.steering.dense(route.poses, 0.01)[0]) <= 1.0 / 0.4 + 0.1
 
