@@ -52,24 +52,28 @@ def write_routes(
     robot: RoutePlanner, routes: Mapping[str, Route], output: Path, picture: Path | None
 ) -> None:
     """Write the first route, and all of them into the picture."""
+    from ambinav.files import replacing
     from ambinav.maps.drawing import save_figure
     from ambinav.routes.files import save_route
 
-    save_route(next(iter(routes.values())), output)
     if picture is not None:
         from ambinav.routes.plot import plot_routes
 
-        save_figure(plot_routes(robot.service.map, routes), picture)
+        with replacing(picture) as scratch:
+            save_figure(plot_routes(robot.service.map, routes), scratch)
+    save_route(next(iter(routes.values())), output)
 
 
 def draw_no_way(
     robot: RoutePlanner, error: NoWayError, start: Pose, goal: Pose, picture: Path
 ) -> None:
     """Draw the part of the floor that the start reaches, and the one of the goal."""
+    from ambinav.files import replacing
     from ambinav.maps.drawing import save_figure
     from ambinav.routes.components import plot_components
 
-    save_figure(plot_components(robot.service.map, error.labels, start, goal), picture)
+    with replacing(picture) as scratch:
+        save_figure(plot_components(robot.service.map, error.labels, start, goal), scratch)
 
 
 def show_routes(

@@ -50,9 +50,9 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
     figure = picture.get_figure(root=True)
     if figure is None:
         raise ValueError("these axes were removed from their figure")
-    # Twice as fast to pack as the default, and hardly larger.
-    packing = {"compress_level": 3} if path.suffix == ".png" else None
-    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.08, pil_kwargs=packing)
+    # Twice as fast to pack as the default, and hardly larger; only pictures of dots are packed.
+    packing = {"pil_kwargs": {"compress_level": 3}} if path.suffix.lower() == ".png" else {}
+    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.08, **packing)
 
 
 def frame(

@@ -1,0 +1,107 @@
+"""The same seed gives the same route: in any process, whatever was planned in it before."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav_planners.planning import RoutePlanner
+from ambinav_planners.seeded import call_seeded
+
+START, GOAL = (3.0, 3.0), (12.0, 6.0)
+JOBS = {"rrtstar": 2500, "bitstar": 7000, "fmt": 500, "prmstar": 400}
+SCRIPT = """
+import json, sys
+from ambinav import AmbiguityMap
+from ambinav_planners import RoutePlanner
+def main(source, jobs):
+    robot = RoutePlanner(AmbiguityMap.open(source))
+    for name, iterations, seed in json.loads(jobs):
+        budget = dict(seconds=float("inf"), iterations=iterations)
+        if seed is None:
+            budget = dict(seconds=0.2)
+        route = robot.plan((3.0, 3.0), (12.0, 6.0), planner_name=name, seed=seed, **budget)
+        print(json.dumps([name, seed, route.poses.tolist()]))
+main(*sys.argv[1:])
+"""
+Told = dict[tuple[str, int], list[list[float]]]
+
+
+def in_a_fresh_process(source: Path, jobs: list[tuple[str, int, int | None]]) -> Told:
+    """Poses of the routes by planner and seed."""
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(source), json.dumps(jobs)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    rows = [json.loads(line) for line in run.stdout.splitlines()]
+    return {(name, seed): poses for name, seed, poses in rows}
+
+
+@pytest.fixture(scope="module")
+def stored(demo_map: AmbiguityMap, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("seeded") / "demo.zarr"
+    demo_map.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def first(stored: Path) -> Told:
+    """Each planner once with seed 1; the first is seeded in the process, the others apart."""
+    return in_a_fresh_process(stored, [(name, count, 1) for name, count in JOBS.items()])
+
+
+def test_the_same_seed_gives_the_same_route(stored: Path, first: Told) -> None:
+    backwards = [(name, count, 1) for name, count in reversed(JOBS.items())]
+    again = in_a_fresh_process(stored, backwards)
+    assert set(again) == {(name, 1) for name in JOBS}
+    assert again == first
+
+
+@pytest.mark.parametrize("name", ["bitstar", "fmt"])
+def test_a_later_plan_is_that_of_a_fresh_process(stored: Path, first: Told, name: str) -> None:
+    alone = in_a_fresh_process(stored, [(name, JOBS[name], 1)])
+    assert alone[name, 1] == first[name, 1]
+
+
+def test_random_numbers_drawn_before_do_not_matter(stored: Path, first: Told) -> None:
+    jobs = [("prmstar", 0, None), ("rrtstar", JOBS["rrtstar"], 1)]
+    assert in_a_fresh_process(stored, jobs)["rrtstar", 1] == first["rrtstar", 1]
+
+
+def test_another_seed_gives_another_route(robot: RoutePlanner, first: Told) -> None:
+    budget = {"iterations": JOBS["rrtstar"], "seconds": math.inf}
+    for seed in (1, 2):
+        route = robot.plan(START, GOAL, planner_name="rrtstar", seed=seed, **budget)
+        assert route.seed == seed
+        assert (route.poses.tolist() == first["rrtstar", 1]) == (seed == 1)
+
+
+def test_planners_without_random_numbers_start_no_process(robot: RoutePlanner) -> None:
+    routes = [robot.plan(START, GOAL, planner_name="reference", seed=seed) for seed in (1, 2)]
+    assert (routes[0].poses == routes[1].poses).all()
+    assert all(route.seconds < 1.0 for route in routes)
+
+
+def test_calls_without_a_seed_stay_here() -> None:
+    assert call_seeded(None, os.getpid) == os.getpid()
+
+
+def test_seeded_calls_take_arguments_and_return_results() -> None:
+    assert call_seeded(7, math.hypot, 3.0, 4.0) == 5.0
+    assert call_seeded(7, os.getpid) != os.getpid()  # since 7 is taken here
+
+
+def test_what_fails_in_a_fresh_process_is_told() -> None:
+    call_seeded(7, os.getpid)
+    with pytest.raises(RuntimeError, match=r"(?s)failed: .*ValueError"):
+        call_seeded(8, math.sqrt, -1.0)
