@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -20,3 +22,32 @@ def data_dir() -> Path:
     folder = Path(name)
     assert folder.is_dir(), f"AMBINAV_DATA names {folder}, which is not a folder"
     return folder
+
+
+@pytest.fixture(scope="session")
+def plan_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A stored map: a room with a corridor and a door to unknown space, and a room apart."""
+    import shapely
+
+    import ambinav as an
+
+    floor = [(0, 0), (3, 0), (3, 1), (11, 1), (11, 2.5), (3, 2.5), (3, 3), (0, 3)]
+    environment = an.environment_from_shapes(
+        [shapely.Polygon(floor), shapely.box(13, 0, 15, 3)],
+        openings=[shapely.LineString([(0, 1), (0, 2)])],
+    )
+    scanner = an.RangeScanner.planar(
+        sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=36, aperture=math.tau
+    )
+    path = tmp_path_factory.mktemp("plan") / "map.zarr"
+    an.build_map(environment, scanner, spacing=0.2).save(path)
+    return path
+
+
+@pytest.fixture
+def plan_folder(plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with that map and a file that is none of ours."""
+    shutil.copytree(plan_map, tmp_path / "map.zarr")
+    (tmp_path / "notes.txt").write_text("not ours")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path

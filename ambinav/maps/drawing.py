@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -51,7 +52,9 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
     if figure is None:
         raise ValueError("these axes were removed from their figure")
     # Twice as fast to pack as the default, and hardly larger; only pictures of dots are packed.
-    packing = {"pil_kwargs": {"compress_level": 3}} if path.suffix.lower() == ".png" else {}
+    packing: dict[str, Any] = {}
+    if path.suffix.lower() == ".png":
+        packing["pil_kwargs"] = {"compress_level": 3}
     figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.08, **packing)
 
 

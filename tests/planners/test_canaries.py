@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -30,38 +27,6 @@ SPACES = [
     Steering(), Steering("se2"), Steering("dubins", 0.7), Steering("reeds-shepp", 0.7)
 ]  # fmt: skip
 steerings = pytest.mark.parametrize("steering", SPACES, ids=lambda steering: steering.space)
-
-# An empty square for scripts: OMPL's space, a setup in it, and its planner named by `NAME`.
-SCRIPT = """
-import math, sys
-from ompl import base as ob, geometric as og, util as ou
-class Length(ob.PathLengthOptimizationObjective):
-    def __init__(self, si):
-        super().__init__(si)
-    def motionCost(self, a, b):
-        return ob.Cost(math.hypot(b[0] - a[0], b[1] - a[1]))
-def setup(name):
-    space = ob.RealVectorStateSpace(2)
-    space.setBounds(0.0, 10.0)
-    simple = og.SimpleSetup(space)
-    si = simple.getSpaceInformation()
-    simple.setStateValidityChecker(lambda state: True)
-    a, b = si.allocState(), si.allocState()
-    a[0], a[1], b[0], b[1] = 1.0, 1.0, 9.0, 9.0
-    simple.setStartAndGoalStates(a, b, 1e-6)
-    simple.setOptimizationObjective(Length(si))
-    simple.setPlanner(getattr(og, name)(si))
-    return simple
-"""
-
-
-def script(body: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", SCRIPT + body],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
 
 
 def square(valid: Callable[[Any], bool] = lambda state: True) -> og.SimpleSetup:
@@ -175,54 +140,6 @@ def test_a_solve_ends_at_its_time(robot: RoutePlanner, name: str) -> None:
     watch = Watch(Budget(0.2))
     setup.simple.solve(ob.PlannerTerminationCondition(lambda: watch.over))
     assert 0.15 < watch.elapsed < 3.0
-
-
-def test_ctrl_c_ends_a_solve_at_once() -> None:
-    process = script("""
-simple = setup("RRTstar")
-print("solving", flush=True)
-try:
-    simple.solve(ob.PlannerTerminationCondition(lambda: False))
-except KeyboardInterrupt:
-    print("interrupted", flush=True)
-""")
-    assert process.stdout is not None
-    while process.stdout.readline().strip() != "solving":
-        assert process.poll() is None
-    time.sleep(0.3)
-    process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=10.0)
-    assert "interrupted" in said
-
-
-def test_prm_deadlocks_with_an_objective_in_python() -> None:
-    process = script("""
-simple = setup("PRM")
-print("solving", flush=True)
-simple.solve(0.3)
-""")
-    try:
-        assert process.stdout is not None
-        while process.stdout.readline().strip() != "solving":
-            assert process.poll() is None
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(3.0)
-            pytest.fail("OMPL has been repaired: PRM ends, so that it and PRM* can be offered")
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def test_the_seed_is_taken_once_in_a_process() -> None:
-    process = script("""
-ou.setLogLevel(ou.LogLevel.LOG_NONE)
-ou.RNG.setSeed(5)
-first = ou.RNG().uniform01()
-ou.RNG.setSeed(6)
-print("seed", ou.RNG.getSeed(), ou.RNG().uniform01() != first)
-""")
-    said, _ = process.communicate(timeout=30.0)
-    assert "seed 5 True" in said
 
 
 def test_an_exception_in_a_callback_comes_out_of_the_solve() -> None:

@@ -25,7 +25,7 @@ CHEAPEST = sorted(name for name in planners() if not name.startswith("belief"))
 
 
 def seconds_for(name: str) -> float:
-    return 2.0 if name in ("fmt", "bfmt") else 1.0
+    return 1.5 if name in ("fmt", "bfmt") else 1.0
 
 
 def check(
@@ -90,7 +90,7 @@ def test_every_planner_finds_a_way_near_the_reference(
 
 @pytest.mark.parametrize("name", ["belief", "belief-roadmap"])
 def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> None:
-    route = robot.plan(START, (12.0, 6.0), planner_name=name, iterations=500)
+    route = robot.plan(START, (12.0, 6.0), planner_name=name, iterations=1500, seconds=10.0)
     np.testing.assert_allclose(route.poses[[0, -1], :2], [START, (12.0, 6.0)])
     assert robot.checker.motions_free(route.poses[:-1], route.poses[1:]).all()
     assert route.covariances is not None
@@ -101,7 +101,7 @@ def test_belief_aware_planners_find_a_way(robot: RoutePlanner, name: str) -> Non
 def test_without_weight_the_way_is_the_shortest(
     robot: RoutePlanner, shortest: Route, name: str
 ) -> None:
-    route = robot.plan(START, GOAL, planner_name=name, weight=0.0, seconds=1.5)
+    route = robot.plan(START, GOAL, planner_name=name, weight=0.0)
     assert route.length == pytest.approx(shortest.length, rel=0.01)
     assert route.cost == pytest.approx(route.length)
 
@@ -139,13 +139,13 @@ def test_the_open_zone_is_never_entered_if_so_asked(demo: AmbiguityService, name
 @pytest.mark.parametrize("name", ["reference", "prmstar"])
 def test_the_limit_on_bad_metres_in_a_row_is_kept(demo: AmbiguityService, name: str) -> None:
     costs = []
-    for most in (20.0, 6.0, 4.0):
+    for most in (20.0, 4.0):
         robot = RoutePlanner(demo, max_bad_metres=most, bad_level=0.5)
         route = robot.plan(BEFORE_HALL, BEHIND_HALL, planner_name=name, weight=0.0)
         check(robot, route, BEFORE_HALL, BEHIND_HALL)
         assert longest_above(robot, route, 0.5) <= most + 0.02
         costs.append(route.cost)
-    assert costs[0] < costs[1] < costs[2] * 1.01
+    assert costs[0] < 0.95 * costs[1]
     with pytest.raises(NotFoundError, match=r"at most 0.05 m in a row above level 0\.01; allow"):
         plan(demo, START, GOAL, planner=name, max_bad_metres=0.05, bad_level=0.01)
 
@@ -204,7 +204,7 @@ def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
 def test_cars(demo: AmbiguityService, space: str, name: str) -> None:
     robot = RoutePlanner(demo, space=space, turning_radius=0.4)
     start, goal = (3.0, 3.0, 0.0), (12.0, 6.0, 1.0)
-    route = robot.plan(start, goal, planner_name=name, seconds=2.0)
+    route = robot.plan(start, goal, planner_name=name, seconds=1.5)
     check(robot, route, start, goal)
     assert bends(route.steering.dense(route.poses, 0.01)[0]) <= 1.0 / 0.4 + 0.1
 

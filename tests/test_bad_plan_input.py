@@ -1,0 +1,89 @@
+"""`ambinav plan` and bad input: one sentence, exit status 2, and nothing written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from ambinav.cli import app
+
+ENDS = ("--start", "1", "1", "--goal", "10", "2")
+PLAN = ("plan", "map.zarr", *ENDS, "--time", "0.3")
+
+
+@pytest.fixture
+def runner() -> CliRunner:
+    return CliRunner()
+
+
+def files(folder: Path) -> set[str]:
+    return {item.name for item in folder.iterdir()}
+
+
+BAD = {
+    "start in a wall": (["--start", "4", "0.9"], "start (4, 0.9) is in a wall"),
+    "start outside": (["--start", "-9", "1"], "start (-9, 1) is outside of the map"),
+    "goal behind walls": (["--goal", "12", "1"], "goal (12, 1) is behind a wall"),
+    "goal too near a wall": (["--goal", "10", "1.1"], "0.10 m from a wall, the footprint needs"),
+    "start near unknown space": (["--start", "0.1", "1.5"], "0.10 m from unknown space"),
+    "start nan": (["--start", "nan", "1"], "start is (nan, 1.0, 0.0)"),
+    "too wide": (["--radius", "0.9"], "goal (10, 2) is 0.50 m from a wall, the"),
+    "negative radius": (["--radius", "-0.2"], "radius is -0.2"),
+    "negative weight": (["--weight", "-1"], "--weight: -1"),
+    "weight nan": (["--weight", "nan"], "--weight: nan"),
+    "unknown planner": (["--planner", "rrtstr"], "did you mean 'rrtstar'?"),
+    "refused planner": (["--planner", "aorrtc"], "is refused: OMPL's AORRTC never calls"),
+    "missing layer": (["--layer", "levle"], "'levle'"),
+    "time 0": (["--time", "0"], "--time: 0"),
+    "time negative": (["--time", "-1"], "--time: -1"),
+    "time nan": (["--time", "nan"], "--time: nan"),
+    "iterations 0": (["--iterations", "0"], "iterations is 0"),
+    "seed 0": (["--seed", "0"], "seed is 0"),
+    "unknown space": (["--space", "r3"], "space is 'r3'"),
+    "no turning radius": (["--space", "dubins"], "turning radius"),
+    "comfort 0": (["--comfort", "0"], "--comfort: 0"),
+    "clearance weight": (["--clearance-weight", "-1"], "--clearance-weight: -1"),
+    "limit 0": (["--max-bad-metres", "0"], "max_bad_metres is 0"),
+    "limit refused": (["--max-bad-metres", "5", "-p", "fmt"], "cannot keep a limit"),
+    "bad level": (["--max-bad-metres", "5", "--bad-level", "-1"], "bad_level is -1"),
+    "bad footprint": (["--footprint", "0.3,0.2 x"], "--footprint: 'x' is not a corner"),
+    "footprint of two": (["--footprint", "0,0 1,1"], "give at least three"),
+    "bad suffix": (["-o", "route.txt"], "--output: route.txt ends in '.txt'"),
+    "no suffix": (["-o", "route"], "--output: route ends in 'nothing'"),
+    "bad picture": (["--picture", "r.bmp"], "--picture: r.bmp ends in '.bmp'"),
+    "in a file": (["-o", "notes.txt/r.csv"], "notes.txt is a file, not a folder"),
+    "picture in a file": (["--picture", "notes.txt/r.png"], "notes.txt is a file"),
+    "output is a folder": (["-o", "folder.csv"], "folder.csv: this is a folder"),
+    "picture is a folder": (["--picture", "folder.png"], "folder.png: this is a folder"),
+    "bad weights": (["-o", "new", "--pareto", "--weights", "1 x"], "--weights: '1 x'"),
+    "one weight": (["-o", "new", "--pareto", "--weights", "1"], "at least two"),
+    "front in use": (["-o", "map.zarr", "--pareto"], "no folder of an earlier --pareto"),
+    "front on a file": (["-o", "notes.txt", "--pareto"], "notes.txt"),
+}
+
+
+@pytest.mark.parametrize(("more", "message"), BAD.values(), ids=BAD.keys())
+def test_bad_input_is_one_sentence_and_status_2(
+    runner: CliRunner, plan_folder: Path, more: list[str], message: str
+) -> None:
+    for name in ("folder.csv", "folder.png"):
+        (plan_folder / name).mkdir()
+    before = files(plan_folder)
+    result = runner.invoke(app, [*PLAN, "-o", "route.csv", *more])
+    assert result.exit_code == 2, result.output
+    errors = result.stderr.splitlines()
+    assert len(errors) == 1
+    assert errors[0].startswith("ambinav: error: ")
+    assert message in errors[0]
+    assert result.stdout == ""
+    assert files(plan_folder) == before
+
+
+def test_maps_that_are_none(runner: CliRunner, plan_folder: Path) -> None:
+    for name in ("none.zarr", "notes.txt"):
+        result = runner.invoke(app, ["plan", name, *ENDS, "-o", "r.csv"])
+        assert result.exit_code == 2
+        assert name in result.stderr
+    assert files(plan_folder) == {"map.zarr", "notes.txt"}
