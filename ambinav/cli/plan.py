@@ -200,6 +200,11 @@ def plan(
         above_zero(comfort, "--comfort", "0.5")
         not_negative(clearance_weight, "--clearance-weight", "1", "a number")
         if pareto:
+            if picture is not None or shortest:
+                raise InputError(
+                    "--pareto draws its own pictures, from the shortest route on; leave "
+                    f"{'--shortest' if picture is None else '--picture'} out."
+                )
             check_writable(output)
         else:
             _check_suffix(output, "--output", ROUTE_FILES)

@@ -130,6 +130,7 @@ def plan_front(
         seconds=asked.seconds,
         iterations=asked.iterations,
         seed=asked.seed,
+        improved=asked.improved,
     )
     routes = {f"weight {point.weight:g}": point.route for point in front.points}
     with replacing(output) as folder:

@@ -189,9 +189,12 @@ def _with_quarter_turns(best, side, d, theta, e, psi, f, chi, phi):
 def _shorter(best, length, word, side, flip, t, u, v):
     """The better of two words.
 
-    Of equally long ones the one that begins forwards: L+R-L+ and R-L+R- both have the length
-    phi, and rounding should not choose between them.
+    L+R-L+ and R-L+R- both have the length phi, and rounding should not choose between them. Of
+    equally long words the one that begins to the left is taken, then the one that begins
+    forwards, so that the way back is the same curve.
     """
-    if length < best[0] - TIE or (length < best[0] + TIE and flip > best[3]):
+    if length < best[0] - TIE:
+        return length, word, side, flip, t, u, v
+    if length < best[0] + TIE and (side > best[2] or (side == best[2] and flip > best[3])):
         return length, word, side, flip, t, u, v
     return best

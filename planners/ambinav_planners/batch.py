@@ -28,6 +28,8 @@ def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Bu
             setup = prepare(problem)
             planner = make(setup.si)
             planner.setNumSamples(samples)
+            # It would go on sampling by itself, and the number of samples would mean nothing.
+            planner.setExtendedFMT(False)
             setup.simple.setPlanner(planner)
             setup.simple.solve(ob.PlannerTerminationCondition(lambda: watch.over))
             poses = found_poses(setup)

@@ -82,7 +82,7 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
     return Found(
         poses,
         ((time.perf_counter() - started, cost),),
-        found.way.labels,
+        len(graph.poses) - 2,
         found.covariances,
         finished=True,
     )

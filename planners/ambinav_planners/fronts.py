@@ -5,17 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+import numpy as np
+
 from ambinav.errors import InputError
+from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
+from ambinav.routes.route import Route
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.planning import NotFoundError, RoutePlanner, finish, not_found
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import cheapest_on, check_reachable, lattice_of
-from ambinav_planners.registry import Budget, Found, check_suits, planner
+from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
 from ambinav_planners.seeded import call_seeded
 
 WEIGHTS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
 """Weights of a front if none are given."""
+
+# A route of another weight is taken if it is cheaper by more than this share: above rounding.
+CLEARLY = 1e-9
 
 
 def pareto(
@@ -28,11 +35,14 @@ def pareto(
     seconds: float = 1.0,
     iterations: int | None = None,
     seed: int | None = None,
+    improved: bool = True,
 ) -> ParetoFront:
     """The cheapest route for each weight.
 
     With the planners reference and prmstar all weights are searched on one graph, so that the
-    routes differ by their weight alone. Other planners plan anew for every weight.
+    routes differ by their weight alone. Other planners plan anew for every weight. A route found
+    for one weight that is cheaper at another than the route found for that is taken there too, so
+    that length does not fall and exposure does not rise with the weight.
 
     Args:
         robot: The robot and what a metre costs.
@@ -43,6 +53,7 @@ def pareto(
         seconds: Time for the graph, or for each weight.
         iterations: As in `RoutePlanner.plan`.
         seed: As in `RoutePlanner.plan`.
+        improved: As in `RoutePlanner.plan`.
 
     Raises:
         InputError: fewer than two weights, or what `RoutePlanner.plan` refuses.
@@ -51,40 +62,68 @@ def pareto(
     if len(ordered) < 2:
         raise InputError(f"weights are {list(weights)}; a front needs at least two different ones.")
     chosen = planner(planner_name)
-    if planner_name not in ("reference", "prmstar"):
-        return ParetoFront(
-            tuple(
-                ParetoPoint(
-                    weight,
-                    robot.plan(
-                        start,
-                        goal,
-                        planner_name=planner_name,
-                        weight=weight,
-                        seconds=seconds,
-                        iterations=iterations,
-                        seed=seed,
-                    ),
-                )
-                for weight in ordered
-            )
-        )
     budget = Budget(seconds, iterations, seed)
     problems = [robot.problem(start, goal, weight) for weight in ordered]
     check_suits(chosen, problems[0])
-    graph = _graph(planner_name, problems[0], budget)
-    points = []
-    for problem in problems:
-        started = time.perf_counter()
-        poses = cheapest_on(graph, problem)
-        if poses is None:
-            check_reachable(problem)
-            raise NotFoundError(not_found(chosen, problem, budget))
-        cost = problem.service.route_cost(poses, problem.steering)
-        took = time.perf_counter() - started
-        found = Found(poses, ((took, cost),), seconds=took)
-        points.append(ParetoPoint(problem.service.weight, finish(chosen, problem, found, seed)))
-    return ParetoFront(tuple(points))
+    if planner_name in ("reference", "prmstar"):
+        graph = _graph(planner_name, problems[0], budget)
+        routes = [_cheapest_route(graph, problem, chosen, budget, improved) for problem in problems]
+    else:
+        routes = [
+            robot.plan(
+                start,
+                goal,
+                planner_name=planner_name,
+                weight=weight,
+                seconds=seconds,
+                iterations=iterations,
+                seed=seed,
+                improved=improved,
+            )
+            for weight in ordered
+        ]
+    return ParetoFront(
+        tuple(
+            ParetoPoint(problem.service.weight, _cheapest_of(routes, own, problem))
+            for own, problem in zip(routes, problems, strict=True)
+        )
+    )
+
+
+def _cheapest_route(
+    graph: MotionGraph, problem: Problem, chosen: Planner, budget: Budget, improved: bool
+) -> Route:
+    """The cheapest route over a graph between its last two nodes."""
+    started = time.perf_counter()
+    poses = cheapest_on(graph, problem)
+    if poses is None:
+        check_reachable(problem)
+        raise NotFoundError(not_found(chosen, problem, budget))
+    cost = problem.service.route_cost(poses, problem.steering)
+    took = time.perf_counter() - started
+    found = Found(poses, ((took, cost),), seconds=took)
+    return finish(chosen, problem, found, budget.seed, improved=improved)
+
+
+def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
+    """The route that is cheapest at a problem's weight; its own if none is clearly cheaper."""
+    costs = [problem.service.route_cost(route.poses, problem.steering) for route in routes]
+    best = int(np.argmin(costs))
+    if not costs[best] < own.cost * (1.0 - CLEARLY):
+        return own
+    other = routes[best]
+    return evaluate_route(
+        problem.service,
+        other.poses,
+        problem.steering,
+        planner=other.planner,
+        seed=other.seed,
+        seconds=own.seconds,
+        first_seconds=own.first_seconds,
+        iterations=own.iterations,
+        curve=(*own.curve, (own.seconds, costs[best])),
+        covariances=other.covariances,
+    )
 
 
 def _graph(name: str, problem: Problem, budget: Budget) -> MotionGraph:

@@ -55,14 +55,13 @@ class MotionGraph:
         Args:
             poses: Shape (N, 3); each must be free.
             pairs: Nodes to join, shape (P, 2), no pair twice in any order. They are joined both
-                ways where the way back is the same; where it is not (curves, maps with headings
-                in r2) each way is checked and measured apart. With Reeds-Shepp it is as long, but
-                of two shortest curves there and back may take one each.
+                ways where the way back is the same; where it is not (cars that only drive
+                forwards, maps with headings in r2) each way is checked and measured apart.
             service: What a metre costs.
             checker: Where the robot fits and how it moves.
         """
         steering = checker.steering
-        one_way = steering.turns or (steering.space == "r2" and service.has_headings)
+        one_way = steering.space == "dubins" or (steering.space == "r2" and service.has_headings)
         if one_way:
             pairs = np.concatenate([pairs, pairs[:, ::-1]])
         pairs = pairs[checker.motions_free(poses[pairs[:, 0]], poses[pairs[:, 1]])]

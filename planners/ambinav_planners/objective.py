@@ -36,9 +36,8 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
             turning radius.
 
     Raises:
-        InputError: a weight below 0 or not a number, a space that ambiguity cannot be read in, a
-            steering that does not suit it, or a planar space asked for a symmetric cost of a map
-            with headings (see `symmetric`).
+        InputError: a weight below 0 or not a number, a space that ambiguity cannot be read in, or
+            a steering that does not suit it.
 
     Attributes:
         service: What a metre costs.

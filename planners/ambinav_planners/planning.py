@@ -152,6 +152,11 @@ class RoutePlanner:
         if found.poses is None:
             check_reachable(problem)
             raise NotFoundError(not_found(chosen, problem, budget))
+        if not is_free(found.poses, problem):
+            raise NotFoundError(
+                f"planner {chosen.name!r} found only a way that touches a wall; give it more time, "
+                "or another planner."
+            )
         return finish(chosen, problem, found, seed, improved=improved)
 
 
@@ -252,11 +257,23 @@ def _share(budget: Budget, improved: bool) -> Budget:
     return replace(budget, seconds=budget.seconds - kept)
 
 
+def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
+    """Whether every motion of a way is free.
+
+    A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
+    be called blocked one way and free the other; where the way back is the same, either will do.
+    """
+    checker = problem.checker
+    free = checker.motions_free(poses[:-1], poses[1:])
+    if problem.steering.space != "dubins":
+        free |= checker.motions_free(poses[1:], poses[:-1])
+    return bool(checker.poses_free(poses[:1])[0] and free.all())
+
+
 def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
     """The improved way, unless improving it breaks the limit on bad metres in a row.
 
-    OMPL may have checked a motion the other way round only, and a polygon that turns within a
-    millimetre of a wall is not always called free both ways: such a way is left as it is.
+    A way that is called free in the other direction only (see `is_free`) is left as it is.
     """
     if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
         return poses

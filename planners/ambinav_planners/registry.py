@@ -177,8 +177,7 @@ def check_suits(chosen: Planner, problem: Problem) -> None:
     if problem.limit is not None and not chosen.keeps_limit:
         able = ", ".join(sorted(p.name for p in planners().values() if p.keeps_limit))
         raise InputError(
-            f"planner {chosen.name!r} looks at one motion at a time and cannot keep a limit on "
-            f"metres in a row; give one of {able}."
+            f"planner {chosen.name!r} cannot keep a limit on metres in a row; give one of {able}."
         )
     if space == "r2" and problem.service.has_headings and not chosen.one_way:
         able = ", ".join(sorted(p.name for p in planners().values() if p.one_way))

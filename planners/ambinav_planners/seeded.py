@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from ambinav.errors import InputError
+
 T = TypeVar("T")
 
 
@@ -34,7 +36,8 @@ def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -
         arguments: Its arguments; they and its result are pickled for a fresh process.
 
     Raises:
-        RuntimeError: the fresh process failed; the message holds what it said.
+        InputError: what the function raised so, here or there.
+        RuntimeError: the fresh process failed otherwise; the message holds what it said.
     """
     if seed is None or (_process.seed is None and _take_seed(seed)):
         return function(*arguments)
@@ -50,8 +53,11 @@ def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -
             raise
     if run.returncode != 0:
         raise RuntimeError(f"planning in a fresh process failed: {said.decode(errors='replace')}")
-    result: T = pickle.loads(answer)
-    return result
+    refused, result = pickle.loads(answer)
+    if refused is not None:
+        raise refused
+    value: T = result
+    return value
 
 
 def _take_seed(seed: int) -> bool:
@@ -70,7 +76,13 @@ def _main() -> None:
     seed, function, arguments = pickle.load(sys.stdin.buffer)
     if not _take_seed(seed):
         raise SystemExit("OMPL had drawn random numbers before it could be seeded")
-    sys.stdout.buffer.write(pickle.dumps(function(*arguments)))
+    refused: InputError | None = None
+    result = None
+    try:
+        result = function(*arguments)
+    except InputError as error:
+        refused = error
+    sys.stdout.buffer.write(pickle.dumps((refused, result)))
 
 
 if __name__ == "__main__":

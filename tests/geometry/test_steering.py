@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -126,3 +127,15 @@ def test_bad_poses() -> None:
         steering.dense(ROUTE, 0.0)
     with pytest.raises(an.InputError, match="as many"):
         steering.lengths(ROUTE, ROUTE[:-1])
+
+
+def test_the_way_back_of_reeds_and_shepp_is_the_same_curve() -> None:
+    # L+R-L+ and R-L+R- are equally long; planners count on getting the same one both ways.
+    rng = np.random.default_rng(3)
+    car = Steering("reeds-shepp", 0.5)
+    for _ in range(500):
+        ends = rng.uniform((-0.5, -0.5, -math.pi), (0.5, 0.5, math.pi), size=(2, 3))
+        there, back = (
+            shapely.LineString(car.dense(way, 0.01)[0][:, :2]) for way in (ends, ends[::-1])
+        )
+        assert shapely.hausdorff_distance(there, back) < 0.02
