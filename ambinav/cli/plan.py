@@ -18,6 +18,18 @@ PICTURES = (".png", ".pdf", ".svg")
 
 Point = tuple[float, float]
 
+UNHEARD = {
+    "--max-std": "is for the planners belief and belief-roadmap",
+    "--clearance-weight": "is no part of what the belief planners minimise",
+    "--weights": "is for --pareto",
+    "--headings": "is for spaces other than r2, where the robot faces along its way",
+    "--radius": "is for a disc, and --footprint gives another outline",
+    "--turning-radius": "is for the spaces dubins and reeds-shepp",
+    "--shortest": "is what --pareto begins with",
+    "--picture": "is what --pareto draws by itself",
+}
+"""Why an option means nothing beside the others."""
+
 
 def _list_planners(wanted: bool) -> None:
     if not wanted:
@@ -103,16 +115,18 @@ def plan(
         typer.Option("--turning-radius", metavar="M", help="For dubins and reeds-shepp, metres."),
     ] = 0.0,
     headings: Annotated[
-        Point,
+        Point | None,
         typer.Option(
             "--headings",
             metavar="A B",
             help="At start and goal, radians, for spaces other than r2.",
+            show_default="0 0",
         ),
-    ] = (0.0, 0.0),
+    ] = None,
     radius: Annotated[
-        float, typer.Option("--radius", metavar="M", help="Of a round robot, metres.")
-    ] = 0.2,
+        float | None,
+        typer.Option("--radius", metavar="M", help="Of a round robot, metres.", show_default="0.2"),
+    ] = None,
     footprint: Annotated[
         str | None,
         typer.Option(
@@ -195,16 +209,26 @@ def plan(
     """
     with reporting():
         _need_ompl()
-        above_zero(time, "--time", "1", "seconds")
+        if not (math.isinf(time) and time > 0.0 and iterations is not None):
+            above_zero(time, "--time", "1", "seconds")
+        if space in ("dubins", "reeds-shepp"):
+            above_zero(turning_radius, "--turning-radius", "0.5")
+        _check_together(
+            {
+                "--max-std": max_std is None or planner.startswith("belief"),
+                "--clearance-weight": clearance_weight == 0.0 or not planner.startswith("belief"),
+                "--weights": weights is None or pareto,
+                "--headings": headings is None or space != "r2",
+                "--radius": radius is None or footprint is None,
+                "--turning-radius": turning_radius == 0.0 or space in ("dubins", "reeds-shepp"),
+                "--shortest": not (shortest and pareto),
+                "--picture": picture is None or not pareto,
+            }
+        )
         not_negative(weight, "--weight", "5", "a number")
         above_zero(comfort, "--comfort", "0.5")
         not_negative(clearance_weight, "--clearance-weight", "1", "a number")
         if pareto:
-            if picture is not None or shortest:
-                raise InputError(
-                    "--pareto draws its own pictures, from the shortest route on; leave "
-                    f"{'--shortest' if picture is None else '--picture'} out."
-                )
             check_writable(output)
         else:
             _check_suffix(output, "--output", ROUTE_FILES)
@@ -217,6 +241,7 @@ def plan(
         from ambinav.service.service import AmbiguityService
         from ambinav_planners import NoWayError, RoutePlanner
         from ambinav_planners.belief_search import BeliefModel
+        from ambinav_planners.planning import DEFAULT_RADIUS
 
         service = AmbiguityService(
             AmbiguityMap.open(map_file),
@@ -228,7 +253,7 @@ def plan(
         robot = RoutePlanner(
             service,
             footprint=(
-                Footprint.disc(radius)
+                Footprint.disc(DEFAULT_RADIUS if radius is None else radius)
                 if footprint is None
                 else Footprint.polygon(_corners(footprint))
             ),
@@ -239,7 +264,8 @@ def plan(
             bad_level=bad_level,
             belief=BeliefModel(max_std=math.inf if max_std is None else max_std),
         )
-        here, there = (*start, headings[0]), (*goal, headings[1])
+        first, last = (0.0, 0.0) if headings is None else headings
+        here, there = (*start, first), (*goal, last)
         asked = Asked(planner, time, iterations, seed, improve)
         try:
             if pareto:
@@ -249,11 +275,22 @@ def plan(
                 if shortest:
                     routes["shortest"] = asked.plan(robot, here, there, 0.0)
                 write_routes(robot, routes, output, picture)
-                show_routes(routes, as_json, output, picture)
+                show_routes(routes, asked, as_json, output, picture)
         except NoWayError as error:
             where = picture or output.with_name(f"{output.stem}-no-way.png")
             draw_no_way(robot, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
+
+
+def _check_together(fits: dict[str, bool]) -> None:
+    """Refuse options that would be left unheard.
+
+    Raises:
+        InputError: there is one.
+    """
+    for option, fit in fits.items():
+        if not fit:
+            raise InputError(f"{option} {UNHEARD[option]}; leave it out.")
 
 
 def _check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:

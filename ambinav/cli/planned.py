@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
-    from ambinav_planners.reference import NoWayError
+    from ambinav_planners.reachability import NoWayError
 
 Pose = tuple[float, float, float]
 
@@ -73,11 +73,14 @@ def draw_no_way(
     from ambinav.routes.components import plot_components
 
     with replacing(picture) as scratch:
-        save_figure(plot_components(robot.service.map, error.labels, start, goal), scratch)
+        figure = plot_components(
+            robot.service.map, error.labels, start, goal, error.start_label, error.goal_label
+        )
+        save_figure(figure, scratch)
 
 
 def show_routes(
-    routes: Mapping[str, Route], as_json: bool, output: Path, picture: Path | None
+    routes: Mapping[str, Route], asked: Asked, as_json: bool, output: Path, picture: Path | None
 ) -> None:
     """Print the routes' figures as a table, or as JSON."""
     if as_json:
@@ -88,6 +91,13 @@ def show_routes(
         typer.echo(json.dumps(told, indent=2))
         return
     _print_table(routes)
+    for route in routes.values():
+        if route.seed is not None and (route.iterations or 0) < (asked.iterations or 0):
+            typer.echo(
+                f"\nThe time ended after {route.iterations} of {asked.iterations} iterations: "
+                "with this seed the route may differ next time."
+            )
+            break
     typer.echo(f"\nroute: {output}")
     if picture is not None:
         typer.echo(f"picture: {picture}")
@@ -132,13 +142,13 @@ def plan_front(
         seed=asked.seed,
         improved=asked.improved,
     )
-    routes = {f"weight {point.weight:g}": point.route for point in front.points}
+    routes = {_name(point.weight): point.route for point in front.points}
     with replacing(output) as folder:
         folder.mkdir()
         front.save(folder / "pareto.csv")
         front.save(folder / "pareto.json")
         for point in front.points:
-            save_route(point.route, folder / f"route-{point.weight:g}.csv")
+            save_route(point.route, folder / f"route-{point.weight:.12g}.csv")
         save_figure(plot_pareto(front), folder / "pareto.png")
         save_figure(plot_routes(robot.service.map, _different_ways(front)), folder / "routes.png")
     if as_json:
@@ -158,9 +168,13 @@ def _different_ways(front: ParetoFront) -> dict[str, Route]:
         route = point.route
         line = shapely.LineString(route.steering.dense(route.poses, SAME_WAY / 2)[0][:, :2])
         if all(shapely.hausdorff_distance(line, other) > SAME_WAY for other in lines):
-            ways[f"weight {point.weight:g}"] = route
+            ways[_name(point.weight)] = route
             lines.append(line)
     return ways
+
+
+def _name(weight: float) -> str:
+    return f"weight {weight:.12g}"
 
 
 def _weights(text: str) -> list[float]:

@@ -56,6 +56,7 @@ class CollisionChecker:
         spacing: Edge of a forbidden cell, metres.
 
     Attributes:
+        has_forbidden: Whether any cell is forbidden.
         arrays: What the kernels `motion_free` and `pose_free` take last.
 
     Raises:
@@ -73,6 +74,7 @@ class CollisionChecker:
         spacing: float = 1.0,
     ) -> None:
         self.environment = environment
+        self.has_forbidden = forbidden is not None and bool(forbidden.any())
         self.footprint = footprint
         self.steering = steering
         self.must_turn = steering.kind == FACING and not footprint.is_disc

@@ -92,7 +92,7 @@ class Environment:
     @cached_property
     def triangulation(self) -> Triangulation:
         """The free space as triangles, for rays and for what is free."""
-        return Triangulation.build(self.free, self.segments.xy[self._thin])
+        return Triangulation.build(self.free, self.thin_walls)
 
     @cached_property
     def border_segment(self) -> NDArray[np.int32]:
@@ -117,6 +117,11 @@ class Environment:
         lines = np.where((along < 0.0)[:, None], lines[:, [2, 3, 0, 1]], lines)
         parallel = np.abs(along) > np.abs(across)
         return np.ascontiguousarray(np.where(parallel[:, None], lines, border))
+
+    @property
+    def thin_walls(self) -> NDArray[np.float64]:
+        """End points of the walls without thickness inside the free space, (K, 4), metres."""
+        return self.segments.xy[self._thin]
 
     @cached_property
     def _thin(self) -> NDArray[np.bool_]:

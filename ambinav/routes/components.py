@@ -30,6 +30,8 @@ def plot_components(
     labels: NDArray[np.integer],
     start: Sequence[float],
     goal: Sequence[float],
+    start_label: int,
+    goal_label: int,
     ax: Axes | None = None,
     *,
     title: str | None = None,
@@ -42,28 +44,26 @@ def plot_components(
             belongs to, -1 where the robot does not fit.
         start: x, y in metres; more is not looked at.
         goal: As `start`.
+        start_label: Label of the part that the start lies in; if no cell has it, the start
+            reaches none.
+        goal_label: Label of the part that the goal lies in.
         ax: Where to draw; None makes a figure of its own.
         title: None says that there is no way.
 
     Raises:
-        InputError: the labels have another shape than the lattice, or there are none.
+        InputError: the labels have another shape than the lattice.
     """
     free = amap.dataset["free"].values
     if labels.shape != free.shape:
         raise InputError(
             f"labels has the shape {labels.shape}; the map's lattice has {free.shape}."
         )
-    if not (labels >= 0).any():
-        raise InputError("labels holds no cell in which the robot fits; nothing can be drawn.")
-    first, last = _label_at(amap, labels, start), _label_at(amap, labels, goal)
+    fits = labels >= 0
+    from_start, from_goal = fits & (labels == start_label), fits & (labels == goal_label)
     entries = [
-        (FROM_START, "reachable from the start", labels == first),
-        (FROM_GOAL, "reachable from the goal", labels == last),
-        (
-            FROM_NEITHER,
-            "reachable from neither",
-            (labels >= 0) & (labels != first) & (labels != last),
-        ),
+        (FROM_START, "reachable from the start", from_start),
+        (FROM_GOAL, "reachable from the goal", from_goal),
+        (FROM_NEITHER, "reachable from neither", fits & ~from_start & ~from_goal),
         (NO_ROOM, "no room for the robot", free & (labels < 0)),
     ]
     picture = np.empty((*free.shape, 4))
@@ -84,11 +84,3 @@ def plot_components(
         ],
     )
     return root_figure(axes)
-
-
-def _label_at(amap: AmbiguityMap, labels: NDArray[np.integer], place: Sequence[float]) -> int:
-    """Label of the nearest cell in which the robot fits."""
-    rows, columns = np.nonzero(labels >= 0)
-    x, y = amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]
-    nearest = int(np.argmin(np.hypot(x - place[0], y - place[1])))
-    return int(labels[rows[nearest], columns[nearest]])

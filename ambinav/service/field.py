@@ -259,6 +259,9 @@ def _slopes(x, y, theta, values, free, left, low, inverse, out):
         w = theta[i] * per_turn
         c, _ = corner(u, columns)
         r, _ = corner(v, rows)
-        across = value_at(c + 1.0, v, w, values) - value_at(float(c), v, w, values)
-        along = value_at(u, r + 1.0, w, values) - value_at(u, float(r), w, values)
+        across = along = 0.0  # beyond the outermost cells' centres the field stays as it is
+        if 0.0 <= u <= columns - 1.0:
+            across = value_at(c + 1.0, v, w, values) - value_at(float(c), v, w, values)
+        if 0.0 <= v <= rows - 1.0:
+            along = value_at(u, r + 1.0, w, values) - value_at(u, float(r), w, values)
         out[i, 0], out[i, 1] = across * inverse, along * inverse

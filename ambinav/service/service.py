@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -84,18 +85,13 @@ class AmbiguityService:
             )
         with np.errstate(over="ignore"):  # said below
             graded = self.ambiguity.values ** np.float32(power)
-            density = np.float32(1.0) + np.float32(weight) * graded
-            if clearance_weight > 0.0:
-                clearance = Field.of(amap, "clearance").values
-                near = np.maximum(np.float32(0.0), 1.0 - clearance / np.float32(comfort))
-                density = density + np.float32(clearance_weight) * near
-        if not np.isfinite(density).all():
-            raise InputError(
-                f"weight {weight:g} and power {power:g} make costs of layer {layer!r} that are "
-                "not finite; give smaller ones."
-            )
         self.graded = replace(self.ambiguity, values=graded)
-        self.density = replace(self.ambiguity, values=density)
+        self._plain = np.ones_like(graded)
+        if clearance_weight > 0.0:
+            clearance = Field.of(amap, "clearance").values
+            near = np.maximum(np.float32(0.0), 1.0 - clearance / np.float32(comfort))
+            self._plain += np.float32(clearance_weight) * near
+        self.density = self._weighed()
 
     def __repr__(self) -> str:
         """Layer, weight and map."""
@@ -198,14 +194,23 @@ class AmbiguityService:
         """
         if weight == self.weight:
             return self
-        return AmbiguityService(
-            self.map,
-            self.layer,
-            weight,
-            power=self.power,
-            clearance_weight=self.clearance_weight,
-            comfort=self.comfort,
-        )
+        if not (math.isfinite(weight) and weight >= 0.0):
+            raise InputError(f"weight is {weight}; give a number of at least 0.")
+        other = copy(self)
+        other.weight = float(weight)
+        other.density = other._weighed()
+        return other
+
+    def _weighed(self) -> Field:
+        """Cost of a metre at the service's weight."""
+        with np.errstate(over="ignore", invalid="ignore"):  # said below
+            density = self._plain + np.float32(self.weight) * self.graded.values
+        if not np.isfinite(density).all():
+            raise InputError(
+                f"weight {self.weight:g} and power {self.power:g} make costs of layer "
+                f"{self.layer!r} that are not finite; give smaller ones."
+            )
+        return replace(self.ambiguity, values=density)
 
     def motion_costs(self, a: Floats, b: Floats, steering: Steering) -> Floats:
         """Cost of each motion from a pose of a to that of b, shape (N, 3) each; shape (N,)."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ambinav_planners.fronts import pareto
     from ambinav_planners.objective import AmbiguityObjective
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
-    from ambinav_planners.reference import NoWayError
+    from ambinav_planners.reachability import NoWayError
     from ambinav_planners.registry import Planner, planners
     from ambinav_planners.roadmap import Roadmap
     from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
@@ -37,7 +37,7 @@ _HOME = {
     "AmbiguityObjective": "objective",
     "FootprintMotionValidator": "validator",
     "FootprintStateValidity": "validator",
-    "NoWayError": "reference",
+    "NoWayError": "reachability",
     "NotFoundError": "planning",
     "Planner": "registry",
     "Roadmap": "roadmap",

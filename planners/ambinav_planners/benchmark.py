@@ -11,7 +11,7 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav_planners.ompl_setup import prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import planner
+from ambinav_planners.registry import Budget, check_suits, planner
 
 MEMORY = 4096.0
 """Megabytes after which OMPL's benchmark stops a planner."""
@@ -30,7 +30,8 @@ def write_benchmark(
     """Run OMPL's `Benchmark` on a problem and write its log.
 
     Every run starts anew and is not simplified, since OMPL's simplification straightens detours
-    away and with them what the objective was for.
+    away and with them what the objective was for. OMPL's benchmark keeps the setup for good, which
+    nanobind notes when the process ends.
 
     Args:
         problem: What is to be planned.
@@ -43,7 +44,8 @@ def write_benchmark(
         database: SQLite file for Planner Arena to make from the log, or None.
 
     Raises:
-        InputError: a planner that OMPL's benchmark cannot run, no planner, or no run.
+        InputError: a planner that OMPL's benchmark cannot run, or that does not suit the problem,
+            no planner, or no run.
     """
     if not names or runs < 1 or not seconds > 0.0:
         raise InputError(
@@ -54,6 +56,7 @@ def write_benchmark(
     benchmark = ot.Benchmark(setup.simple, name)
     for each in names:
         chosen = planner(each)
+        check_suits(chosen, problem, Budget(seconds))
         if chosen.make is None:
             raise InputError(
                 f"planner {each!r} cannot run in OMPL's benchmark, since OMPL does not solve with "

@@ -12,9 +12,11 @@ from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
 from ambinav_planners.graph import MotionGraph
+from ambinav_planners.lattice_graph import lattice_of
 from ambinav_planners.planning import NotFoundError, RoutePlanner, finish, not_found
 from ambinav_planners.problem import Problem
-from ambinav_planners.reference import cheapest_on, check_reachable, lattice_of
+from ambinav_planners.reachability import check_reachable
+from ambinav_planners.reference import cheapest_on
 from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
 from ambinav_planners.seeded import call_seeded
 
@@ -64,7 +66,7 @@ def pareto(
     chosen = planner(planner_name)
     budget = Budget(seconds, iterations, seed)
     problems = [robot.problem(start, goal, weight) for weight in ordered]
-    check_suits(chosen, problems[0])
+    check_suits(chosen, problems[0], budget)
     if planner_name in ("reference", "prmstar"):
         graph = _graph(planner_name, problems[0], budget)
         routes = [_cheapest_route(graph, problem, chosen, budget, improved) for problem in problems]
@@ -84,7 +86,10 @@ def pareto(
         ]
     return ParetoFront(
         tuple(
-            ParetoPoint(problem.service.weight, _cheapest_of(routes, own, problem))
+            ParetoPoint(
+                problem.service.weight,
+                _cheapest_of(routes, own, problem) if chosen.minimises_cost else own,
+            )
             for own, problem in zip(routes, problems, strict=True)
         )
     )

@@ -68,7 +68,7 @@ class MotionGraph:
         a, b = poses[pairs[:, 0]], poses[pairs[:, 1]]
         length = steering.lengths(a, b)
         exposure = service.motion_exposures(a, b, steering)
-        fixed = service.motion_costs(a, b, steering) - service.weight * exposure
+        fixed = service.with_weight(0.0).motion_costs(a, b, steering)
         source, target = pairs.T
         if not one_way:
             source, target = np.concatenate([source, target]), np.concatenate([target, source])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,4 +121,27 @@ def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
         length=merge("length"),
         fixed=merge("fixed"),
         exposure=merge("exposure"),
+    )
+
+
+# A lattice serves every start, goal and weight; it lives as long as its checker.
+_lattices: WeakKeyDictionary[CollisionChecker, list[LatticeGraph]] = WeakKeyDictionary()
+
+
+def lattice_of(service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
+    """The lattice graph of a service and checker, built once for all weights."""
+    kept = _lattices.setdefault(checker, [])
+    for lattice in kept:
+        if _same_but_weight(lattice.service, service):
+            return lattice
+    kept.append(LatticeGraph.build(service, checker))
+    return kept[-1]
+
+
+def _same_but_weight(a: AmbiguityService, b: AmbiguityService) -> bool:
+    return a.map is b.map and (a.layer, a.power, a.clearance_weight, a.comfort) == (
+        b.layer,
+        b.power,
+        b.clearance_weight,
+        b.comfort,
     )

@@ -22,7 +22,7 @@ from ambinav_planners.belief_search import BeliefModel
 from ambinav_planners.improve import improve
 from ambinav_planners.limit import BadStretchLimit
 from ambinav_planners.problem import Problem, check_pose, make_checker
-from ambinav_planners.reference import check_reachable
+from ambinav_planners.reachability import check_reachable
 from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner, planners
 from ambinav_planners.seeded import call_seeded
 from ambinav_planners.warmth import warm_up
@@ -31,6 +31,11 @@ DEFAULT_PLANNER = "prmstar"
 DEFAULT_RADIUS = 0.2
 # Part of the time that is kept for improving what the planner found, and at most so many seconds.
 IMPROVING_SHARE, IMPROVING_MOST = 0.15, 0.3
+# A goal this near to the start, metres and radians, has been reached.
+SAME_PLACE = 1e-6
+# The largest turning radius, as so many times the building's larger side: above it a car cannot
+# turn anywhere.
+LARGEST_RADIUS = 10.0
 
 
 class NotFoundError(InputError):
@@ -87,6 +92,13 @@ class RoutePlanner:
         )
         outline = footprint if isinstance(footprint, Footprint) else Footprint.disc(footprint)
         self.limit = None if max_bad_metres is None else BadStretchLimit(max_bad_metres, bad_level)
+        xmin, ymin, xmax, ymax = self.service.map.bounds
+        largest = LARGEST_RADIUS * max(xmax - xmin, ymax - ymin)
+        if turning_radius > largest:
+            raise InputError(
+                f"turning_radius is {turning_radius:g} m, far more than the building; give less "
+                f"than {largest:.0f}."
+            )
         self.checker = make_checker(
             self.service, outline, Steering(space, turning_radius), avoid_open=avoid_open
         )
@@ -146,7 +158,10 @@ class RoutePlanner:
         chosen = planner(planner_name)
         budget = Budget(seconds, iterations, seed)
         problem = self.problem(start, goal, weight)
-        check_suits(chosen, problem)
+        check_suits(chosen, problem, budget)
+        if _is_there(problem):
+            found = Found(problem.ends, iterations=0, finished=True)
+            return finish(chosen, problem, found, seed)
         seeded = seed if chosen.uses_ompl else None
         found = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
         if found.poses is None:
@@ -257,6 +272,13 @@ def _share(budget: Budget, improved: bool) -> Budget:
     return replace(budget, seconds=budget.seconds - kept)
 
 
+def _is_there(problem: Problem) -> bool:
+    """Whether the start is the goal, to what OMPL takes for the goal."""
+    (x0, y0, t0), (x1, y1, t1) = problem.start, problem.goal
+    turn = 0.0 if problem.steering.space == "r2" else math.remainder(t1 - t0, 2.0 * math.pi)
+    return math.hypot(x1 - x0, y1 - y0) + abs(turn) <= SAME_PLACE
+
+
 def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
     """Whether every motion of a way is free.
 
@@ -289,13 +311,21 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
     if problem.limit is not None:
         return (
             f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
-            f"row above level {problem.limit.level:g}; allow more, or a higher level."
+            f"row above level {problem.limit.level:g}; allow more or a higher level, or see "
+            "without the limit whether there is a way at all."
         )
     belief = problem.belief
     if chosen.name.startswith("belief") and math.isfinite(min(belief.max_std, belief.max_goal_std)):
         return (
             f"planner {chosen.name!r} found no way that keeps the standard deviation up to "
-            f"{belief.max_std:g} m, and up to {belief.max_goal_std:g} m at the goal; allow more."
+            f"{belief.max_std:g} m, and up to {belief.max_goal_std:g} m at the goal; allow more, "
+            "or see without the limits whether there is a way at all."
+        )
+    if not chosen.iteration or not chosen.uses_ompl:
+        return (
+            f"planner {chosen.name!r} found no way over the map's lattice of "
+            f"{problem.service.map.spacing:g} m; where a channel is narrower than that, another "
+            "planner, such as prmstar, may get through."
         )
     spent = f"{budget.seconds:g} s"
     if budget.iterations is not None:

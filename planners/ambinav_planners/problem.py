@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
@@ -109,12 +110,32 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
             "matters."
         )
     x, y, theta = (*values, 0.0)[:3]
-    reason = checker.why_not(x, y, theta)
+    reason = checker.why_not(x, y, theta) or _beyond_a_wall(x, y, theta, checker)
     if reason is None:
         return x, y, theta
     nearest = checker.nearest_free(x, y, theta)
     where = "no place in this building is wide enough for the robot"
     if nearest is not None:
-        place = f"({nearest[0]:.2f}, {nearest[1]:.2f})"
-        where = f"the nearest free place is {place}, {nearest[3]:.2f} m away"
+        where = f"the nearest free place is {_told(nearest, checker)}, {nearest[3]:.2f} m away"
     raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")
+
+
+def _told(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
+    """A place to as many digits as it takes for it to be free when it is typed."""
+    for digits in (2, 3, 4, 6):
+        x, y = round(place[0], digits), round(place[1], digits)
+        if checker.poses_free([[x, y, place[2]]])[0]:
+            return f"({x:.{digits}f}, {y:.{digits}f})"
+    return f"({place[0]!r}, {place[1]!r})"
+
+
+def _beyond_a_wall(x: float, y: float, theta: float, checker: CollisionChecker) -> str | None:
+    """Whether a wall stands between the reference point and a footprint beside it."""
+    footprint = checker.footprint
+    if footprint.is_disc or footprint.shape.covers(shapely.Point(0.0, 0.0)):
+        return None
+    inner = footprint.shape.representative_point()
+    reach, side = math.hypot(inner.x, inner.y), math.atan2(inner.y, inner.x)
+    if checker.environment.cast(x, y, theta + side, reach) < reach:
+        return "such that a wall stands between the reference point and the footprint"
+    return None

@@ -36,13 +36,11 @@ class Budget:
     seed: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a budget that nothing can be done with, or that never ends."""
+        """Refuse a budget that nothing can be done with."""
         if not self.seconds > 0.0:
             raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
         if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
             raise InputError(f"iterations is {self.iterations}; give a whole number from 1 on.")
-        if math.isinf(self.seconds) and self.iterations is None:
-            raise InputError("neither time nor iterations limits the planner; give one of them.")
         if self.seed is not None and not (_is_whole(self.seed) and 0 < self.seed < 2**32):
             raise InputError(f"seed is {self.seed}; give a whole number from 1 to 4294967295.")
 
@@ -87,6 +85,7 @@ class Planner:
         spaces: Kinds of motion that it plans for.
         uses_ompl: Whether OMPL and its random numbers are in it.
         keeps_limit: Whether it can keep a `BadStretchLimit`.
+        minimises_cost: Whether it looks for the least cost, and not for something else.
         make: Makes OMPL's planner, if OMPL itself solves with it, else None.
         one_way: Whether it is right where a motion costs more in one direction than in the other.
     """
@@ -99,6 +98,7 @@ class Planner:
     uses_ompl: bool = True
     keeps_limit: bool = False
     one_way: bool = True
+    minimises_cost: bool = True
     make: Callable[[Any], Any] | None = None
 
 
@@ -126,6 +126,9 @@ REFUSED = {
 
 def register(planner: Planner) -> Planner:
     """Add a planner.
+
+    Seeded plans run in fresh processes, which know the planners of this package only: one from
+    elsewhere that sets `uses_ompl` can be seeded in the first plan of a process alone.
 
     Raises:
         ValueError: the name is taken.
@@ -163,13 +166,15 @@ def planner(name: str) -> Planner:
     raise InputError(f"planner {name!r} is not known; {offer} {names}.")
 
 
-def check_suits(chosen: Planner, problem: Problem) -> None:
-    """Refuse a planner that would solve another problem than this one.
+def check_suits(chosen: Planner, problem: Problem, budget: Budget) -> None:
+    """Refuse a planner that would solve another problem than this one, or would never end.
 
     Raises:
-        InputError: it does not plan in this space, cannot keep the limit, or would be wrong about
-            costs that differ by direction.
+        InputError: nothing limits it, it does not plan in this space, cannot keep the limit, or
+            would be wrong about costs that differ by direction.
     """
+    if chosen.uses_ompl and math.isinf(budget.seconds) and budget.iterations is None:
+        raise InputError("neither time nor iterations limits the planner; give one of them.")
     space = problem.steering.space
     if space not in chosen.spaces:
         able = ", ".join(chosen.spaces)

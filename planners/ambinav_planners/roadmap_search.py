@@ -81,6 +81,7 @@ def search_roadmap(
     weight: float = 50.0,
     measure: str = "trace",
     max_std: float = math.inf,
+    max_goal_std: float = math.inf,
     tolerance: float = 0.0,
     exact: bool = False,
 ) -> BeliefWay | None:
@@ -96,7 +97,8 @@ def search_roadmap(
         covariance: Of the pose at the start, shape (3, 3), may be singular.
         weight: Metres of way that a metre less of deviation at the goal is worth.
         measure: One of MEASURES.
-        max_std: Largest deviation at any node of the way, metres.
+        max_std: Largest deviation at any node of the way, by the measure, metres.
+        max_goal_std: Largest deviation at the goal, by the measure, metres.
         tolerance: A longer way to a node is gone on with only if its variance is lower by more
             than this share. Above 0 the figures of the way are still its own, but a slightly
             better one, or one that keeps to `max_std` by less than that share, may be missed.
@@ -106,7 +108,7 @@ def search_roadmap(
             by the trace: a second, without the guarantee.
 
     Returns:
-        The way, or None if there is none that keeps to `max_std`.
+        The way, or None if there is none that keeps to the limits.
 
     Raises:
         InputError: bad weight, measure, limit, tolerance, covariance or node.
@@ -115,8 +117,9 @@ def search_roadmap(
     for name, value in (("weight", weight), ("tolerance", tolerance)):
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"{name} is {value}; give a number of at least 0.")
-    if not max_std > 0.0:
-        raise InputError(f"max_std is {max_std}; give metres above 0, or inf.")
+    for name, value in (("max_std", max_std), ("max_goal_std", max_goal_std)):
+        if not value > 0.0:
+            raise InputError(f"{name} is {value}; give metres above 0, or inf.")
     first = checked_covariance(covariance)
     graph = roadmap.graph
     start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
@@ -129,7 +132,7 @@ def search_roadmap(
     floor = weight * _least_ending(*turned_round, *blocks, weak, start, goal)
     motions, cost, labels = _search(
         graph.first, graph.target, graph.length, *blocks, first, float(weight), weak, max_std,
-        1.0 + tolerance, exact, ahead, floor, start, goal,
+        max_goal_std,        1.0 + tolerance, exact, ahead, floor, start, goal,
     )  # fmt: skip
     if labels < 0:
         return None
@@ -243,7 +246,8 @@ def _covered(last, before, covariance, found, margin, weak, exact):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _search(
-    first, target, length, carry, noise, seen, covariance, weight, weak, most, margin,
+    first, target, length, carry, noise, seen, covariance, weight, weak, most, most_at_goal,
+    margin,
     exact, ahead, floor, start, goal,
 ):  # fmt: skip
     """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
@@ -272,8 +276,9 @@ def _search(
         before[label], newest[node] = newest[node], label
         taken += 1
         if node == goal:
-            total = gone[label] + weight * _deviation(found[label], weak)
-            if total < best:
+            left = _deviation(found[label], weak)
+            total = gone[label] + weight * left
+            if total < best and left <= most_at_goal:
                 best, best_label = total, label
         for e in range(first[node], first[node + 1]):
             to = target[e]

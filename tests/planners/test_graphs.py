@@ -19,9 +19,8 @@ import ambinav as an
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.graph import MotionGraph
-from ambinav_planners.lattice_graph import STEPS, LatticeGraph
+from ambinav_planners.lattice_graph import STEPS, LatticeGraph, lattice_of
 from ambinav_planners.planning import RoutePlanner
-from ambinav_planners.reference import lattice_of
 from ambinav_planners.registry import Budget
 from ambinav_planners.roadmap import Roadmap, grown_graph
 from tests.planners.conftest import LASER

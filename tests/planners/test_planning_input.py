@@ -69,7 +69,6 @@ def test_unknown_planners(robot: RoutePlanner) -> None:
         ({"seconds": 0.0}, "time is 0 s; give a number above 0"),
         ({"seconds": -1.0}, "time is -1 s"),
         ({"seconds": math.nan}, "time is nan s"),
-        ({"seconds": math.inf}, "neither time nor iterations"),
         ({"seconds": 1.0, "iterations": 0}, "iterations is 0"),
         ({"seconds": 1.0, "iterations": 1.5}, "iterations is 1.5; give a whole number"),
         ({"seconds": 1.0, "seed": 0}, "seed is 0; give a whole number from 1"),
@@ -83,6 +82,13 @@ def test_budgets(robot: RoutePlanner, budget: dict[str, float], message: str) ->
         Budget(**budget)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=re.escape(message)):
         robot.plan(START, GOAL, **budget)  # type: ignore[arg-type]
+
+
+def test_something_must_end_a_planner(robot: RoutePlanner) -> None:
+    with pytest.raises(InputError, match="neither time nor iterations"):
+        robot.plan(START, GOAL, seconds=math.inf)
+    # The reference takes the time that it takes.
+    assert robot.plan(START, (4.0, 3.0), planner_name="reference", seconds=math.inf).length < 1.1
 
 
 @pytest.mark.parametrize("name", ["prmstar", "fmt", "bitstar", "reference"])

@@ -210,8 +210,8 @@ def test_components_have_their_colours(amap):
     labels[(x > 1) & (x < 3) & (y > 1) & (y < 3)] = 4
     labels[(x > 17) & (x < 20) & (y > 1) & (y < 9)] = 0
     labels[(x > 22) & (x < 25) & (y > 1) & (y < 9)] = 7
-    # The start lies a little outside of the cells where the robot fits.
-    figure = plot_components(amap, labels, (0.9, 2.0, 0.3), (18.0, 5.0))
+    # The start lies a little outside of the cells that it reaches.
+    figure = plot_components(amap, labels, (0.9, 2.0, 0.3), (18.0, 5.0), 4, 0)
     assert colour_at(figure, 2.5, 2.5) == byte(FROM_START)
     assert colour_at(figure, 19.0, 3.0) == byte(FROM_GOAL)
     assert colour_at(figure, 24.0, 5.0) == byte(FROM_NEITHER)
@@ -226,10 +226,14 @@ def test_components_have_their_colours(amap):
 
 def test_components_need_the_map_lattice(amap):
     with pytest.raises(InputError, match=r"shape \(2, 2\)"):
-        plot_components(amap, np.zeros((2, 2), dtype=int), (1, 1), (2, 2))
+        plot_components(amap, np.zeros((2, 2), dtype=int), (1, 1), (2, 2), 0, 0)
+
+
+def test_where_no_cell_fits_all_is_drawn_as_no_room(amap):
     nowhere = np.full(amap.dataset["free"].shape, -1)
-    with pytest.raises(InputError, match="no cell in which the robot fits"):
-        plot_components(amap, nowhere, (1, 1), (2, 2))
+    figure = plot_components(amap, nowhere, (1, 1), (2, 2), 3, 5)
+    assert colour_at(figure, 2.5, 2.5) == byte(NO_ROOM)
+    assert texts(figure)[0].startswith("no room for the robot")
 
 
 def test_no_global_drawing_state():
