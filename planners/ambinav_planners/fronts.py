@@ -11,9 +11,10 @@ from ambinav.errors import InputError
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
+from ambinav_planners.finishing import finish, not_found
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.lattice_graph import lattice_of
-from ambinav_planners.planning import NotFoundError, RoutePlanner, finish, not_found
+from ambinav_planners.planning import NotFoundError, RoutePlanner
 from ambinav_planners.problem import Problem
 from ambinav_planners.reachability import check_reachable
 from ambinav_planners.reference import cheapest_on

@@ -7,23 +7,19 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief_roadmap import OdometryNoise
 from ambinav_planners.belief_search import BeliefModel
-from ambinav_planners.improve import improve
+from ambinav_planners.finishing import finish, is_free, not_found
 from ambinav_planners.limit import BadStretchLimit
 from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.reachability import check_reachable
-from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner, planners
+from ambinav_planners.registry import Budget, Found, check_suits, planner
 from ambinav_planners.seeded import call_seeded
 from ambinav_planners.warmth import warm_up
 
@@ -218,43 +214,6 @@ def plan(
     )
 
 
-def finish(
-    chosen: Planner, problem: Problem, found: Found, seed: int | None, *, improved: bool = True
-) -> Route:
-    """Improve and measure what a planner found.
-
-    Args:
-        chosen: The planner.
-        problem: What it planned.
-        found: What it found, with poses.
-        seed: What it was seeded with.
-        improved: Whether to improve at all.
-    """
-    if found.poses is None:
-        raise ValueError("nothing was found")
-    warm_up(problem)
-    started = time.perf_counter()
-    poses = found.poses
-    if improved and not found.finished:
-        poses = _improve(poses, problem)
-    seconds = found.seconds + time.perf_counter() - started
-    route = evaluate_route(
-        problem.service,
-        poses,
-        problem.steering,
-        planner=chosen.name,
-        seed=seed,
-        seconds=seconds,
-        first_seconds=found.curve[0][0] if found.curve else None,
-        iterations=found.iterations,
-        curve=found.curve,
-        covariances=found.covariances,
-    )
-    if not found.curve or route.cost < found.curve[-1][1]:
-        route = replace(route, curve=(*found.curve, (seconds, route.cost)))
-    return route
-
-
 def run(name: str, problem: Problem, budget: Budget) -> Found:
     """Let the planner of a name solve a problem, without improving what it finds."""
     chosen = planner(name)
@@ -277,64 +236,3 @@ def _is_there(problem: Problem) -> bool:
     (x0, y0, t0), (x1, y1, t1) = problem.start, problem.goal
     turn = 0.0 if problem.steering.space == "r2" else math.remainder(t1 - t0, 2.0 * math.pi)
     return math.hypot(x1 - x0, y1 - y0) + abs(turn) <= SAME_PLACE
-
-
-def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
-    """Whether every motion of a way is free.
-
-    A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
-    be called blocked one way and free the other; where the way back is the same, either will do.
-    """
-    checker = problem.checker
-    free = checker.motions_free(poses[:-1], poses[1:])
-    if problem.steering.space != "dubins":
-        free |= checker.motions_free(poses[1:], poses[:-1])
-    return bool(checker.poses_free(poses[:1])[0] and free.all())
-
-
-def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
-    """The improved way, unless improving it breaks the limit on bad metres in a row.
-
-    A way that is called free in the other direction only (see `is_free`) is left as it is.
-    """
-    if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
-        return poses
-    better = improve(poses, problem.service, problem.checker)
-    limit = problem.limit
-    if limit is not None and not limit.kept_by(better, problem.service, problem.steering):
-        return poses
-    return better
-
-
-def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
-    """What to say when a planner found no way, though there is one on the lattice."""
-    if problem.limit is not None:
-        return (
-            f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
-            f"row above level {problem.limit.level:g}; allow more or a higher level, or see "
-            "without the limit whether there is a way at all."
-        )
-    belief = problem.belief
-    if chosen.name.startswith("belief") and math.isfinite(min(belief.max_std, belief.max_goal_std)):
-        return (
-            f"planner {chosen.name!r} found no way that keeps the standard deviation up to "
-            f"{belief.max_std:g} m, and up to {belief.max_goal_std:g} m at the goal; allow more, "
-            "or see without the limits whether there is a way at all."
-        )
-    if not chosen.iteration or not chosen.uses_ompl:
-        return (
-            f"planner {chosen.name!r} found no way over the map's lattice of "
-            f"{problem.service.map.spacing:g} m; where a channel is narrower than that, another "
-            "planner, such as prmstar, may get through."
-        )
-    spent = f"{budget.seconds:g} s"
-    if budget.iterations is not None:
-        spent = f"{budget.iterations} {chosen.iteration}"
-    space = problem.steering.space
-    others = sorted(
-        p.name for p in planners().values() if space in p.spaces and p.name != chosen.name
-    )
-    return (
-        f"planner {chosen.name!r} found no way in {space} in {spent}; there may be none for this "
-        f"robot, or it takes more time or another planner ({', '.join(others)})."
-    )
