@@ -10,6 +10,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import LEFT, RIGHT, border_distance, locate
+from ambinav.geometry.twice import serial_and_parallel
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -57,7 +58,7 @@ def scan_rays(
     origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)
-        mine = mine[_counter_clockwise(ray_angle[mine])]
+        mine = mine[counter_clockwise(ray_angle[mine])]
         angles = ray_angle[mine]
         kernel(
             x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range), mine,
@@ -67,7 +68,7 @@ def scan_rays(
     return distance, edge, oblique
 
 
-def _counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
+def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
     """Order of the rays, counter-clockwise from the widest gap on.
 
     So no two neighbours in the list are half a turn apart, unless nothing lies between them.
@@ -188,5 +189,4 @@ def _fans(
                         incidence[p, c] = np.nan
 
 
-_fans_serial = njit(cache=True, nogil=True, error_model="numpy")(_fans)
-_fans_parallel = njit(cache=True, nogil=True, error_model="numpy", parallel=True)(_fans)
+_fans_serial, _fans_parallel = serial_and_parallel(_fans)

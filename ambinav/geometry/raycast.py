@@ -12,6 +12,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from ambinav.geometry.grid import SegmentGrid
+from ambinav.geometry.twice import serial_and_parallel
 
 # Tolerance on the position along a segment, relative to its length: two segments that share an
 # end leave no gap between them.
@@ -131,8 +132,7 @@ def _cast(x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, d
         segment[i] = item[j] if j >= 0 else -1
 
 
-_cast_serial = njit(cache=True, nogil=True, error_model="numpy")(_cast)
-_cast_parallel = njit(cache=True, nogil=True, error_model="numpy", parallel=True)(_cast)
+_cast_serial, _cast_parallel = serial_and_parallel(_cast)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
