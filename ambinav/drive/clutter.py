@@ -1,0 +1,114 @@
+"""What has come into a building since its map was made: boxes that the localizer knows not of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+from shapely import affinity
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import WALL, Segments
+from ambinav.geometry.steering import checked_poses
+
+TRIES = 10_000
+# A piece of outline shorter than this, in metres, is left out: rounding at a wall.
+SHORTEST = 1e-6
+
+
+def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> Environment:
+    """The environment with polygons standing in it; their outlines are walls.
+
+    Args:
+        environment: The environment as mapped; it is left as it is.
+        obstacles: Polygons in the map frame, metres. What of them lies outside of the free space
+            changes nothing.
+
+    Raises:
+        InputError: an obstacle is no polygon, or no free space is left.
+    """
+    for i, shape in enumerate(obstacles):
+        if shape.geom_type not in ("Polygon", "MultiPolygon") or not shape.is_valid:
+            raise InputError(
+                f"obstacles[{i}] is a {shape.geom_type} that cannot be used; give polygons whose "
+                "edges do not cross."
+            )
+    if not obstacles:
+        return environment
+    solid = shapely.union_all(obstacles)
+    free = environment.free.difference(solid)
+    outline = shapely.get_parts(shapely.line_merge(solid.boundary.intersection(environment.free)))
+    pieces = [
+        np.hstack([xy[:-1], xy[1:]])
+        for xy in (shapely.get_coordinates(line) for line in outline)
+        if len(xy) > 1
+    ]
+    fresh = np.vstack([np.empty((0, 4)), *pieces])
+    fresh = fresh[np.hypot(fresh[:, 2] - fresh[:, 0], fresh[:, 3] - fresh[:, 1]) > SHORTEST]
+    old = environment.segments
+    return Environment(
+        Segments(
+            np.vstack([old.xy, fresh]),
+            np.concatenate([old.kind, np.full(len(fresh), WALL, dtype=np.uint8)]),
+        ),
+        free,
+        name=environment.name,
+        source=environment.source,
+        checksum=environment.checksum,
+        resolution=environment.resolution,
+        notes=(*environment.notes, f"{len(obstacles)} obstacles were put into it"),
+    )
+
+
+def scattered_boxes(
+    environment: Environment,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    sizes: tuple[float, float] = (0.3, 0.8),
+    route: ArrayLike | None = None,
+    margin: float = 0.5,
+) -> list[BaseGeometry]:
+    """Boxes at random places and angles in the free space, off a route.
+
+    Args:
+        environment: Where they stand.
+        count: How many.
+        rng: The source of randomness.
+        sizes: Least and greatest edge, metres.
+        route: Poses, shape (N, 3); the boxes keep off the lines between them.
+        margin: By this much, metres.
+
+    Raises:
+        InputError: the sizes or the count are of no use, or there is no room.
+    """
+    low, high = sizes
+    if not (math.isfinite(high) and 0.0 < low <= high):
+        raise InputError(f"sizes is {sizes}; give the least and the greatest edge, above 0 m.")
+    if count < 0:
+        raise InputError(f"count is {count}; give a whole number from 0 on.")
+    way = None if route is None else shapely.LineString(checked_poses(route, "route")[:, :2])
+    shapely.prepare(environment.free)
+    xmin, ymin, xmax, ymax = environment.bounds
+    boxes: list[BaseGeometry] = []
+    for _ in range(TRIES):
+        if len(boxes) == count:
+            return boxes
+        x, y = rng.uniform((xmin, ymin), (xmax, ymax))
+        width, depth = rng.uniform(low, high, 2)
+        box = affinity.rotate(
+            shapely.box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2),
+            rng.uniform(0.0, 90.0),
+        )
+        if environment.free.contains(box) and (way is None or way.distance(box) >= margin):
+            boxes.append(box)
+    if len(boxes) == count:
+        return boxes
+    raise InputError(
+        f"count is {count}; there is room for {len(boxes)} boxes of up to {high:g} m, "
+        f"{margin:g} m off the route: give fewer or smaller ones."
+    )

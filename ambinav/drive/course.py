@@ -1,0 +1,87 @@
+"""A route laid out for the follower: points close together, cut where the robot reverses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.steering import REEDS_SHEPP, Steering, checked_poses
+
+SPACING = 0.05
+"""Distance between the points of a course, metres: the resolution of nav2's global plans."""
+
+Floats = NDArray[np.float64]
+Arrays = tuple[Floats, Floats, Floats, NDArray[np.int64]]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A polyline of M points that a robot follows, in stretches driven forwards or backwards.
+
+    Attributes:
+        points: float64, shape (M, 2), metres, map frame; no two in a row are equal.
+        along: Shape (M,): metres travelled up to each point.
+        way: Shape (M - 1,): 1 where the piece from a point to the next is driven forwards, -1
+            where backwards.
+        end: int64, shape (M - 1,): of each piece the point where its stretch ends: the next cusp,
+            or the last point.
+        goal: x, y and heading at the end.
+        turns: Whether the robot is to look along the goal's heading when it gets there: the
+            spaces other than r2 ask for it.
+    """
+
+    points: Floats
+    along: Floats
+    way: Floats
+    end: NDArray[np.int64]
+    goal: tuple[float, float, float]
+    turns: bool
+
+    @classmethod
+    def of(cls, poses: NDArray[np.float64], steering: Steering, step: float = SPACING) -> Course:
+        """Lay out the route through poses, shape (N, 3).
+
+        In the space se2 the robot, which cannot move sideways, looks along the travel on the way
+        and along the goal's heading at its end.
+
+        Raises:
+            InputError: fewer than two poses, poses that are not usable, or no way between them.
+        """
+        route = checked_poses(poses, "poses")
+        if len(route) < 2:
+            raise InputError(f"poses has {len(route)} of them; a route needs a start and a goal.")
+        dense, _, along = steering.dense(route, step)
+        # A vertex stands there for both motions that meet in it.
+        keep = np.concatenate([[True], np.diff(dense[:, :2], axis=0).any(axis=1)])
+        dense, along = dense[keep], along[keep]
+        if len(dense) < 2:
+            raise InputError("poses all lie in one place; a route needs some way to go.")
+        steps = np.diff(dense[:, :2], axis=0)
+        way = np.ones(len(steps))
+        if steering.kind == REEDS_SHEPP:
+            ahead = 0.5 * np.diff(np.unwrap(dense[:, 2])) + dense[:-1, 2]
+            way[np.cos(ahead) * steps[:, 0] + np.sin(ahead) * steps[:, 1] < 0.0] = -1.0
+        last = np.append(np.flatnonzero(np.diff(way)) + 1, len(steps))
+        end = last[np.searchsorted(last, np.arange(len(steps)), side="right")]
+        x, y, theta = steering.oriented(route)[-1].tolist()
+        return cls(
+            np.ascontiguousarray(dense[:, :2]),
+            along,
+            way,
+            end.astype(np.int64),
+            (x, y, theta),
+            steering.space != "r2",
+        )
+
+    @property
+    def length(self) -> float:
+        """Metres from start to goal."""
+        return float(self.along[-1])
+
+    @property
+    def arrays(self) -> Arrays:
+        """What the kernels of the follower take: points, along, way, end."""
+        return self.points, self.along, self.way, self.end

@@ -1,0 +1,203 @@
+"""Driving a route with a localizer in the loop, many runs at once."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.drive.course import Course
+from ambinav.drive.drives import Drives, Recorder
+from ambinav.drive.localizers import DeadReckoning, Localizer
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.parameters import FollowerParameters
+from ambinav.drive.people import Crowd, People
+from ambinav.drive.readings import Readings, standard_normals
+from ambinav.drive.robot import Robot
+from ambinav.drive.robots import Robots
+from ambinav.drive.schedule import scheduled
+from ambinav.drive.world import DRIVING, TIMED_OUT
+from ambinav.errors import InputError
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.steering import Steering
+from ambinav.localization.random import states as random_states
+from ambinav.routes.route import Route
+from ambinav.sensing.fields import as_count, nearest
+from ambinav.sensing.scanner import RangeScanner
+
+if TYPE_CHECKING:
+    from ambinav.localization.parameters import MclParameters
+
+# A run may take this many times as long as the route's length and turns need at full speed, and
+# so many seconds more.
+PATIENCE, SPARE = 3.0, 10.0
+
+PERFECT, ODOMETRY = "perfect", "odometry"
+"""Names of the two simplest localizers: one that knows the truth, and dead reckoning."""
+
+Floats = NDArray[np.float64]
+
+
+def drive(
+    environment: Environment,
+    scanner: RangeScanner,
+    robot: Robot,
+    route: Route,
+    localizer: Localizer | MclParameters | str,
+    rng: np.random.Generator,
+    runs: int = 30,
+    *,
+    world: Environment | None = None,
+    follower: FollowerParameters | None = None,
+    noise: OdometryNoise | None = None,
+    people: People | None = None,
+    open_loop: bool = False,
+    rate: float = 10.0,
+    start_std: ArrayLike = (0.05, 0.05, 0.02),
+    max_time: float | None = None,
+    keep_ranges: bool = False,
+) -> Drives:
+    """Drive a route many times; run k differs from run j by its random numbers alone.
+
+    In each time step the robot reads its scanner and its odometry, the localizer makes its
+    estimate of them, the follower steers by the estimate, and the robot truly moves. A run ends
+    where the robot believes to be at the goal, truly touches a wall, or takes too long. Run k is
+    the same whatever the number of runs, if that holds for the localizer.
+
+    Monte Carlo localization shares the runs among numba's threads in each time step. Where other
+    work wants the processor these wait for each other: processes that drive side by side are to
+    call `numba.set_num_threads(1)` first.
+
+    Args:
+        environment: The map that the localizer has.
+        scanner: What the robot sees with.
+        robot: What drives.
+        route: The way.
+        localizer: Parameters of Monte Carlo localization, the name "perfect" or "odometry", or a
+            localizer made for this number of runs, such as an `ExtendedKalmanFilter`.
+        rng: The source of randomness; the same seed gives the same drives.
+        runs: How many, R.
+        world: What is truly there, where that differs from the map (see `clutter`).
+        follower: Parameters of the follower.
+        noise: How odometry errs.
+        people: Who walks about.
+        open_loop: Keep the truth on the route, whatever the robot believes; it ends at the goal.
+        rate: Time steps a second.
+        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate, which
+            the localizer is told.
+        max_time: Seconds after which a run is given up; by default three times what the route's
+            length and turns need at full speed, and 10 s.
+        keep_ranges: Keep all readings.
+
+    Raises:
+        InputError: the start is not free, there are no runs, a number is out of its range, the
+            localizer's name is unknown, or what the parts above refuse.
+    """
+    follower = FollowerParameters() if follower is None else follower
+    noise = OdometryNoise() if noise is None else noise
+    world = environment if world is None else world
+    runs = as_count(runs, "runs")
+    deviations = _checked(rate, start_std, max_time)
+    course = Course.of(route.poses, route.steering)
+    start = route.steering.oriented(route.poses)[0]
+    checker = CollisionChecker(world, robot.footprint, Steering())
+    why = checker.why_not(*start.tolist())
+    if why is not None:
+        raise InputError(
+            f"route: its start, ({start[0]:.2f}, {start[1]:.2f}) m, is {why}; "
+            "give a route that starts where the robot fits."
+        )
+    # Streams of their own, so that what one part draws changes nothing for the others.
+    *streams, own = rng.spawn(5)
+    wheels, eyes, walkers, begin = (random_states(stream, runs) for stream in streams)
+    dt, way = 1.0 / rate, None
+    if open_loop:
+        way = scheduled(route.poses, route.steering, robot, follower.desired_linear_vel, dt)
+        steps = len(way)
+    else:
+        steps = 1 + math.ceil(_patience(route, course, robot, follower, max_time) * rate)
+    robots = Robots(start, robot, course, follower, noise, checker, wheels, dt, way)
+    sight = Readings(world, scanner)
+    crowd, size = None, 0.0
+    if people is not None and people.count:
+        crowd, size = Crowd(world, people, robot.radius, robots.truth, walkers), people.radius
+    guide = _localizer(environment, scanner, localizer, noise, own, runs)
+    covariance = np.zeros((runs, 3, 3))
+    if guide is not None:
+        guide.start(robots.truth + deviations * standard_normals(begin, 3), np.diag(deviations**2))
+    record = Recorder(runs, steps, scanner.beams if keep_ranges else None)
+    ranges = np.empty((runs, 0), dtype=np.float32)
+    fresh = np.zeros(runs, dtype=np.bool_)
+    going = np.ones(runs, dtype=np.bool_)
+    for k in range(steps):
+        if keep_ranges or guide is not None:
+            places = None if crowd is None else crowd.places
+            ranges = sight.capture(sight.true_ranges(robots.truth, places, size), eyes)
+        belief = robots.truth.copy()
+        if guide is not None:
+            fresh = np.asarray(guide.update(robots.odometry.copy(), ranges), dtype=np.bool_)
+            belief, covariance = guide.mean, guide.covariance
+        record.add(going, (robots.truth, robots.odometry, belief), covariance, fresh, ranges)
+        if k + 1 == steps and not open_loop:
+            robots.outcome[robots.outcome == DRIVING] = TIMED_OUT
+        going = robots.step(belief)
+        if not going.any():
+            break
+        if crowd is not None:
+            crowd.walk(robots.truth, dt)
+    return record.drives(dt, robots.outcome, course.goal, course.length, open_loop)
+
+
+def _checked(rate: float, start_std: ArrayLike, max_time: float | None) -> Floats:
+    """The deviations of the start; complains of numbers that are of no use."""
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise InputError(f"rate is {rate}; give time steps a second, above 0.")
+    if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
+        raise InputError(f"max_time is {max_time}; give seconds above 0.")
+    deviations = np.array(start_std, dtype=np.float64)
+    if deviations.shape != (3,) or not (np.isfinite(deviations) & (deviations > 0.0)).all():
+        raise InputError(
+            f"start_std is {deviations.tolist()}; give the deviations of x, y and heading, above 0."
+        )
+    return deviations
+
+
+def _patience(
+    route: Route, course: Course, robot: Robot, follower: FollowerParameters, limit: float | None
+) -> float:
+    """Seconds after which a run is given up."""
+    if limit is not None:
+        return limit
+    speed = min(robot.max_speed, follower.desired_linear_vel)
+    turning = min(robot.max_turn_rate, follower.rotate_to_heading_angular_vel)
+    return PATIENCE * (course.length / speed + route.turn / turning) + SPARE
+
+
+def _localizer(
+    environment: Environment,
+    scanner: RangeScanner,
+    localizer: Localizer | MclParameters | str,
+    noise: OdometryNoise,
+    rng: np.random.Generator,
+    runs: int,
+) -> Localizer | None:
+    """The localizer that is meant; None is one that knows the truth."""
+    if isinstance(localizer, str):
+        if localizer == PERFECT:
+            return None
+        if localizer == ODOMETRY:
+            return DeadReckoning(noise, runs)
+        raise InputError(
+            f"localizer: {localizer!r} is unknown; {nearest(localizer, (PERFECT, ODOMETRY))}, or "
+            "give parameters of Monte Carlo localization."
+        )
+    from ambinav.localization.parameters import MclParameters
+
+    if isinstance(localizer, MclParameters):
+        from ambinav.localization.mcl import MonteCarloLocalizer
+
+        return MonteCarloLocalizer(environment, scanner, localizer, runs=runs, rng=rng)
+    return localizer

@@ -1,0 +1,154 @@
+"""What was recorded of the drives along one route, one run for each seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.world import COLLIDED, OUTCOMES, REACHED
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """R runs of T samples at most; what comes after a run's end is nan (False in `updated`).
+
+    Attributes:
+        time: float64, shape (T,), seconds from the start.
+        truth: Where the robot was, shape (R, T, 3): x, y in metres, heading in radians, map frame.
+        odometry: What odometry reported, shape (R, T, 3); it starts at 0, 0, 0 in its own frame.
+        estimate: Where the robot believed to be, shape (R, T, 3), map frame.
+        covariance: How sure it was, shape (R, T, 3, 3); zero if it knew the truth.
+        updated: Whether the localizer took the readings in, bool, shape (R, T).
+        samples: int64, shape (R,): how many samples each run has.
+        outcome: int64, shape (R,): code of what became of it, see `OUTCOMES`.
+        goal: x, y, heading of the route's end.
+        length: Of the route, metres.
+        open_loop: Whether truth was kept on the route.
+        ranges: float32, shape (R, T, B), the readings; None if they were not kept.
+    """
+
+    time: Floats
+    truth: Floats
+    odometry: Floats
+    estimate: Floats
+    covariance: Floats
+    updated: NDArray[np.bool_]
+    samples: NDArray[np.int64]
+    outcome: NDArray[np.int64]
+    goal: tuple[float, float, float]
+    length: float
+    open_loop: bool
+    ranges: NDArray[np.float32] | None
+
+    def __len__(self) -> int:
+        """Number of runs R."""
+        return len(self.truth)
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """Which runs ended where the robot believed to be at the goal, shape (R,)."""
+        return np.asarray(self.outcome == REACHED)
+
+    @property
+    def collided(self) -> NDArray[np.bool_]:
+        """Which runs ended at a wall, shape (R,)."""
+        return np.asarray(self.outcome == COLLIDED)
+
+    @property
+    def seconds(self) -> Floats:
+        """How long each run took, shape (R,)."""
+        return self.time[self.samples - 1]
+
+    def errors(self) -> Floats:
+        """Estimate less truth, shape (R, T, 3): metres, and radians within half a turn of 0."""
+        out = self.estimate - self.truth
+        out[..., 2] = (out[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
+        return out
+
+    def travelled(self) -> Floats:
+        """Metres truly driven up to each sample, shape (R, T)."""
+        steps = np.diff(self.truth[..., :2], axis=1, prepend=self.truth[:, :1, :2])
+        return np.asarray(np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1))
+
+    def __repr__(self) -> str:
+        """How many runs, and what became of them."""
+        counts = np.bincount(self.outcome, minlength=len(OUTCOMES))
+        ends = ", ".join(f"{n} {name}" for n, name in zip(counts, OUTCOMES, strict=True) if n)
+        return f"<Drives: {len(self)} runs of {self.length:.1f} m: {ends}>"
+
+
+class Recorder:
+    """Collects the samples of R runs.
+
+    Args:
+        runs: R.
+        steps: How many samples a run has at most.
+        beams: B, to keep the readings; None to leave them.
+    """
+
+    def __init__(self, runs: int, steps: int, beams: int | None) -> None:
+        self._poses = np.full((3, runs, steps, 3), np.nan)
+        self._covariance = np.full((runs, steps, 3, 3), np.nan)
+        self._updated = np.zeros((runs, steps), dtype=np.bool_)
+        self._samples = np.zeros(runs, dtype=np.int64)
+        self._ranges = None
+        if beams is not None:
+            self._ranges = np.full((runs, steps, beams), np.nan, dtype=np.float32)
+        self._count = 0
+
+    def add(
+        self,
+        going: NDArray[np.bool_],
+        poses: tuple[Floats, Floats, Floats],
+        covariance: Floats,
+        fresh: NDArray[np.bool_],
+        ranges: NDArray[np.float32],
+    ) -> None:
+        """Add a sample of the runs that are going, bool, shape (R,).
+
+        Args:
+            going: Which.
+            poses: Truth, odometry and estimate, each of shape (R, 3).
+            covariance: Shape (R, 3, 3).
+            fresh: Whether the localizer took the readings in, shape (R,).
+            ranges: Shape (R, B); not looked at if the readings are not kept.
+        """
+        k = self._count
+        for kind, rows in enumerate(poses):
+            self._poses[kind, going, k] = rows[going]
+        self._covariance[going, k] = covariance[going]
+        self._updated[going, k] = fresh[going]
+        if self._ranges is not None:
+            self._ranges[going, k] = ranges[going]
+        self._samples += going
+        self._count = k + 1
+
+    def drives(
+        self,
+        dt: float,
+        outcome: NDArray[np.int64],
+        goal: tuple[float, float, float],
+        length: float,
+        open_loop: bool,
+    ) -> Drives:
+        """All that was added; `dt` is the time between two samples, seconds."""
+        kept = slice(0, self._count)
+        truth, odometry, estimate = (poses[:, kept].copy() for poses in self._poses)
+        return Drives(
+            dt * np.arange(self._count, dtype=np.float64),
+            truth,
+            odometry,
+            estimate,
+            self._covariance[:, kept].copy(),
+            self._updated[:, kept].copy(),
+            self._samples,
+            outcome,
+            goal,
+            length,
+            open_loop,
+            None if self._ranges is None else self._ranges[:, kept].copy(),
+        )

@@ -1,0 +1,99 @@
+"""What a drive asks of a localizer, and the simplest one: dead reckoning."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.noise import OdometryNoise
+
+Floats = NDArray[np.float64]
+
+
+class Localizer(Protocol):
+    """Estimates the poses of R runs at once.
+
+    After each call of `update` its mean and covariance are of that moment: between the scans that
+    it takes in they move along with odometry.
+    """
+
+    @property
+    def mean(self) -> Floats:
+        """Where it believes the robots to be, shape (R, 3), metres and radians, map frame."""
+
+    @property
+    def covariance(self) -> Floats:
+        """How sure it is, shape (R, 3, 3)."""
+
+    def start(self, poses: Floats, covariance: Floats) -> object:
+        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
+
+    def update(
+        self, odometry: Floats, ranges: NDArray[np.float32]
+    ) -> NDArray[np.bool_] | NDArray[np.int64]:
+        """Take in odometry poses, shape (R, 3), odometry frame, and readings, shape (R, B).
+
+        Returns:
+            Which runs took readings in, or how many of them, shape (R,).
+        """
+
+
+class DeadReckoning:
+    """A localizer that looks at nothing: its estimate is the start moved along with odometry.
+
+    Args:
+        noise: What is known of the odometry's errors; biases are not known.
+        runs: R.
+    """
+
+    def __init__(self, noise: OdometryNoise, runs: int) -> None:
+        self._noise = noise
+        self._odometry: Floats | None = None
+        self._mean = np.zeros((runs, 3))
+        self._covariance = np.zeros((runs, 3, 3))
+
+    @property
+    def mean(self) -> Floats:
+        """Where it believes the robots to be, shape (R, 3)."""
+        return self._mean
+
+    @property
+    def covariance(self) -> Floats:
+        """How sure it is, shape (R, 3, 3)."""
+        return self._covariance
+
+    def start(self, poses: Floats, covariance: Floats) -> None:
+        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
+        self._odometry = None
+        self._mean = np.array(poses)
+        self._covariance = np.tile(covariance, (len(poses), 1, 1))
+
+    def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Move along with odometry poses, shape (R, 3); the readings do not matter.
+
+        Returns:
+            True for each run, bool, shape (R,).
+        """
+        if self._odometry is not None:
+            before = self._odometry
+            self._covariance = self._noise.spread(self._mean, self._covariance, before, odometry)
+            self._mean = carried(self._mean, before, odometry)
+        self._odometry = odometry.copy()
+        return np.ones(len(odometry), dtype=np.bool_)
+
+
+def carried(poses: Floats, before: Floats, after: Floats) -> Floats:
+    """Poses moved as odometry moved from before to after; all of shape (R, 3)."""
+    turn = poses[:, 2] - before[:, 2]
+    c, s = np.cos(turn), np.sin(turn)
+    dx, dy = (after - before)[:, :2].T
+    heading = poses[:, 2] + after[:, 2] - before[:, 2]
+    return np.column_stack(
+        [
+            poses[:, 0] + c * dx - s * dy,
+            poses[:, 1] + s * dx + c * dy,
+            (heading + np.pi) % (2.0 * np.pi) - np.pi,
+        ]
+    )

@@ -1,0 +1,195 @@
+"""What a drive was worth: figures of each run, and of a route over its runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.bootstrap import Interval, bootstrap
+from ambinav.drive.drives import Drives
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.service.field import Field
+
+LOST_POSITION, LOST_HEADING, LOST_SECONDS = 0.5, math.radians(30.0), 1.0
+"""A robot is lost whose true error is above one of the first two for longer than the third."""
+
+ARRIVAL = 0.5
+"""A robot has arrived that stops within this distance of the goal, metres."""
+
+# Rounding of times, seconds.
+INSTANT = 1e-9
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Metrics:
+    """Figures of R runs, each an array of shape (R,).
+
+    Errors are of the estimate by the truth, over the samples of a run, which are evenly spaced in
+    time. The weak direction is the map's `direction` at the true pose: along it a scan tells
+    least.
+
+    Attributes:
+        arrived: Whether the robot believed to be at the goal and truly was near it.
+        collided: Whether it touched a wall.
+        lost: Whether it was ever lost.
+        lost_after: Seconds from the start until it was first lost; nan where it never was.
+        lost_share: Share of its time with an error so large.
+        position_rmse: Metres.
+        position_p95: 95th percentile, metres.
+        position_max: Metres.
+        heading_rmse: Radians.
+        heading_p95: Radians.
+        heading_max: Radians.
+        weak_rmse: Of the position's error along the weak direction, metres; nan without a map.
+        strong_rmse: Across it.
+        nees: Mean of e' P^-1 e over x, y and heading; 3 is expected of a consistent estimate, nan
+            where the covariance is singular throughout.
+        exposure: Integral of the map's layer over the way truly driven, metres; nan without.
+        length: Way truly driven, metres.
+        seconds: How long it took.
+    """
+
+    arrived: Bools
+    collided: Bools
+    lost: Bools
+    lost_after: Floats
+    lost_share: Floats
+    position_rmse: Floats
+    position_p95: Floats
+    position_max: Floats
+    heading_rmse: Floats
+    heading_p95: Floats
+    heading_max: Floats
+    weak_rmse: Floats
+    strong_rmse: Floats
+    nees: Floats
+    exposure: Floats
+    length: Floats
+    seconds: Floats
+
+    def __len__(self) -> int:
+        """Number of runs R."""
+        return len(self.arrived)
+
+    def row(self, run: int) -> dict[str, float | bool]:
+        """All figures of one run by name."""
+        return {field.name: getattr(self, field.name)[run].item() for field in fields(self)}
+
+
+def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str = "level") -> Metrics:
+    """Measure drives.
+
+    Args:
+        drives: The drives.
+        amap: The map for the weak direction and the exposure.
+        layer: The map's layer that makes the exposure.
+
+    Raises:
+        InputError: the map has no such layer.
+    """
+    errors = drives.errors()
+    position, heading = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
+    far = (position > LOST_POSITION) | (heading > LOST_HEADING)
+    lost_after = np.array([_lost_after(drives.time, row) for row in far])
+    truth = drives.truth
+    ends = np.arange(len(drives)), drives.samples - 1
+    last = truth[ends]
+    near = np.hypot(last[:, 0] - drives.goal[0], last[:, 1] - drives.goal[1]) <= ARRIVAL
+    nothing = np.full(len(drives), math.nan)
+    weak, strong, exposure = nothing, nothing, nothing
+    if amap is not None:
+        weak, strong = _along_and_across(errors, truth, amap)
+        amap.floor(layer)  # complains of a layer that is not there
+        exposure = _exposure(truth, Field.of(amap, layer))
+    return Metrics(
+        arrived=drives.reached & near,
+        collided=drives.collided,
+        lost=~np.isnan(lost_after),
+        lost_after=lost_after,
+        lost_share=far.sum(axis=1) / drives.samples,
+        position_rmse=_rmse(position),
+        position_p95=np.nanquantile(position, 0.95, axis=1),
+        position_max=np.nanmax(position, axis=1),
+        heading_rmse=_rmse(heading),
+        heading_p95=np.nanquantile(heading, 0.95, axis=1),
+        heading_max=np.nanmax(heading, axis=1),
+        weak_rmse=weak,
+        strong_rmse=strong,
+        nees=_nees(errors, drives.covariance),
+        exposure=exposure,
+        length=drives.travelled()[ends],
+        seconds=drives.seconds,
+    )
+
+
+def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
+    """Mean of each figure over the runs, with its bootstrap interval; of truth values the share.
+
+    Args:
+        measured: The runs' figures.
+        rng: The source of randomness.
+    """
+    return {field.name: bootstrap(getattr(measured, field.name), rng) for field in fields(measured)}
+
+
+def _lost_after(time: Floats, far: Bools) -> float:
+    """When an error has been too large for longer than `LOST_SECONDS`; nan if it never is."""
+    edges = np.flatnonzero(np.diff(far.astype(np.int8), prepend=0, append=0))
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        over = time[first:end] - time[first] > LOST_SECONDS + INSTANT
+        if over.any():
+            return float(time[first + int(over.argmax())])
+    return math.nan
+
+
+def _rmse(errors: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.nanmean(errors * errors, axis=1)))
+
+
+def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tuple[Floats, Floats]:
+    """RMSE along the weak direction and across it; nan for a run that the map says nothing of."""
+    angle = np.asarray(amap.sample("direction", *np.moveaxis(truth, -1, 0)))
+    c, s = np.cos(angle), np.sin(angle)
+    parts = (c * errors[..., 0] + s * errors[..., 1], c * errors[..., 1] - s * errors[..., 0])
+    known = ~np.isnan(parts[0])
+    count = known.sum(axis=1)
+    weak, strong = (
+        np.sqrt(
+            np.divide(
+                np.nansum(part * part, axis=1), count,
+                out=np.full(len(count), math.nan), where=count > 0,
+            )
+        )
+        for part in parts
+    )  # fmt: skip
+    return weak, strong
+
+
+def _exposure(truth: Floats, field: Field) -> Floats:
+    """Integral of a field over the way of each run, shape (R,), metres."""
+    out = np.zeros(len(truth))
+    a, b = truth[:, :-1], truth[:, 1:]
+    driven = np.isfinite(b[..., 0])
+    xa, ya, ta = a[driven].T
+    xb, yb, tb = b[driven].T
+    parts = field.integral(xa, ya, ta, xb, yb, tb)
+    np.add.at(out, np.nonzero(driven)[0], parts)
+    return out
+
+
+def _nees(errors: Floats, covariance: Floats) -> Floats:
+    """Mean normalized estimation error squared of each run (Bar-Shalom, Li, Kirubarajan 2001)."""
+    usable: Bools = np.asarray(np.isfinite(errors).all(axis=-1))
+    usable[usable] = np.linalg.eigvalsh(covariance[usable])[:, 0] > 0.0
+    out = np.full(len(errors), math.nan)
+    for run, rows in enumerate(usable):
+        if rows.any():
+            e, P = errors[run, rows], covariance[run, rows]
+            out[run] = float((e * np.linalg.solve(P, e[..., None])[..., 0]).sum(axis=-1).mean())
+    return out

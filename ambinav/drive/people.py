@@ -1,0 +1,145 @@
+"""People who walk about: discs that block beams and get out of the robot's way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ambinav.drive.world import ROUNDING
+from ambinav.errors import InputError
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.disc_sweep import clear_along
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.steering import Steering
+from ambinav.geometry.sweep import pose_free
+from ambinav.localization.random import uniform
+from ambinav.sensing.fields import as_number
+
+# How often a place is drawn before a person has none.
+TRIES = 10_000
+# From this far on, from rim to rim in metres, people walk away from the robot.
+KEEP = 0.3
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class People:
+    """People in a building, each on a way of its own in every run.
+
+    They walk straight on until a wall stops them and then turn some other way. They do not collide
+    with the robot: where it comes near they walk away from it, and where they cannot, they stay.
+
+    Attributes:
+        count: How many.
+        radius: Of the disc that blocks beams, metres.
+        speed: Metres per second; 0: they stand.
+
+    Raises:
+        InputError: the count or the speed is negative, the radius not above 0, or one of them no
+            number.
+    """
+
+    count: int
+    radius: float = 0.25
+    speed: float = 1.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 0:
+            raise InputError(f"people: count is {self.count!r}; give a whole number from 0 on.")
+        if not as_number(self.radius, "people: radius") > 0.0:
+            raise InputError(f"people: radius is {self.radius}; give metres above 0.")
+        if as_number(self.speed, "people: speed") < 0.0:
+            raise InputError(f"people: speed is {self.speed}; give at least 0 metres per second.")
+
+
+class Crowd:
+    """The people of all runs, as they are now.
+
+    Args:
+        environment: Where they walk.
+        people: How many, and how.
+        robots: Radius of the robot, metres.
+        poses: Of the robots, shape (R, 3): nobody starts in their way.
+        states: Of the random numbers, shape (R, 4); advanced.
+
+    Attributes:
+        places: x, y and heading of each, shape (R, P, 3), metres and radians, map frame.
+
+    Raises:
+        InputError: there is no room for them.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        people: People,
+        robots: float,
+        poses: Floats,
+        states: NDArray[np.uint64],
+    ) -> None:
+        self.people = people
+        self._apart = robots + people.radius + KEEP
+        self._states = states
+        checker = CollisionChecker(environment, Footprint.disc(people.radius), Steering())
+        self._arrays = checker.arrays
+        self.places = np.empty((len(poses), people.count, 3))
+        if not _place(
+            np.array(environment.bounds), poses, self._apart, *self._arrays, states, self.places
+        ):
+            raise InputError(
+                f"people: there is no room for {people.count} with a radius of {people.radius:g} m "
+                f"in {environment.name!r}; give fewer or smaller ones."
+            )
+
+    def walk(self, poses: Floats, dt: float) -> None:
+        """Walk on for `dt` seconds; the robots are at poses, shape (R, 3)."""
+        _walk(
+            self.places, poses, self._apart, float(self.people.speed) * dt,
+            float(self.people.radius), *self._arrays[:2], self._states,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(bounds, poses, apart, table, bound, forbidden, states, places):
+    """Draw a free place and a heading for everyone; False if somebody has none."""
+    for r in range(places.shape[0]):
+        for k in range(places.shape[1]):
+            found = False
+            for _ in range(TRIES):
+                x = bounds[0] + uniform(states[r]) * (bounds[2] - bounds[0])
+                y = bounds[1] + uniform(states[r]) * (bounds[3] - bounds[1])
+                away = math.hypot(x - poses[r, 0], y - poses[r, 1])
+                if away > apart and pose_free(x, y, 0.0, table, bound, forbidden):
+                    found = True
+                    break
+            if not found:
+                return False
+            places[r, k, 0], places[r, k, 1] = x, y
+            places[r, k, 2] = 2.0 * math.pi * uniform(states[r])
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(places, poses, apart, length, radius, table, bound, states):
+    reach = radius - ROUNDING
+    for r in range(places.shape[0]):
+        for k in range(places.shape[1]):
+            x, y, t = places[r, k]
+            # Drawn whether it is needed or not, so that the draws do not depend on the robot.
+            other = 2.0 * math.pi * uniform(states[r])
+            dx, dy = x - poses[r, 0], y - poses[r, 1]
+            if dx * dx + dy * dy < apart * apart:
+                t = math.atan2(dy, dx)
+            ux, uy = math.cos(t), math.sin(t)
+            clear, _ = clear_along(x, y, ux, uy, 0.0, length, reach, table, bound)
+            if clear:
+                places[r, k, 0], places[r, k, 1] = x + length * ux, y + length * uy
+            else:
+                t = other
+            places[r, k, 2] = t

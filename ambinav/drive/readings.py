@@ -1,0 +1,156 @@
+"""What the scanner of each run reads: the walls, people who stand before them, and its noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.fan import scan_rays
+from ambinav.localization.random import normals, uniform
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+
+
+class Readings:
+    """Simulated readings of one scanner in many runs at once.
+
+    As `RangeScanner.read`, but each run has random numbers of its own, people may block beams,
+    and a sensor outside of the free space (its robot touches a wall) reads "too near". One thread
+    does it: the work of a time step is too short to wait for others.
+
+    Args:
+        environment: What is truly there.
+        scanner: The scanner.
+    """
+
+    def __init__(self, environment: Environment, scanner: RangeScanner) -> None:
+        self.environment = environment
+        self.scanner = scanner
+        self._rays = scanner.rays()
+        sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
+        self._table = np.array(
+            [
+                (s.min_range, s.max_range, s.resolution, s.bins, s.random_share, s.lost_share)
+                for s in sensors
+            ]
+        )
+
+    def true_ranges(
+        self, poses: Floats, people: Floats | None = None, radius: float = 0.0
+    ) -> NDArray[np.float32]:
+        """Range of each beam, float32, shape (R, B), as `RangeScanner.scan`.
+
+        Args:
+            poses: Of the robots, shape (R, 3), metres and radians, map frame.
+            people: Where people stand, shape (R, P, 2 or more), metres; columns x and y.
+            radius: Of a person, metres.
+        """
+        x, y, theta = np.ascontiguousarray(poses.T)
+        rays = self._rays
+        distance, _, incidence = scan_rays(
+            self.environment, x, y, theta, rays.origin, rays.angle, self.scanner.max_range,
+            incidence=rays.specular, parallel=False,
+        )  # fmt: skip
+        echo = rays.echoes(distance, incidence)
+        if people is not None and people.shape[1]:
+            _block(
+                poses, people, float(radius), rays.origin, rays.angle, rays.max_range, distance,
+                echo,
+            )  # fmt: skip
+        return rays.nearest(echo)
+
+    def capture(
+        self, true_ranges: NDArray[np.float32], states: NDArray[np.uint64]
+    ) -> NDArray[np.float32]:
+        """One reading of each true range, float32, shape (R, B): -inf too near, inf no echo.
+
+        Args:
+            true_ranges: Shape (R, B), as `true_ranges` gives them.
+            states: Of the random numbers, shape (R, 4).
+        """
+        mean = np.array(true_ranges, dtype=np.float64)
+        std = np.empty_like(mean)
+        for i, sensor in enumerate(self.scanner.sensors):
+            beams = self.scanner.sensor_of_beam == i
+            d = mean[:, beams]
+            std[:, beams] = sensor.std_at(d)
+            mean[:, beams] = d + sensor.bias_at(d)
+        out = np.empty(mean.shape, dtype=np.float32)
+        _capture(mean, std, self._table, states, out)
+        return out
+
+
+def standard_normals(states: NDArray[np.uint64], count: int) -> Floats:
+    """Draw `count` standard normal numbers for each run, shape (R, count)."""
+    out = np.empty((len(states), count))
+    _normals(states, out)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _normals(states, out):
+    for r in range(out.shape[0]):
+        for k in range(out.shape[1]):
+            out[r, k] = normals(states[r])[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _block(poses, people, radius, origin, angle, limit, distance, echo):
+    """Shorten the rays that meet a person before the wall; who stands on a sensor is not seen."""
+    for r in range(len(poses)):
+        x, y, t = poses[r]
+        co, si = math.cos(t), math.sin(t)
+        for i in range(len(angle)):
+            px = x + co * origin[i, 0] - si * origin[i, 1]
+            py = y + si * origin[i, 0] + co * origin[i, 1]
+            ux, uy = math.cos(t + angle[i]), math.sin(t + angle[i])
+            best = np.float64(distance[r, i])
+            met = False
+            for k in range(people.shape[1]):
+                wx, wy = people[r, k, 0] - px, people[r, k, 1] - py
+                along = wx * ux + wy * uy
+                inside = radius * radius - (wx * uy - wy * ux) ** 2
+                if along > 0.0 and inside > 0.0 and wx * wx + wy * wy > radius * radius:
+                    d = along - math.sqrt(inside)
+                    if d < best:
+                        best, met = d, True
+            if met:
+                echo[r, i] = best if best <= limit[i] else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _capture(mean, std, table, states, out):
+    """Noise and resolution of each beam, as `RangeSensor.read`."""
+    for r in range(out.shape[0]):
+        state = states[r].copy()
+        spare, left = 0.0, False
+        for b in range(out.shape[1]):
+            if left:
+                noise = spare
+            else:
+                noise, spare = normals(state)
+            left = not left
+            chance = uniform(state)
+            least, most, resolution, bins, odd, lost = table[b]
+            value = mean[r, b] + std[r, b] * noise
+            # Written so that nan is too near.
+            too_near, no_echo = not value >= least, value >= most
+            position = (value - least) / resolution
+            if chance < odd:
+                # Given that it is below the share, chance / share is itself uniform on [0, 1).
+                position, too_near, no_echo = chance / odd * bins, False, False
+            elif chance < odd + lost:
+                no_echo = True
+            if no_echo:
+                out[r, b] = np.inf
+            elif too_near:
+                out[r, b] = -np.inf
+            else:
+                low = least + resolution * min(math.floor(position), bins - 1.0)
+                out[r, b] = 0.5 * (low + min(low + resolution, most))
+        states[r] = state

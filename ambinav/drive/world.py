@@ -1,0 +1,134 @@
+"""What truly happens: the robot moves as it is told, until it meets a wall."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from ambinav.drive.follower import ARRIVED, limited, pursue
+from ambinav.drive.noise import report
+from ambinav.geometry.disc_sweep import clear_along
+from ambinav.localization.odometry import wrapped
+
+# What became of a run.
+DRIVING, REACHED, COLLIDED, TIMED_OUT = 0, 1, 2, 3
+OUTCOMES = ("driving", "reached", "collided", "timed out")
+"""What became of a run, by code: `reached` is what the robot believes."""
+
+# A step counts as straight, for what it may meet, that strays from its chord by no more than this
+# in metres, or is shorter than that: the circles of almost straight arcs have no usable centre.
+STRAY = 1e-7
+SHORT = 1e-4
+# The disc may come nearer to a wall than its radius by this many metres: rounding.
+ROUNDING = 1e-9
+BISECTIONS = 40
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def unicycle(x, y, t, speed, rate, dt):
+    """The pose after driving at a speed and turning at a rate for a time: an arc, exactly."""
+    half = 0.5 * rate * dt
+    # sin(half) / half, which rounding spoils near 0.
+    chord = speed * dt * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    return x + chord * math.cos(t + half), y + chord * math.sin(t + half), wrapped(t + 2.0 * half)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def moved(x, y, t, speed, rate, dt, reach, table, bound):
+    """The pose after a time step, or where the disc first touches a wall.
+
+    Args:
+        x: Metres, map frame; the disc is free there.
+        y: The same.
+        t: Heading, radians.
+        speed: Metres per second, negative backwards.
+        rate: Radians per second.
+        dt: Seconds.
+        reach: Radius of the disc, metres.
+        table: The first of `CollisionChecker.arrays`.
+        bound: The second.
+
+    Returns:
+        x, y, heading, and whether the disc touches a wall there.
+    """
+    length = abs(speed) * dt
+    if length == 0.0:
+        x, y, t = unicycle(x, y, t, speed, rate, dt)
+        return x, y, t, False
+    way = 1.0 if speed > 0.0 else -1.0
+    ux, uy, bend = way * math.cos(t), way * math.sin(t), rate / abs(speed)
+    if length < SHORT or abs(rate) * dt * length < 8.0 * STRAY:
+        middle = t + 0.5 * rate * dt
+        ux, uy, bend = way * math.cos(middle), way * math.sin(middle), 0.0
+    reach = max(reach - ROUNDING, ROUNDING)
+    clear, _ = clear_along(x, y, ux, uy, bend, length, reach, table, bound)
+    share = 1.0
+    if not clear:
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            share = 0.5 * (low + high)
+            some, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
+            low, high = (share, high) if some else (low, share)
+        share = low
+    x, y, t = unicycle(x, y, t, speed, rate, share * dt)
+    return x, y, t, not clear
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tick(
+    truth, odometry, belief, speeds, piece, stage, outcome, course, goal, turns, p, limits, dt,
+    noise, states, reach, table, bound,
+):  # fmt: skip
+    """One time step of every run that still drives, in place.
+
+    Args:
+        truth: True poses, shape (R, 3), metres and radians, map frame.
+        odometry: Odometry poses, shape (R, 3), odometry frame.
+        belief: Poses by which the robots steer, shape (R, 3), map frame; left as they are.
+        speeds: Speed (m/s) and turn rate (rad/s), shape (R, 2).
+        piece: See `pursue`, int64, shape (R,).
+        stage: The same.
+        outcome: DRIVING, REACHED or COLLIDED, int64, shape (R,).
+        course: `Course.arrays`.
+        goal: `Course.goal`.
+        turns: `Course.turns`.
+        p: `FollowerParameters.packed`.
+        limits: `Robot.limits`.
+        dt: Seconds.
+        noise: `OdometryNoise.packed`.
+        states: Of the random numbers of odometry, shape (R, 4).
+        reach: Radius of the robot, metres.
+        table: The first of `CollisionChecker.arrays`.
+        bound: The second.
+    """
+    for r in range(len(truth)):
+        if outcome[r] != DRIVING:
+            continue
+        bx, by, bt = belief[r]
+        want_speed, want_rate, piece[r], stage[r] = pursue(
+            bx, by, bt, speeds[r, 0], speeds[r, 1], piece[r], stage[r], course, goal, turns, p,
+            limits, dt,
+        )  # fmt: skip
+        if stage[r] == ARRIVED:
+            outcome[r] = REACHED
+            continue
+        speed, rate = limited(speeds[r, 0], speeds[r, 1], want_speed, want_rate, limits, dt)
+        speeds[r, 0], speeds[r, 1] = speed, rate
+        x0, y0, t0 = truth[r]
+        x1, y1, t1, met = moved(x0, y0, t0, speed, rate, dt, reach, table, bound)
+        truth[r] = x1, y1, t1
+        if met:
+            outcome[r] = COLLIDED
+        ox, oy, ot = odometry[r]
+        odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def report_all(odometry, before, after, noise, states):
+    """`report` for each run, in place: poses of shape (R, 3)."""
+    for r in range(len(odometry)):
+        ox, oy, ot = odometry[r]
+        x0, y0, t0 = before[r]
+        x1, y1, t1 = after[r]
+        odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])

@@ -1,0 +1,1 @@
+"""Localizers: Monte Carlo localization as in AMCL, and a Kalman filter on whole scans."""

@@ -1,0 +1,68 @@
+"""The ray model: what a scan says of a pose, by the ranges that it ought to have there.
+
+Thrun, Burgard & Fox (2005), "Probabilistic Robotics", section 6.3 and table 6.1, in the form of
+nav2 (nav2_amcl, beam_model.cpp): a reading z where z* is expected has the likelihood
+
+    p = z_hit exp(-(z - z*)^2 / (2 sigma_hit^2)) + z_short lambda exp(-lambda z) [z < z*]
+        + z_max [z out of range] + z_rand / max_range [z in range]
+
+and the beams together 1 + sum p^3. AMCL walks through the cells of its map; here z* is exact: the
+nearest echo of the beam's rays among the wall segments, so that cones and incidence limits count.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ambinav.localization.casting import expected_ranges, work_space
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def beam_factors(
+    particles, count, reading, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables
+):
+    """Multiply the weights by what the ray model says of one scan.
+
+    Args:
+        particles: x, y, theta and weight, float64, shape (M, ...); the weights are written.
+        count: How many of them there are.
+        reading: Of each beam, shape (B,), metres; `far` where it is out of range, nan where
+            there is none.
+        far: Maximum range of each beam, shape (B,), metres.
+        z_hit: See the module, as the next three.
+        z_short: See there.
+        z_max: See there.
+        z_rand: See there.
+        sigma: sigma_hit, metres.
+        decay: lambda_short, 1 / metres.
+        tables: The beams, see `casting.CastTables`. Where a pose puts a sensor outside of the
+            free space, its beams are expected to read 0.
+    """
+    beams = far.size
+    work = work_space(tables.cosine.size)
+    ranges = np.empty(beams)
+    ray = np.empty(beams, dtype=np.int32)
+    edge = np.empty(beams, dtype=np.int32)
+    short, rand = np.empty(beams), np.empty(beams)
+    for b in range(beams):
+        short[b] = z_short * decay * math.exp(-decay * reading[b])
+        rand[b] = z_max if reading[b] >= far[b] else z_rand / far[b]
+    per_square = -0.5 / (sigma * sigma)
+    for i in range(count):
+        expected_ranges(
+            particles[i, 0], particles[i, 1], particles[i, 2], tables, work, ranges, ray, edge
+        )
+        total = 1.0
+        for b in range(beams):
+            if math.isnan(reading[b]):
+                continue
+            expected = 0.0 if math.isnan(ranges[b]) else min(ranges[b], far[b])
+            off = reading[b] - expected
+            p = z_hit * math.exp(off * off * per_square) + rand[b]
+            if off < 0.0:
+                p += short[b]
+            total += p * p * p
+        particles[i, 3] *= total

@@ -1,0 +1,159 @@
+"""A scanner's beams cast from inside a kernel: expected ranges at one pose."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
+from ambinav.geometry.triangulation import locate
+from ambinav.sensing.scanner import RangeScanner
+
+
+class CastTables(NamedTuple):
+    """An environment's triangles and the rays of some beams; all that `expected_ranges` reads.
+
+    Rays with the same origin stand together, counter-clockwise.
+
+    Attributes:
+        origin: Of each group of rays, shape (G, 2), metres, robot frame.
+        first: Rays first[g] to first[g + 1] - 1 are those of group g, shape (G + 1,).
+        cosine: Of the rays' angles in the robot frame, shape (R,).
+        sine: Likewise.
+        beam: Which beam each ray belongs to, shape (R,).
+        limit: Farthest distance that returns an echo, shape (R,), metres.
+        incidence: Largest angle to the normal that returns an echo, shape (R,), radians.
+        start: x and y of each ray, shape (R, 2), metres, robot frame.
+        border_segment: See `Environment`.
+        border: `Environment.border_lines`.
+        twin: See `Triangulation`, as are node, hops and corner.
+        grid_x: See `Triangulation.index`, as is all that follows.
+    """
+
+    origin: NDArray[np.float64]
+    first: NDArray[np.int64]
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+    beam: NDArray[np.int64]
+    limit: NDArray[np.float64]
+    incidence: NDArray[np.float64]
+    start: NDArray[np.float64]
+    border_segment: NDArray[np.int32]
+    border: NDArray[np.float64]
+    twin: NDArray[np.int32]
+    node: NDArray[np.float64]
+    hops: NDArray[np.int32]
+    corner: NDArray[np.float64]
+    grid_x: float
+    grid_y: float
+    cell: float
+    rows: int
+    columns: int
+    grid_start: NDArray[np.int32]
+    item: NDArray[np.int32]
+    triangle: NDArray[np.float64]
+
+
+def cast_tables(
+    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
+) -> CastTables:
+    """Lay out the environment and the beams with these indices, which are renumbered from 0."""
+    rays = scanner.rays()
+    owner = np.repeat(np.arange(scanner.beams), np.diff(rays.start))
+    number = np.full(scanner.beams, -1, dtype=np.int64)
+    number[beams] = np.arange(len(beams))
+    chosen = np.flatnonzero(number[owner] >= 0)
+    origin, group = np.unique(rays.origin[chosen], axis=0, return_inverse=True)
+    parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
+    order = np.concatenate([part[counter_clockwise(rays.angle[part])] for part in parts])
+    mesh = environment.triangulation
+    return CastTables(
+        np.ascontiguousarray(origin),
+        np.cumsum([0, *map(len, parts)]),
+        np.cos(rays.angle[order]),
+        np.sin(rays.angle[order]),
+        number[owner[order]],
+        rays.max_range[order].astype(np.float64),
+        rays.max_incidence[order].astype(np.float64),
+        np.ascontiguousarray(rays.origin[order]),
+        environment.border_segment,
+        environment.border_lines,
+        mesh.twin,
+        mesh.node,
+        mesh.hops,
+        mesh.corner,
+        *mesh.index,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def work_space(rays):
+    """Arrays that `expected_ranges` works in, for scans of so many rays."""
+    size = rays + STACK
+    stack = (
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+    )
+    return np.empty(rays), np.empty(rays), np.empty(rays), np.empty(rays, dtype=np.int32), stack
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
+    """True range of each beam at one pose, as `RangeScanner.scan` gives it.
+
+    Args:
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        tables: See `CastTables`.
+        work: See `work_space`.
+        ranges: Written, shape (B,), metres: inf without an echo, nan where a sensor of the beam
+            is outside the free space.
+        ray: Written, int32, shape (B,): the ray that the range is of, -1 for none.
+        edge: Written, int32, shape (B,): the border edge that it meets, -1 for none.
+    """
+    ux, uy, distance, hit, stack = work
+    border = tables.border
+    co, si = math.cos(theta), math.sin(theta)
+    ranges[:] = math.inf
+    ray[:] = -1
+    edge[:] = -1
+    for g in range(tables.origin.shape[0]):
+        px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
+        py = y + si * tables.origin[g, 0] + co * tables.origin[g, 1]
+        low, high = tables.first[g], tables.first[g + 1]
+        t = locate(
+            px, py, tables.grid_x, tables.grid_y, tables.cell, tables.rows, tables.columns,
+            tables.grid_start, tables.item, tables.triangle,
+        )  # fmt: skip
+        if t < 0:
+            for j in range(low, high):
+                ranges[tables.beam[j]] = math.nan
+            continue
+        for j in range(low, high):
+            ux[j - low] = co * tables.cosine[j] - si * tables.sine[j]
+            uy[j - low] = si * tables.cosine[j] + co * tables.sine[j]
+        cast_fan(
+            px, py, ux, uy, high - low, t, tables.corner, tables.twin, tables.node, tables.hops,
+            border, stack, distance, hit,
+        )  # fmt: skip
+        for j in range(low, high):
+            b, d, k = tables.beam[j], distance[j - low], hit[j - low]
+            # A range of nan stays: no comparison with it is true.
+            if d > tables.limit[j] or not d < ranges[b]:
+                continue
+            if tables.incidence[j] < math.inf:
+                ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
+                along = abs(ux[j - low] * ex + uy[j - low] * ey)
+                across = abs(ux[j - low] * ey - uy[j - low] * ex)
+                if math.atan2(along, across) > tables.incidence[j]:
+                    continue
+            ranges[b] = d
+            ray[b] = j
+            edge[b] = k

@@ -1,0 +1,206 @@
+"""What the kernels of Monte Carlo localization read, and what they write: two named tuples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.localization.bins import table_size
+from ambinav.localization.likelihood_field import LikelihoodField
+from ambinav.localization.parameters import LASER_MODELS, MclParameters
+from ambinav.localization.resampling import CODES
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+FIELD_SUM, FIELD_PRODUCT, BEAM_MODEL = range(3)
+
+
+class FilterModel(NamedTuple):
+    """Parameters, scanner and map of a filter; the same for all runs, never written.
+
+    Attributes:
+        alpha: alpha1 to alpha4.
+        kind: `FIELD_SUM`, `FIELD_PRODUCT` or `BEAM_MODEL`.
+        z_hit: As in `MclParameters`, as are those that follow.
+        power: importance_factor.
+        least: min_particles.
+        most: max_particles.
+        error: pf_err.
+        quantile: pf_z.
+        update_d: update_min_d, metres.
+        update_a: update_min_a, radians.
+        interval: resample_interval.
+        slow: recovery_alpha_slow.
+        fast: recovery_alpha_fast.
+        reset: recovery_reset.
+        way: See `resampling.CODES`.
+        whole: Whether the estimate is the mean of all particles.
+        beam: Which of the scanner's beams are used, shape (U,).
+        mount: x, y (metres), cosine and sine of the direction of each of them, shape (U, 4).
+        near: Readings up to here are too near, shape (U,), metres.
+        far: Readings from here on are out of range, shape (U,), metres.
+        hits: See `LikelihoodField.hits`; (1, 1) for the ray model.
+        field_x: x of hits[0, 0], metres.
+        field_y: y of it.
+        inverse: Points of the field per metre.
+        smooth: Whether to interpolate between them.
+        areas: Cumulated areas of the free space's triangles, shape (T,), square metres.
+        corner: Their corners, shape (3 T, 2), metres.
+    """
+
+    alpha: Floats
+    kind: int
+    z_hit: float
+    z_short: float
+    z_max: float
+    z_rand: float
+    sigma_hit: float
+    lambda_short: float
+    power: float
+    least: int
+    most: int
+    error: float
+    quantile: float
+    update_d: float
+    update_a: float
+    interval: int
+    slow: float
+    fast: float
+    reset: bool
+    way: int
+    whole: bool
+    beam: NDArray[np.int64]
+    mount: Floats
+    near: Floats
+    far: Floats
+    hits: NDArray[np.float32]
+    field_x: float
+    field_y: float
+    inverse: float
+    smooth: bool
+    areas: Floats
+    corner: Floats
+
+
+class FilterState(NamedTuple):
+    """All that changes; one row each a run. M is max_particles, H the size of a hash table.
+
+    Attributes:
+        particles: x, y, theta, weight, and 1 for those that the last resampling put anywhere
+            (else 0), shape (R, M, 5).
+        spare: Where the next set is drawn into, shape (R, M, 5).
+        number: Particles in use, shape (R,); 0 before a start.
+        random: States of the generators, uint64, shape (R, 4).
+        anchor: Odometry pose at the last update, shape (R, 3).
+        base: Estimate at the last update, shape (R, 3).
+        base_covariance: Its covariance, shape (R, 3, 3).
+        mean: Estimate now, shape (R, 3).
+        covariance: Its covariance, shape (R, 3, 3).
+        averages: Slow and fast average of the likelihood, shape (R, 2).
+        ticks: Whether a scan was taken in since the start, and how many updates there were,
+            int64, shape (R, 2).
+        keys: Bins of the particles, int64, shape (R, H).
+        entry: Entries of `keys` in use, int32, shape (R, M).
+        label: Work space, int32, shape (R, H).
+        stack: Work space, int32, shape (R, M).
+        sums: Work space, shape (R, M).
+    """
+
+    particles: Floats
+    spare: Floats
+    number: NDArray[np.int64]
+    random: NDArray[np.uint64]
+    anchor: Floats
+    base: Floats
+    base_covariance: Floats
+    mean: Floats
+    covariance: Floats
+    averages: Floats
+    ticks: NDArray[np.int64]
+    keys: NDArray[np.int64]
+    entry: NDArray[np.int32]
+    label: NDArray[np.int32]
+    stack: NDArray[np.int32]
+    sums: Floats
+
+
+def filter_model(
+    environment: Environment,
+    scanner: RangeScanner,
+    parameters: MclParameters,
+    field: LikelihoodField | None,
+) -> FilterModel:
+    """Lay out what the kernels read.
+
+    Args:
+        environment: The map.
+        scanner: The scanner.
+        parameters: The parameters.
+        field: A likelihood field of the environment; None: one is made if it is needed.
+
+    Raises:
+        InputError: no beam is left between laser_min_range and laser_max_range.
+    """
+    p = parameters
+    step = max((scanner.beams - 1) // (p.max_beams - 1), 1)
+    beam = np.arange(0, scanner.beams, step, dtype=np.int64)
+    sensors = [scanner.sensors[k] for k in scanner.sensor_of_beam[beam]]
+    near, far = (np.array([getattr(s, k) for s in sensors]) for k in ("min_range", "max_range"))
+    if p.laser_max_range > 0.0:
+        far = np.minimum(far, p.laser_max_range)
+    if p.laser_min_range > 0.0:
+        near = np.maximum(near, p.laser_min_range)
+    if (near >= far).any():
+        b = int(np.argmax(near >= far))
+        raise InputError(
+            f"laser_min_range is {p.laser_min_range:g} and laser_max_range {p.laser_max_range:g}, "
+            f"which leaves beam {beam[b]} of scanner {scanner.name!r} nothing to read; move them "
+            "apart."
+        )
+    kind = LASER_MODELS.index(p.laser_model_type)
+    if kind == BEAM_MODEL:
+        hits, origin, inverse = np.zeros((1, 1), dtype=np.float32), (0.0, 0.0), 1.0
+    else:
+        if field is None:
+            reach = p.laser_likelihood_max_dist
+            field = LikelihoodField.of(environment, p.likelihood_resolution, reach)
+        hits, origin, inverse = field.hits(p.sigma_hit), field.origin, 1.0 / field.resolution
+    x, y, yaw = scanner.mounts[beam].T
+    corner = environment.triangulation.corner
+    (ax, ay), (bx, by), (cx, cy) = corner.reshape(-1, 3, 2).transpose(1, 2, 0)
+    areas = np.cumsum(np.abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2.0)
+    return FilterModel(
+        p.odometry.array, kind, p.z_hit, p.z_short, p.z_max, p.z_rand, p.sigma_hit,
+        p.lambda_short, p.importance_factor, p.min_particles, p.max_particles, p.pf_err, p.pf_z,
+        p.update_min_d, p.update_min_a, p.resample_interval, p.recovery_alpha_slow,
+        p.recovery_alpha_fast, p.recovery_reset, CODES[p.resampling], p.estimate == "mean", beam,
+        np.column_stack((x, y, np.cos(yaw), np.sin(yaw))), near, far, hits, *origin, inverse,
+        p.likelihood_interpolation == "bilinear", areas, corner,
+    )  # fmt: skip
+
+
+def filter_state(parameters: MclParameters, runs: int, random: NDArray[np.uint64]) -> FilterState:
+    """Make the state of filters that are not started yet."""
+    most, size = parameters.max_particles, table_size(parameters.max_particles)
+    return FilterState(
+        particles=np.zeros((runs, most, 5)),
+        spare=np.zeros((runs, most, 5)),
+        number=np.zeros(runs, dtype=np.int64),
+        random=random,
+        anchor=np.zeros((runs, 3)),
+        base=np.zeros((runs, 3)),
+        base_covariance=np.zeros((runs, 3, 3)),
+        mean=np.full((runs, 3), np.nan),
+        covariance=np.full((runs, 3, 3), np.nan),
+        averages=np.zeros((runs, 2)),
+        ticks=np.zeros((runs, 2), dtype=np.int64),
+        keys=np.full((runs, size), -1, dtype=np.int64),
+        entry=np.zeros((runs, most), dtype=np.int32),
+        label=np.zeros((runs, size), dtype=np.int32),
+        stack=np.zeros((runs, most), dtype=np.int32),
+        sums=np.zeros((runs, most)),
+    )

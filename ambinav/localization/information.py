@@ -1,0 +1,182 @@
+"""What a scan tells of the pose that it is made at: its Fisher information.
+
+A beam's range changes with the pose of the robot by a gradient that the surface's normal n gives:
+for a ray in the direction u at whose end e, held to sensor and ray, moves by de when the robot
+moves, d range = -n . de / (n . u). Summed over the beams, g g^T / sigma^2 is the Fisher
+information of the scan, whose inverse no unbiased localizer beats (Censi 2007, "On achievable
+accuracy for range-finder localization", ICRA). Beams without an echo, or that end in unknown
+space, tell nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import FRONTIER
+from ambinav.localization.casting import cast_tables, expected_ranges, work_space
+from ambinav.sensing.fields import as_number
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+
+# Entries of the tables of bias and deviation over the range.
+TABLE = 512
+# A range is taken to change no faster than at this cosine of the incidence angle (87 degrees):
+# so near to grazing, a linear model is wrong.
+GRAZING = 0.05
+
+
+class BeamNoise(NamedTuple):
+    """How the beams read; TABLE entries each from range 0 to the maximum.
+
+    Attributes:
+        near: Minimum range, shape (B,), metres.
+        far: Maximum range, shape (B,), metres.
+        bias: Mean of reading minus true range, shape (B, TABLE), metres.
+        variance: Of the reading about it, with that of the map and of the rounding to a bin,
+            shape (B, TABLE), square metres.
+        frontier: Which border edges are the frontier to unknown space, shape (K,).
+    """
+
+    near: Floats
+    far: Floats
+    bias: Floats
+    variance: Floats
+    frontier: NDArray[np.bool_]
+
+
+def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) -> BeamNoise:
+    """Tabulate a scanner's beams; `map_std` is the deviation of the walls' position, metres."""
+    bias, variance = [], []
+    for sensor in scanner.sensors:
+        ranges = np.linspace(0.0, sensor.max_range, TABLE)
+        bias.append(sensor.bias_at(ranges))
+        rounding = sensor.resolution**2 / 12.0
+        variance.append(sensor.std_at(ranges) ** 2 + rounding + map_std**2)
+    which = scanner.sensor_of_beam
+    return BeamNoise(
+        np.array([s.min_range for s in scanner.sensors])[which],
+        np.array([s.max_range for s in scanner.sensors])[which],
+        np.array(bias)[which],
+        np.array(variance)[which],
+        environment.segments.kind[environment.border_segment] == FRONTIER,
+    )
+
+
+def scan_information(
+    environment: Environment,
+    scanner: RangeScanner,
+    poses: ArrayLike,
+    map_std: float | None = None,
+) -> Floats:
+    """Fisher information of one scan about the pose that it is made at.
+
+    Args:
+        environment: The environment.
+        scanner: The scanner.
+        poses: x, y, theta, shape (N, 3) or (3,).
+        map_std: Standard deviation of the walls' position, metres, which adds to the sensor's;
+            None: the environment's `map_std`.
+
+    Returns:
+        Shape (N, 3, 3), about x, y (1 / square metres) and theta (1 / square radians), map frame.
+
+    Raises:
+        InputError: the poses have no such shape or are not finite, or map_std is negative.
+    """
+    rows = as_poses(poses, "poses")
+    cast = cast_tables(environment, scanner, np.arange(scanner.beams))
+    noise = beam_noise(environment, scanner, as_map_std(environment, map_std))
+    out = np.empty((len(rows), 3, 3))
+    informations(rows, cast, noise, out)
+    return out
+
+
+def as_poses(values: ArrayLike, name: str) -> Floats:
+    """Poses of shape (N, 3), or `InputError` that names them."""
+    rows = np.ascontiguousarray(np.atleast_2d(np.asarray(values, dtype=np.float64)))
+    if rows.ndim != 2 or rows.shape[1] != 3 or not np.isfinite(rows).all():
+        raise InputError(f"{name}: the shape is {rows.shape}; give finite x, y, theta, (N, 3).")
+    return rows
+
+
+def as_map_std(environment: Environment, map_std: float | None) -> float:
+    """The given deviation of the walls, or the environment's; `InputError` if it is negative."""
+    value = environment.map_std if map_std is None else as_number(map_std, "map_std")
+    if value < 0.0:
+        raise InputError(f"map_std is {value}; give at least 0 metres.")
+    return value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
+    """What each beam is expected to read at a pose, and how that changes with it.
+
+    Args:
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        cast: See `casting.CastTables`; all beams.
+        noise: See `BeamNoise`.
+        work: See `casting.work_space`.
+        ranges: Work space, shape (B,).
+        ray: Work space, int32, shape (B,).
+        edge: Work space, int32, shape (B,).
+        line: Written, shape (B, 5): mean reading (metres), its derivatives by x, y (1) and theta
+            (metres per radian), and its variance; inf where the beam tells nothing.
+    """
+    expected_ranges(x, y, theta, cast, work, ranges, ray, edge)
+    co, si = math.cos(theta), math.sin(theta)
+    for b in range(ranges.size):
+        d, j, k = ranges[b], ray[b], edge[b]
+        line[b, 4] = math.inf
+        if j < 0 or not d > noise.near[b] or noise.frontier[k]:
+            continue
+        ux = co * cast.cosine[j] - si * cast.sine[j]
+        uy = si * cast.cosine[j] + co * cast.sine[j]
+        ex, ey = cast.border[k, 2] - cast.border[k, 0], cast.border[k, 3] - cast.border[k, 1]
+        length = math.sqrt(ex * ex + ey * ey)
+        nx, ny = -ey / length, ex / length
+        facing = nx * ux + ny * uy
+        facing = math.copysign(max(abs(facing), GRAZING), facing)
+        # How the sensor and the end of its beam swing when the robot turns.
+        sx = -si * cast.start[j, 0] - co * cast.start[j, 1] - d * uy
+        sy = co * cast.start[j, 0] - si * cast.start[j, 1] + d * ux
+        place = d / noise.far[b] * (TABLE - 1)
+        low = min(int(place), TABLE - 2)
+        share = place - low
+        rise = (noise.bias[b, low + 1] - noise.bias[b, low]) * (TABLE - 1) / noise.far[b]
+        scale = -(1.0 + rise) / facing
+        line[b, 0] = d + noise.bias[b, low] * (1.0 - share) + noise.bias[b, low + 1] * share
+        line[b, 1] = nx * scale
+        line[b, 2] = ny * scale
+        line[b, 3] = (nx * sx + ny * sy) * scale
+        line[b, 4] = noise.variance[b, low] * (1.0 - share) + noise.variance[b, low + 1] * share
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def informations(poses, cast, noise, out):
+    """Write the information of a scan at each pose (N, 3) to `out` (N, 3, 3)."""
+    beams = noise.far.size
+    for p in prange(poses.shape[0]):
+        ranges = np.empty(beams)
+        ray = np.empty(beams, dtype=np.int32)
+        edge = np.empty(beams, dtype=np.int32)
+        line = np.empty((beams, 5))
+        work = work_space(cast.cosine.size)
+        beam_lines(
+            poses[p, 0], poses[p, 1], poses[p, 2], cast, noise, work, ranges, ray, edge, line
+        )
+        out[p] = 0.0
+        for b in range(beams):
+            if line[b, 4] < math.inf:
+                for i in range(3):
+                    for j in range(3):
+                        out[p, i, j] += line[b, 1 + i] * line[b, 1 + j] / line[b, 4]

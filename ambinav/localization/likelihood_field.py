@@ -1,0 +1,201 @@
+"""The likelihood field: how far every point is from the nearest wall, and what a scan makes of it.
+
+AMCL takes the distance from the map's occupied cells, and fills a thick wall in, which draws a
+robot 3 to 4 cm towards it. Here it is the distance to the wall segments, exact at every point of
+the lattice.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.sensing.fields import as_number
+
+# A lattice of more points than this (1.6 GB) is refused.
+MOST_POINTS = 400_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodField:
+    """Distances to the walls on a square lattice, up to a largest one.
+
+    Attributes:
+        distance: float32, shape (rows, columns), metres, at most `max_distance`. The lattice
+            reaches `max_distance` beyond the environment, so that off it every point is at
+            least that far from a wall.
+        origin: x and y of distance[0, 0], metres; row 0 lies at the smallest y.
+        resolution: Spacing of the lattice, metres.
+        max_distance: Metres.
+    """
+
+    distance: NDArray[np.float32]
+    origin: tuple[float, float]
+    resolution: float
+    max_distance: float
+
+    @classmethod
+    def of(
+        cls,
+        environment: Environment,
+        resolution: float = 0.025,
+        max_distance: float = 2.0,
+        *,
+        frontiers: bool = False,
+    ) -> LikelihoodField:
+        """Work out the field of an environment.
+
+        Args:
+            environment: The environment.
+            resolution: Spacing of the lattice, metres.
+            max_distance: Farther from a wall than this is all the same, metres.
+            frontiers: Count the frontiers to unknown space as walls.
+
+        Raises:
+            InputError: a number is not positive, the lattice would be too large, or there is no
+                wall.
+        """
+        step, reach = as_number(resolution, "resolution"), as_number(max_distance, "max_distance")
+        if step <= 0.0 or reach <= 0.0:
+            name, value = ("resolution", step) if step <= 0.0 else ("max_distance", reach)
+            raise InputError(f"{name} is {value}; give metres above 0.")
+        segments = environment.segments
+        xy = segments.xy if frontiers else segments.xy[segments.walls]
+        if len(xy) == 0:
+            raise InputError(
+                f"environment {environment.name!r} has no walls; a likelihood field needs some."
+            )
+        xmin, ymin, xmax, ymax = environment.bounds
+        columns = math.ceil((xmax - xmin + 2.0 * reach) / step) + 1
+        rows = math.ceil((ymax - ymin + 2.0 * reach) / step) + 1
+        if rows * columns > MOST_POINTS:
+            raise InputError(
+                f"resolution is {step:g}, which makes {rows * columns} points of environment "
+                f"{environment.name!r}; give a coarser one."
+            )
+        distance = np.empty((rows, columns), dtype=np.float32)
+        origin = (xmin - reach, ymin - reach)
+        _distances(np.ascontiguousarray(xy), *origin, step, reach, distance)
+        return cls(distance, origin, step, reach)
+
+    def hits(self, sigma: float) -> NDArray[np.float32]:
+        """exp(-d^2 / (2 sigma^2)) of the distances d, shape (rows, columns); `sigma` in metres."""
+        values = np.square(self.distance)
+        values *= np.float32(-0.5 / sigma**2)
+        return np.exp(values, out=values)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _distances(xy, x0, y0, step, reach, distance):
+    """Distance from each lattice point to the nearest segment, row by row.
+
+    Only the piece of a segment within reach of the row can matter, and only to the columns
+    within reach of that piece.
+    """
+    rows, columns = distance.shape
+    for row in prange(rows):
+        y = y0 + row * step
+        best = np.full(columns, reach * reach)
+        for k in range(xy.shape[0]):
+            ax, ay, bx, by = xy[k, 0], xy[k, 1], xy[k, 2], xy[k, 3]
+            if min(ay, by) > y + reach or max(ay, by) < y - reach:
+                continue
+            ex, ey = bx - ax, by - ay
+            low, high = 0.0, 1.0
+            if abs(ey) > 1e-12:
+                one, other = (y - reach - ay) / ey, (y + reach - ay) / ey
+                low, high = max(low, min(one, other)), min(high, max(one, other))
+            left = min(ax + low * ex, ax + high * ex) - reach
+            right = max(ax + low * ex, ax + high * ex) + reach
+            first = max(int(math.ceil((left - x0) / step - 1e-9)), 0)
+            last = min(int(math.floor((right - x0) / step + 1e-9)), columns - 1)
+            per_square = 1.0 / (ex * ex + ey * ey)
+            wy = y - ay
+            for column in range(first, last + 1):
+                wx = x0 + column * step - ax
+                s = min(max((wx * ex + wy * ey) * per_square, 0.0), 1.0)
+                dx, dy = wx - s * ex, wy - s * ey
+                best[column] = min(best[column], dx * dx + dy * dy)
+        for column in range(columns):
+            distance[row, column] = math.sqrt(best[column])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def hit_at(u, v, hits, smooth):
+    """Value of the lattice at column u and row v: the nearest point's, or linear in between.
+
+    0 off the lattice, where AMCL too takes the largest distance.
+    """
+    rows, columns = hits.shape
+    if smooth:
+        if not (u >= 0.0 and v >= 0.0 and u < columns - 1 and v < rows - 1):
+            return 0.0
+        column, row = int(u), int(v)
+        a, b = u - column, v - row
+        lower = hits[row, column] * (1.0 - a) + hits[row, column + 1] * a
+        upper = hits[row + 1, column] * (1.0 - a) + hits[row + 1, column + 1] * a
+        return lower * (1.0 - b) + upper * b
+    u += 0.5
+    v += 0.5
+    if not (u >= 0.0 and v >= 0.0 and u < columns and v < rows):
+        return 0.0
+    return float(hits[int(v), int(u)])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def field_factors(
+    particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, smooth, log, power, scratch
+):
+    """Multiply the weights by what the field says of one scan; return their factors' base.
+
+    Two ways of putting the beams together, p_i = z_hit hit_i + z_rand / max_range_i:
+    AMCL's `likelihood_field`, 1 + sum p_i^3; and with `log` its `likelihood_field_prob`, the
+    product of all p_i to the power `power` (Probabilistic Robotics, section 6.3.4).
+
+    Args:
+        particles: x, y, theta and weight, float64, shape (M, ...); the weights are written.
+        count: How many of them there are.
+        end: End points of the beams in the robot's frame, shape (B, 2), metres.
+        floor: z_rand / max_range of each beam, shape (B,).
+        used: How many of the beams there are.
+        z_hit: Share of the hits.
+        hits: See `LikelihoodField.hits`.
+        x0: Place of hits[0, 0], metres.
+        y0: As x0.
+        inverse: Lattice points per metre.
+        smooth: Interpolate between the lattice points.
+        log: Product instead of the sum of cubes.
+        power: Exponent of the product.
+        scratch: Work space, float64, shape (M,).
+
+    Returns:
+        The logarithm that all factors were divided by (0 for the sum), so that products of many
+        beams do not vanish.
+    """
+    top = -math.inf
+    for i in range(count):
+        px, py = (particles[i, 0] - x0) * inverse, (particles[i, 1] - y0) * inverse
+        c, s = math.cos(particles[i, 2]) * inverse, math.sin(particles[i, 2]) * inverse
+        total = 0.0 if log else 1.0
+        for b in range(used):
+            u = px + c * end[b, 0] - s * end[b, 1]
+            v = py + s * end[b, 0] + c * end[b, 1]
+            p = z_hit * hit_at(u, v, hits, smooth) + floor[b]
+            total += math.log(p) if log else p * p * p
+        if log:
+            total *= power
+            top = max(top, total)
+            scratch[i] = total
+        else:
+            particles[i, 3] *= total
+    if not log:
+        return 0.0
+    for i in range(count):
+        particles[i, 3] *= math.exp(scratch[i] - top)
+    return top

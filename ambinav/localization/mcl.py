@@ -1,0 +1,391 @@
+"""Monte Carlo localization as in AMCL, many runs at a time, each with a filter of its own.
+
+For other kernels: the whole filter of run r is one call without Python,
+
+    updated = update_run(r, x, y, theta, ranges, model, cast, state)
+
+with the odometry pose (x, y, theta) (metres, radians, any fixed frame), the readings `ranges`
+(float32 or float64, shape (B,), in the scanner's order of beams, inf no echo, -inf too near, nan
+no reading), and the named tuples `localizer.model` and `localizer.cast` (read only, shared by all
+runs) and `localizer.state` (arrays with one row each a run, written in place). It returns whether
+the filter took the scan in. Estimate and covariance are then in state.mean[r] (3,) and
+state.covariance[r] (3, 3), whether it did or not: between two updates they move along with
+odometry. Runs share nothing, so calls for different r may run at the same time. A filter starts
+with `localizer.start(...)` or, in a kernel, `start_run` and `start_run_globally`.
+
+What follows AMCL is named in `MclParameters`. Four things are done otherwise, on purpose: the
+averages of augmented recovery are of the mean likelihood of the particles that were not just put
+anywhere (AMCL takes all, and divides by their number once more, so that the averages jump when KLD
+changes that number); the covariance
+couples heading and place; between two updates the covariance grows with odometry; and recovery
+goes on until the likelihood is back (`MclParameters.recovery_reset`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.localization.beam_model import beam_factors
+from ambinav.localization.bins import estimate, fill_bins
+from ambinav.localization.casting import CastTables, cast_tables
+from ambinav.localization.filter_state import (
+    BEAM_MODEL,
+    FIELD_PRODUCT,
+    FilterModel,
+    FilterState,
+    filter_model,
+    filter_state,
+)
+from ambinav.localization.likelihood_field import LikelihoodField, field_factors
+from ambinav.localization.odometry import (
+    apply_motion,
+    deviations,
+    motion_between,
+    sample_motion,
+    spread_motion,
+    wrapped,
+)
+from ambinav.localization.parameters import MclParameters
+from ambinav.localization.random import normals, states
+from ambinav.localization.resampling import random_pose, resample
+from ambinav.sensing.fields import as_count
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+
+# Largest share of the particles that recovery puts anywhere at once. Likelihoods that are sums
+# differ by a factor of five at most: with more of them, those that were right would be swamped.
+MOST_ANEW = 0.25
+# So many runs are updated in parallel. An update takes half a millisecond, and waking threads on a
+# busy machine several.
+PARALLEL_FROM = 8
+
+
+class MonteCarloLocalizer:
+    """Monte Carlo localization in one environment, for any number of runs at once.
+
+    Args:
+        environment: The map that the robot has.
+        scanner: Its scanner.
+        parameters: See `MclParameters`; None: AMCL's defaults.
+        runs: How many robots are localized side by side.
+        rng: Where each run's own random numbers start from.
+        field: A likelihood field of the environment made before; None: it is made here.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        scanner: RangeScanner,
+        parameters: MclParameters | None = None,
+        *,
+        runs: int = 1,
+        rng: np.random.Generator,
+        field: LikelihoodField | None = None,
+    ) -> None:
+        self.parameters = MclParameters() if parameters is None else parameters
+        self.scanner = scanner
+        self.runs = as_count(runs, "runs")
+        self.model: FilterModel = filter_model(environment, scanner, self.parameters, field)
+        self.cast: CastTables = cast_tables(environment, scanner, self.model.beam)
+        self.state: FilterState = filter_state(self.parameters, self.runs, states(rng, self.runs))
+
+    def start(self, poses: ArrayLike, covariance: ArrayLike | None = None) -> None:
+        """Spread the particles about a pose for each run; the next scan is taken in at once.
+
+        Args:
+            poses: Shape (R, 3), or (3,) for all runs, map frame.
+            covariance: Shape (3, 3) or (R, 3, 3); None: the parameters' initial_cov_xx, _yy, _aa.
+
+        Raises:
+            InputError: a shape does not fit, a value is not finite, or a covariance has a
+                negative eigenvalue.
+        """
+        p = self.parameters
+        if covariance is None:
+            covariance = np.diag([p.initial_cov_xx, p.initial_cov_yy, p.initial_cov_aa])
+        mean = self._rows(poses, "poses", (3,))
+        spread = self._rows(covariance, "covariance", (3, 3))
+        values, vectors = np.linalg.eigh(spread)
+        if values.min() < -1e-9 * max(float(np.abs(values).max()), 1.0):
+            raise InputError(
+                f"covariance has the eigenvalue {values.min():g}; give a covariance, whose "
+                "eigenvalues are at least 0."
+            )
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis, :]
+        _start_all(mean, np.ascontiguousarray(root), self.model, self.state)
+
+    def start_globally(self) -> None:
+        """Spread the particles evenly over the free space and all headings, in every run."""
+        _start_all_globally(self.model, self.state)
+
+    def update(self, odometry: ArrayLike, ranges: ArrayLike) -> NDArray[np.bool_]:
+        """Take in where odometry says that each robot is, and the scan made there.
+
+        Args:
+            odometry: Poses in the odometry frame, shape (R, 3), or (3,) for one run.
+            ranges: Readings, shape (R, B), or (B,) for one run: metres, inf no echo, -inf too
+                near, nan no reading.
+
+        Returns:
+            Shape (R,): which runs took the scan in; the others have moved less than
+            update_min_d and update_min_a since their last one.
+
+        Raises:
+            InputError: a shape does not fit, a pose is not finite, or the localizer has not been
+                started.
+        """
+        if (self.state.number == 0).any():
+            raise InputError("the localizer has no particles; call start or start_globally first.")
+        poses = self._rows(odometry, "odometry", (3,))
+        readings = np.ascontiguousarray(ranges, dtype=np.float32)
+        shape = (self.runs, self.scanner.beams)
+        if readings.shape != shape and (self.runs != 1 or readings.shape != shape[1:]):
+            raise InputError(
+                f"ranges have the shape {readings.shape}; give {shape}: the {shape[1]} beams of "
+                f"scanner {self.scanner.name!r} for each of {self.runs} runs."
+            )
+        updated = np.empty(self.runs, dtype=np.bool_)
+        kernel = _update_serial if self.runs < PARALLEL_FROM else _update_parallel
+        kernel(poses, readings.reshape(shape), self.model, self.cast, self.state, updated)
+        return updated
+
+    @property
+    def mean(self) -> Floats:
+        """Estimated pose of each run, shape (R, 3), metres and radians, map frame."""
+        return self.state.mean.copy()
+
+    @property
+    def covariance(self) -> Floats:
+        """Its covariance: second moment of all particles about it, shape (R, 3, 3)."""
+        return self.state.covariance.copy()
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """How many particles each run has, shape (R,)."""
+        return self.state.number.copy()
+
+    def particles(self, run: int = 0) -> tuple[Floats, Floats]:
+        """Poses (n, 3) and weights (n,) of a run's particles, as of its last update."""
+        rows = self.state.particles[run, : self.state.number[run]]
+        return rows[:, :3].copy(), rows[:, 3].copy()
+
+    def _rows(self, values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:
+        given = np.asarray(values, dtype=np.float64)
+        if given.shape not in (shape, (self.runs, *shape)):
+            raise InputError(
+                f"{name}: the shape is {given.shape}; give {(self.runs, *shape)} for {self.runs} "
+                "runs."
+            )
+        if not np.isfinite(given).all():
+            raise InputError(f"{name}: a value is not finite; give metres and radians.")
+        return np.array(np.broadcast_to(given, (self.runs, *shape)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_run(r, mean, root, model, state):
+    """Spread run r's particles: normal about `mean` (3,), with covariance root root^T (3, 3)."""
+    particles = state.particles[r]
+    for i in range(model.most):
+        a, b = normals(state.random[r])
+        c, _ = normals(state.random[r])
+        for k in range(3):
+            particles[i, k] = mean[k] + root[k, 0] * a + root[k, 1] * b + root[k, 2] * c
+        particles[i, 2] = wrapped(particles[i, 2])
+        particles[i, 3] = 1.0 / model.most
+        particles[i, 4] = 0.0
+    begin(r, model, state)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_run_globally(r, model, state):
+    """Spread run r's particles over the free space."""
+    particles = state.particles[r]
+    for i in range(model.most):
+        particles[i, 0], particles[i, 1], particles[i, 2] = random_pose(
+            model.areas, model.corner, state.random[r]
+        )
+        particles[i, 3] = 1.0 / model.most
+        particles[i, 4] = 0.0
+    begin(r, model, state)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin(r, model, state):
+    """Forget what run r has seen; its particles are new."""
+    state.number[r] = model.most
+    state.averages[r, 0] = state.averages[r, 1] = 0.0
+    state.ticks[r, 0] = state.ticks[r, 1] = 0
+    look(r, fill_bins(state.particles[r], model.most, state.keys[r], state.entry[r]), model, state)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def look(r, bins, model, state):
+    """Work out run r's estimate from its particles, which are sorted into bins already."""
+    estimate(
+        state.particles[r], state.number[r], model.whole, state.keys[r], state.entry[r, :bins],
+        state.label[r], state.stack[r], state.sums[r], state.base[r], state.base_covariance[r],
+    )  # fmt: skip
+    state.mean[r] = state.base[r]
+    state.covariance[r] = state.base_covariance[r]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def weigh(particles, count, ranges, model, cast, scratch):
+    """Multiply the weights by the likelihood of a scan.
+
+    Returns the logarithm that they were divided by, nan if no beam says anything.
+    """
+    beams = model.beam.size
+    far = model.far
+    if model.kind == BEAM_MODEL:
+        reading = np.empty(beams)
+        some = False
+        for b in range(beams):
+            z = ranges[model.beam[b]]
+            # As AMCL, which knows no smallest range: what is too near counts as out of range.
+            reading[b] = far[b] if z <= model.near[b] else min(z, far[b])
+            if math.isnan(z):
+                reading[b] = math.nan
+            some |= not math.isnan(z)
+        beam_factors(
+            particles, count, reading, far, model.z_hit, model.z_short, model.z_max, model.z_rand,
+            model.sigma_hit, model.lambda_short, cast,
+        )  # fmt: skip
+        return 0.0 if some else math.nan
+    end, floor = np.empty((beams, 2)), np.empty(beams)
+    used = 0
+    for b in range(beams):
+        z = ranges[model.beam[b]]
+        if z > model.near[b] and z < far[b]:
+            end[used, 0] = model.mount[b, 0] + z * model.mount[b, 2]
+            end[used, 1] = model.mount[b, 1] + z * model.mount[b, 3]
+            floor[used] = model.z_rand / far[b]
+            used += 1
+    if used == 0:
+        return math.nan
+    return field_factors(
+        particles, count, end, floor, used, model.z_hit, model.hits, model.field_x, model.field_y,
+        model.inverse, model.smooth, model.kind == FIELD_PRODUCT, model.power, scratch,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_run(r, x, y, theta, ranges, model, cast, state):
+    """Take one odometry pose and one scan into the filter of run r; see the module.
+
+    Returns whether the scan was used: the first after a start always is, a later one if the
+    robot has moved far enough since the last.
+    """
+    particles, count = state.particles[r], state.number[r]
+    anchor = state.anchor[r]
+    if state.ticks[r, 0] == 0:
+        state.ticks[r, 0] = 1
+    else:
+        rot1, trans, rot2 = motion_between(anchor[0], anchor[1], anchor[2], x, y, theta)
+        # As in AMCL, along each axis of the odometry frame by itself.
+        moved = max(abs(x - anchor[0]), abs(y - anchor[1])) > model.update_d
+        if not (moved or abs(wrapped(theta - anchor[2])) > model.update_a):
+            base, mean = state.base[r], state.mean[r]
+            mean[0], mean[1], mean[2] = apply_motion(base[0], base[1], base[2], rot1, trans, rot2)
+            state.covariance[r] = state.base_covariance[r]
+            spread_motion(state.covariance[r], base[2], rot1, trans, rot2, model.alpha)
+            return False
+        sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, model.alpha)
+        for i in range(count):
+            particles[i, 0], particles[i, 1], particles[i, 2] = sample_motion(
+                particles[i, 0], particles[i, 1], particles[i, 2], rot1, trans, rot2,
+                sd1, sd_trans, sd2, state.random[r],
+            )  # fmt: skip
+    anchor[0], anchor[1], anchor[2] = x, y, theta
+    # Those that were put anywhere by the last resampling are unlikely by nature: they would hold
+    # the averages down, and so call for more of themselves.
+    prior = 0.0
+    for i in range(count):
+        prior += particles[i, 3] * (1.0 - particles[i, 4])
+    scale = weigh(particles, count, ranges, model, cast, state.sums[r])
+    total = kept = 0.0
+    for i in range(count):
+        total += particles[i, 3]
+        kept += particles[i, 3] * (1.0 - particles[i, 4])
+    # Without any likelihood left, all particles are alike (as in AMCL).
+    usable = total > 0.0 and total < math.inf
+    for i in range(count):
+        particles[i, 3] = particles[i, 3] / total if usable else 1.0 / count
+    if usable and prior > 0.0 and not math.isnan(scale):
+        likelihood = kept / prior * math.exp(scale)
+        average = state.averages[r]
+        if average[0] == 0.0:
+            average[0] = average[1] = likelihood
+        else:
+            average[0] += model.slow * (likelihood - average[0])
+            average[1] += model.fast * (likelihood - average[1])
+    state.ticks[r, 1] += 1
+    if state.ticks[r, 1] % model.interval == 0:
+        bins = renew(r, model, state)
+    else:
+        bins = fill_bins(particles, count, state.keys[r], state.entry[r])
+    look(r, bins, model, state)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def renew(r, model, state):
+    """Resample run r, some of it anew if the likelihood has fallen; how many bins it fills.
+
+    Augmented MCL: Probabilistic Robotics, table 8.3.
+    """
+    average = state.averages[r]
+    share = 0.0
+    if average[0] > 0.0:
+        share = max(0.0, 1.0 - average[1] / average[0])
+    if not model.reset:
+        share = min(share, MOST_ANEW)
+    drawn, bins = resample(
+        state.particles[r], state.number[r], state.spare[r], model.way, share, model.error,
+        model.quantile, model.least, model.most, model.areas, model.corner, state.random[r],
+        state.sums[r], state.keys[r], state.entry[r],
+    )  # fmt: skip
+    if share > 0.0 and model.reset:
+        average[0] = average[1] = 0.0
+    state.particles[r, :drawn] = state.spare[r, :drawn]
+    state.number[r] = drawn
+    return bins
+
+
+# Two functions, because numba's cache does not tell the parallel form of one from the serial.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _update_serial(poses, ranges, model, cast, state, updated):
+    for r in range(poses.shape[0]):
+        updated[r] = update_run(
+            r, poses[r, 0], poses[r, 1], poses[r, 2], ranges[r], model, cast, state
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _update_parallel(poses, ranges, model, cast, state, updated):
+    for r in prange(poses.shape[0]):
+        updated[r] = update_run(
+            r, poses[r, 0], poses[r, 1], poses[r, 2], ranges[r], model, cast, state
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start_all(mean, root, model, state):
+    for r in range(mean.shape[0]):
+        start_run(r, mean[r], root[r], model, state)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _start_all_globally(model, state):
+    for r in range(state.number.size):
+        start_run_globally(r, model, state)

@@ -1,0 +1,217 @@
+"""How odometry errs: the differential drive model of AMCL.
+
+Between two odometry poses the robot turns by `rot1`, drives `trans` and turns by `rot2`, and each
+of the three is off by a normal deviation (Thrun, Burgard & Fox 2005, "Probabilistic Robotics",
+tables 5.5 and 5.6):
+
+    var rot1  = alpha1 rot1^2 + alpha2 trans^2
+    var trans = alpha3 trans^2 + alpha4 (rot1^2 + rot2^2)
+    var rot2  = alpha1 rot2^2 + alpha2 trans^2
+
+With two amendments of nav2 (nav2_amcl, differential_motion_model.cpp): a motion of less than a
+centimetre has no direction, so that all of its turn is rot2; and in the variances a turn counts
+by how far it is from 0 or from half a turn, whichever is nearer, so that driving backward is as
+exact as driving forward.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.localization.random import normals
+from ambinav.sensing.fields import as_number
+
+Floats = NDArray[np.float64]
+
+# Below this distance in metres a motion counts as turning on the spot.
+ON_THE_SPOT = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryModel:
+    """The shares of AMCL's differential model.
+
+    Attributes:
+        alpha1: Variance of a turn by the square of that turn.
+        alpha2: Variance of a turn by the square of the distance, 1 / m^2.
+        alpha3: Variance of the distance by the square of the distance.
+        alpha4: Variance of the distance by the square of the turns, m^2.
+        alpha5: Variance of a sideways slip; as in AMCL, a differential drive has none and it
+            stays unused.
+
+    Raises:
+        InputError: one of them is negative or not a number.
+    """
+
+    alpha1: float = 0.2
+    alpha2: float = 0.2
+    alpha3: float = 0.2
+    alpha4: float = 0.2
+    alpha5: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Check that each is a share."""
+        for field in fields(self):
+            value = as_number(getattr(self, field.name), field.name)
+            if value < 0.0:
+                raise InputError(f"{field.name} is {value}; give at least 0.")
+            object.__setattr__(self, field.name, value)
+
+    @property
+    def array(self) -> Floats:
+        """What the kernels take: alpha1 to alpha4."""
+        return np.array([self.alpha1, self.alpha2, self.alpha3, self.alpha4])
+
+    def moved(self, poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> Floats:
+        """Poses after the exact motion that odometry reports, shape (N, 3).
+
+        Args:
+            poses: Where the robots are, shape (N, 3), map frame.
+            before: Odometry pose at that time, shape (3,) or (N, 3), odometry frame.
+            after: Odometry pose now, likewise.
+        """
+        now, *odometry = _broadcast(poses, before, after)
+        _moved(now, *odometry)
+        return now
+
+    def sampled(
+        self, poses: ArrayLike, before: ArrayLike, after: ArrayLike, state: NDArray[np.uint64]
+    ) -> Floats:
+        """As `moved`, each pose with errors of its own, drawn with `state` (one row)."""
+        now, *odometry = _broadcast(poses, before, after)
+        _sampled(now, *odometry, self.array, state)
+        return now
+
+    def covariances(
+        self, poses: ArrayLike, covariances: ArrayLike, before: ArrayLike, after: ArrayLike
+    ) -> Floats:
+        """Covariances after the motion, to first order, shape (N, 3, 3).
+
+        Args:
+            poses: Before the motion, shape (N, 3).
+            covariances: Before the motion, shape (N, 3, 3) or (3, 3).
+            before: As in `moved`.
+            after: As in `moved`.
+        """
+        now, *odometry = _broadcast(poses, before, after)
+        shape = (len(now), 3, 3)
+        out = np.array(np.broadcast_to(np.asarray(covariances, dtype=np.float64), shape))
+        _spread_all(now, out, *odometry, self.array)
+        return out
+
+
+def _broadcast(poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> list[Floats]:
+    now = np.array(poses, dtype=np.float64).reshape(-1, 3)
+    rest = [np.broadcast_to(np.asarray(v, dtype=np.float64), now.shape) for v in (before, after)]
+    return [now, *(np.ascontiguousarray(v) for v in rest)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def wrapped(angle):
+    """The angle in [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def motion_between(x0, y0, t0, x1, y1, t1):
+    """Turn, distance and turn (rot1, trans, rot2) that lead from one pose to another."""
+    dx, dy = x1 - x0, y1 - y0
+    trans = math.sqrt(dx * dx + dy * dy)
+    rot1 = 0.0 if trans < ON_THE_SPOT else wrapped(math.atan2(dy, dx) - t0)
+    return rot1, trans, wrapped(t1 - t0 - rot1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def deviations(rot1, trans, rot2, alpha):
+    """Standard deviations of rot1 (rad), trans (m) and rot2 (rad); `alpha` holds alpha1 to 4."""
+    turn1 = min(abs(rot1), math.pi - abs(rot1))
+    turn2 = min(abs(rot2), math.pi - abs(rot2))
+    square = trans * trans
+    return (
+        math.sqrt(alpha[0] * turn1 * turn1 + alpha[1] * square),
+        math.sqrt(alpha[2] * square + alpha[3] * (turn1 * turn1 + turn2 * turn2)),
+        math.sqrt(alpha[0] * turn2 * turn2 + alpha[1] * square),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apply_motion(x, y, t, rot1, trans, rot2):
+    """The pose after a turn, a straight piece and a turn; heading in [-pi, pi)."""
+    way = t + rot1
+    return x + trans * math.cos(way), y + trans * math.sin(way), wrapped(way + rot2)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
+    """As `apply_motion`, each part off by a draw from its deviation."""
+    a, b = normals(state)
+    c, _ = normals(state)
+    return apply_motion(x, y, t, rot1 + sd1 * a, trans + sd_trans * b, rot2 + sd2 * c)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def spread_motion(cov, t, rot1, trans, rot2, alpha):
+    """Carry a covariance (3, 3) along a motion from heading t, in place.
+
+    P' = G P G^T + V M V^T with G and V the derivatives of the motion by the pose and by
+    (rot1, trans, rot2), M the variances of those three (Probabilistic Robotics, section 7.4).
+    """
+    sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, alpha)
+    c, s = math.cos(t + rot1), math.sin(t + rot1)
+    gx, gy = -trans * s, trans * c
+    # G P, row by row, then (G P) G^T, column by column: G adds the heading's row to x and y.
+    for j in range(3):
+        cov[0, j] += gx * cov[2, j]
+        cov[1, j] += gy * cov[2, j]
+    for i in range(3):
+        cov[i, 0] += gx * cov[i, 2]
+        cov[i, 1] += gy * cov[i, 2]
+    v1, vt, v2 = sd1 * sd1, sd_trans * sd_trans, sd2 * sd2
+    cov[0, 0] += v1 * gx * gx + vt * c * c
+    cov[1, 1] += v1 * gy * gy + vt * s * s
+    cov[2, 2] += v1 + v2
+    xy, xt, yt = v1 * gx * gy + vt * c * s, v1 * gx, v1 * gy
+    cov[0, 1] += xy
+    cov[1, 0] += xy
+    cov[0, 2] += xt
+    cov[2, 0] += xt
+    cov[1, 2] += yt
+    cov[2, 1] += yt
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved(poses, before, after):
+    for i in range(poses.shape[0]):
+        rot1, trans, rot2 = motion_between(
+            before[i, 0], before[i, 1], before[i, 2], after[i, 0], after[i, 1], after[i, 2]
+        )
+        poses[i, 0], poses[i, 1], poses[i, 2] = apply_motion(
+            poses[i, 0], poses[i, 1], poses[i, 2], rot1, trans, rot2
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sampled(poses, before, after, alpha, state):
+    for i in range(poses.shape[0]):
+        rot1, trans, rot2 = motion_between(
+            before[i, 0], before[i, 1], before[i, 2], after[i, 0], after[i, 1], after[i, 2]
+        )
+        sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, alpha)
+        poses[i, 0], poses[i, 1], poses[i, 2] = sample_motion(
+            poses[i, 0], poses[i, 1], poses[i, 2], rot1, trans, rot2, sd1, sd_trans, sd2, state
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread_all(poses, covariances, before, after, alpha):
+    for i in range(poses.shape[0]):
+        rot1, trans, rot2 = motion_between(
+            before[i, 0], before[i, 1], before[i, 2], after[i, 0], after[i, 1], after[i, 2]
+        )
+        spread_motion(covariances[i], poses[i, 2], rot1, trans, rot2, alpha)

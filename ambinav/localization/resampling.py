@@ -1,0 +1,149 @@
+"""Drawing the next set of particles: as many as their spread needs, some of them anew.
+
+`MclParameters.resampling` says how the three ways differ.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from ambinav.localization.bins import bin_of, kld_count, place_of
+from ambinav.localization.random import uniform
+
+MULTINOMIAL, SYSTEMATIC, LOW_VARIANCE = range(3)
+CODES = {"multinomial": MULTINOMIAL, "systematic": SYSTEMATIC, "low_variance": LOW_VARIANCE}
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def van_der_corput(m):
+    """The m-th place of van der Corput's sequence in base 2: 0, 1/2, 1/4, 3/4, 1/8 ..."""
+    place, step = 0.0, 0.5
+    while m > 0:
+        if m & 1:
+            place += step
+        m >>= 1
+        step *= 0.5
+    return place
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def first_above(value, cumulated, count):
+    """Index of the first entry of `cumulated`[:count] that is above `value`; the last at most."""
+    low, high = 0, count - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if cumulated[middle] > value:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def random_pose(areas, corner, state):
+    """A pose anywhere in the free space, all places and headings alike.
+
+    Args:
+        areas: Cumulated areas of the triangles of the free space, shape (T,), square metres.
+        corner: Their corners, shape (3 T, 2), metres.
+        state: Of the generator.
+    """
+    t = first_above(uniform(state) * areas[-1], areas, areas.size)
+    # A point of the parallelogram, folded back into the triangle.
+    a, b = uniform(state), uniform(state)
+    if a + b > 1.0:
+        a, b = 1.0 - a, 1.0 - b
+    o, p, q = 3 * t, 3 * t + 1, 3 * t + 2
+    x = corner[o, 0] + a * (corner[p, 0] - corner[o, 0]) + b * (corner[q, 0] - corner[o, 0])
+    y = corner[o, 1] + a * (corner[p, 1] - corner[o, 1]) + b * (corner[q, 1] - corner[o, 1])
+    return x, y, (2.0 * uniform(state) - 1.0) * math.pi
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def comb_count(particles, cumulated, count, error, quantile, least, most, shift, keys):
+    """KLD's count for the bins that an even comb of `most` teeth meets; fills `keys`."""
+    keys[:] = -1
+    bins = 0
+    i = 0
+    before = -1
+    for m in range(most):
+        place = (m + shift) / most * cumulated[count - 1]
+        while i < count - 1 and cumulated[i] <= place:
+            i += 1
+        if i != before:
+            key = bin_of(particles[i, 0], particles[i, 1], particles[i, 2])
+            k = place_of(key, keys)
+            if keys[k] < 0:
+                keys[k] = key
+                bins += 1
+            before = i
+    return kld_count(bins, error, quantile, least, most)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def resample(
+    particles, count, out, way, share, error, quantile, least, most, areas, corner, state,
+    cumulated, keys, entry,
+):  # fmt: skip
+    """Draw a new set of particles of equal weight.
+
+    Args:
+        particles: x, y, theta, weight, shape (M, ...); the weights need not sum to 1.
+        count: How many of them there are.
+        out: Written, shape (M, 5): the new set; the last column is 1 for a particle that was put
+            anywhere, else 0.
+        way: One of `CODES`.
+        share: Share of particles that are put anywhere in the free space.
+        error: pf_err of KLD.
+        quantile: pf_z of KLD.
+        least: Fewest particles.
+        most: Most particles, at most M.
+        areas: See `random_pose`.
+        corner: See `random_pose`.
+        state: Of the generator.
+        cumulated: Work space, float64, shape (M,).
+        keys: Written: bins of the new set, as `bins.fill_bins` does.
+        entry: Written, likewise.
+
+    Returns:
+        How many particles and how many occupied bins there are.
+    """
+    total = 0.0
+    for i in range(count):
+        total += particles[i, 3]
+        cumulated[i] = total
+    shift = uniform(state)
+    fixed = -1
+    if way == LOW_VARIANCE:
+        fixed = comb_count(particles, cumulated, count, error, quantile, least, most, shift, keys)
+    keys[:] = -1
+    drawn = bins = 0
+    enough = fixed if way == LOW_VARIANCE else most
+    while drawn < enough:
+        if share > 0.0 and uniform(state) < share:
+            x, y, t = random_pose(areas, corner, state)
+            out[drawn, 4] = 1.0
+        else:
+            out[drawn, 4] = 0.0
+            if way == MULTINOMIAL:
+                place = uniform(state)
+            elif way == SYSTEMATIC:
+                place = van_der_corput(drawn) + shift
+                place -= math.floor(place)
+            else:
+                place = (drawn + shift) / fixed
+            i = first_above(place * total, cumulated, count)
+            x, y, t = particles[i, 0], particles[i, 1], particles[i, 2]
+        out[drawn, 0], out[drawn, 1], out[drawn, 2], out[drawn, 3] = x, y, t, 1.0
+        drawn += 1
+        k = place_of(bin_of(x, y, t), keys)
+        if keys[k] < 0:
+            keys[k] = bin_of(x, y, t)
+            entry[bins] = k
+            bins += 1
+            if way != LOW_VARIANCE:
+                enough = kld_count(bins, error, quantile, least, most)
+    out[:drawn, 3] = 1.0 / drawn
+    return drawn, bins

@@ -1,0 +1,79 @@
+"""Random numbers of the kernels: the generator's own reference, moments, distribution, rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy import stats
+
+from ambinav.localization.random import normals, states, uniform
+
+COUNT = 200_000
+
+
+@njit
+def uniforms_of(state, out):
+    for i in range(out.size):
+        out[i] = uniform(state)
+
+
+@njit
+def normals_of(state, out):
+    for i in range(out.shape[0]):
+        out[i, 0], out[i, 1] = normals(state)
+
+
+def xoshiro(words: list[int], count: int) -> list[int]:
+    """xoshiro256++ 1.0 as Blackman and Vigna publish it, in Python's integers."""
+    full = (1 << 64) - 1
+
+    def rotated(x: int, k: int) -> int:
+        return ((x << k) | (x >> (64 - k))) & full
+
+    s, out = list(words), []
+    for _ in range(count):
+        out.append((rotated((s[0] + s[3]) & full, 23) + s[0]) & full)
+        t = (s[1] << 17) & full
+        s[2] ^= s[0]
+        s[3] ^= s[1]
+        s[1] ^= s[2]
+        s[0] ^= s[3]
+        s[2] ^= t
+        s[3] = rotated(s[3], 45)
+    return out
+
+
+def test_generator_is_xoshiro() -> None:
+    state = states(np.random.default_rng(1), 3)[2]
+    words = xoshiro([int(w) for w in state], 1000)
+    drawn = np.empty(1000)
+    uniforms_of(state, drawn)
+    assert drawn.tolist() == [(word >> 11) / 2**53 for word in words]
+
+
+def test_uniforms_are_uniform() -> None:
+    drawn = np.empty(COUNT)
+    uniforms_of(states(np.random.default_rng(2), 1)[0], drawn)
+    assert drawn.min() >= 0.0 and drawn.max() < 1.0
+    assert stats.kstest(drawn, "uniform").pvalue > 0.001
+
+
+def test_normals_are_normal_and_independent() -> None:
+    drawn = np.empty((COUNT, 2))
+    normals_of(states(np.random.default_rng(3), 1)[0], drawn)
+    for column in drawn.T:
+        assert stats.kstest(column, "norm").pvalue > 0.001
+        moments = [np.mean(column**k) for k in (1, 2, 3, 4)]
+        assert np.allclose(moments, (0, 1, 0, 3), atol=0.06)
+    assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.01
+    assert abs(np.corrcoef((drawn**2).T)[0, 1]) < 0.01
+
+
+def test_rows_are_independent_and_do_not_depend_on_their_number() -> None:
+    few, many = states(np.random.default_rng(4), 2), states(np.random.default_rng(4), 50)
+    assert (few == many[:2]).all()
+    drawn = np.empty((50, 4000))
+    for row, state in zip(drawn, many, strict=True):
+        uniforms_of(state, row)
+    between = np.corrcoef(drawn)[np.triu_indices(50, 1)]
+    assert np.abs(between).max() < 5.0 / np.sqrt(4000)
