@@ -16,6 +16,7 @@ from ambinav_planners.ompl_setup import Setup, prepare
 from ambinav_planners.problem import Problem
 from ambinav_planners.reference import cheapest_on
 from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.sampler import FreeSampler
 from ambinav_planners.spaces import pose_reader
 from ambinav_planners.validator import Unchecked
 
@@ -34,9 +35,10 @@ CAUTION = 0.6
 class Roadmap:
     """A growing PRM* over a problem's free space.
 
-    OMPL draws the milestones and says which of them to join, e (1 + 1/d) log n neighbours each
-    (Karaman and Frazzoli 2011); whether the motions are free and what they cost is found out for
-    all of them at once. `solve` is not used: with an objective in Python it deadlocks.
+    OMPL asks `FreeSampler` for milestones and says which of them to join, e (1 + 1/d) log n
+    neighbours each (Karaman and Frazzoli 2011); whether the motions are free and what they cost is
+    found out for all of them at once. `solve` is not used: with an objective in Python it
+    deadlocks.
 
     Attributes:
         problem: What it is for.
@@ -47,9 +49,11 @@ class Roadmap:
     _planner: og.PRMstar
 
     @classmethod
-    def over(cls, problem: Problem) -> Roadmap:
-        """An empty roadmap."""
+    def over(cls, problem: Problem, seed: int | None = None) -> Roadmap:
+        """An empty roadmap; the seed is that of its milestones."""
         setup = prepare(problem, Unchecked)
+        rng = np.random.default_rng(seed)
+        setup.si.setValidStateSamplerAllocator(lambda si: FreeSampler(si, problem, rng))
         planner = og.PRMstar(setup.si)
         setup.simple.setPlanner(planner)
         setup.simple.setup()
@@ -105,7 +109,7 @@ def grown_graph(problem: Problem, budget: Budget) -> MotionGraph:
 
     Reading and checking it takes about three times as long as growing it.
     """
-    roadmap = Roadmap.over(problem)
+    roadmap = Roadmap.over(problem, budget.seed)
     most = MAX_MILESTONES if budget.iterations is None else budget.iterations
     roadmap.grow(most, time.perf_counter() + GROWING_SHARE * budget.seconds)
     return roadmap.graph()
@@ -118,7 +122,7 @@ def solve_roadmap(problem: Problem, budget: Budget) -> Found:
     """
     started = time.perf_counter()
     until = started + budget.seconds
-    roadmap = Roadmap.over(problem)
+    roadmap = Roadmap.over(problem, budget.seed)
     wanted = FIRST_MILESTONES if budget.iterations is None else budget.iterations
     best: NDArray[np.float64] | None = None
     curve: list[tuple[float, float]] = []
