@@ -1,4 +1,4 @@
-"""The command line: `ambinav audit | map | plan | presets | calibrate`.
+"""The command line: `ambinav audit | map | plan | compare | presets | calibrate`.
 
 Every command lives in a module of its own, and imports what computes only when it runs, so that
 `ambinav --help` answers at once.
@@ -14,6 +14,7 @@ import typer
 
 from ambinav.cli.audit import audit
 from ambinav.cli.calibrate import calibrate
+from ambinav.cli.compare import compare
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
@@ -30,6 +31,7 @@ app = typer.Typer(
 app.command("audit")(audit)
 app.command("map")(build)
 app.command("plan")(plan)
+app.command("compare")(compare)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
 

@@ -1,0 +1,117 @@
+"""`ambinav compare`: routes judged by what happens to a robot that drives them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import INTERRUPTED, check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.compare.tables import Row
+
+SHOWN = {
+    "lost": "lost, %",
+    "error_p95": "95 % error, m",
+    "collided": "collided, %",
+    "arrived": "arrived",
+    "length": "length, m",
+}
+"""Figures on the terminal; the first two with their intervals."""
+WITH_INTERVAL = ("lost", "error_p95")
+
+
+def compare(
+    scenario_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SCENARIO.yaml",
+            help="Building, scanner, robot, localizer, start-goal pairs and routes; see configs.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for the report; a comparison that was interrupted there goes on.",
+            show_default=False,
+        ),
+    ],
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", "-j", metavar="N", help="Processes that drive.", show_default="all cores"
+        ),
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs", metavar="N", help="Drives of each route.", show_default="the scenario's"
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Drive routes with a localizer in the loop, and compare how it fares on them.
+
+    Writes report.html (stands alone), report.md, report.json, table.csv, routes and pictures.
+
+    Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
+    """
+    with reporting():
+        for option, number in (("--jobs", jobs), ("--runs", runs)):
+            if number is not None and number < 1:
+                raise InputError(f"{option}: {number} is too few; give 1 or more.")
+        from ambinav.compare.report import HTML, WORK, check_output
+        from ambinav.compare.report import compare as run
+        from ambinav.compare.scenario_file import load_scenario
+
+        loaded = load_scenario(scenario_file, runs=runs)
+        check_writable(output)
+        check_output(output)
+        try:
+            with progress_bars(as_json) as bars:
+                report, rows = run(loaded, output, jobs=jobs or os.cpu_count() or 1, bars=bars)
+        except KeyboardInterrupt:
+            kept = output / WORK
+            typer.echo(
+                f"ambinav: interrupted; the drives so far are in {kept}, and the same command "
+                "goes on from there.",
+                err=True,
+            )
+            raise typer.Exit(INTERRUPTED) from None
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(rows, report.verdicts, output / HTML)
+
+
+def _show(rows: tuple[Row, ...], verdicts: dict[str, tuple[str, ...]], report: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.compare.tables import value_text
+
+    console = Console(highlight=False)
+    for pair, said in verdicts.items():
+        own = [row for row in rows if row.pair == pair]
+        table = Table(box=None, pad_edge=False, title=Text(pair), title_justify="left")
+        table.add_column("route")
+        for title in SHOWN.values():
+            table.add_column(title, justify="right", no_wrap=True)
+        for row in own:
+            cells = (
+                text if key in WITH_INTERVAL else text.split(" [")[0]
+                for key, text in ((key, value_text(row[key])) for key in SHOWN)
+            )
+            table.add_row(Text(row.route), *(Text(cell) for cell in cells))
+        console.print(table, "", *(Text(f"- {line}") for line in said), "", sep="\n")
+    console.print(Text(f"report: {report}"), soft_wrap=True)

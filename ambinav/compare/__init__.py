@@ -1,0 +1,1 @@
+"""Comparing routes by what happens to a robot that drives them."""

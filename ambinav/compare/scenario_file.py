@@ -1,0 +1,134 @@
+"""Reading a scenario file: YAML, with what goes with it named relative to the file."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from ambinav.compare.scenario import Scenario
+from ambinav.errors import InputError
+from ambinav.sensing.fields import parse_yaml, read_text
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
+    from ambinav.sensing.scanner import RangeScanner
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A scenario with what it names.
+
+    Attributes:
+        scenario: What the file says.
+        folder: Where it lies.
+        environment: The building.
+        scanner: The scanner.
+    """
+
+    scenario: Scenario
+    folder: Path
+    environment: Environment
+    scanner: RangeScanner
+
+
+def load_scenario(path: str | Path, *, runs: int | None = None) -> Loaded:
+    """Read a scenario with its building and scanner.
+
+    Args:
+        path: The file.
+        runs: Instead of the file's.
+
+    Raises:
+        InputError: a file is missing or cannot be used; the message names file, key and value.
+    """
+    path = Path(path)
+    plain = parse_yaml(read_text(path), str(path))
+    scenario = parse_scenario(plain, str(path), path.stem, runs=runs)
+    return Loaded(
+        scenario,
+        path.parent,
+        _environment(scenario, path),
+        _scanner(scenario, path),
+    )
+
+
+def parse_scenario(
+    plain: object, where: str, default_name: str, *, runs: int | None = None
+) -> Scenario:
+    """A scenario from plain values; `where` names it in messages.
+
+    Raises:
+        InputError: a key is unknown or missing, or a value of no use.
+    """
+    if not isinstance(plain, Mapping):
+        raise InputError(f"{where} holds {type(plain).__name__}; give a mapping of keys.")
+    whole: dict[str, Any] = {"name": default_name, **plain}
+    if isinstance(whole.get("pairs"), list):
+        whole["pairs"] = [
+            {"name": f"pair {i + 1}", **pair} if isinstance(pair, Mapping) else pair
+            for i, pair in enumerate(whole["pairs"])
+        ]
+    if runs is not None and isinstance(whole.get("drive", {}), Mapping):
+        whole["drive"] = {**whole.get("drive", {}), "runs": runs}
+    try:
+        return Scenario.model_validate(whole)
+    except ValidationError as error:
+        told = _sentence(error.errors(include_url=False)[0], where)
+        raise InputError(told) from error
+
+
+def _sentence(first: ErrorDetails, where: str) -> str:
+    """The first complaint as one sentence with place, value and remedy."""
+    place = ""
+    for part in first["loc"]:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
+    place = re.sub(r"\.(tuple|dict|str|literal|lax-or-strict|function-)[^.]*.*$", "", place)
+    at = f"{where}: {place}" if place else where
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, ValueError):
+        # The parts name themselves.
+        said = str(cause).removeprefix(f"{place}: ").rstrip(".")
+        return f"{at}: {said}."
+    if first["type"] == "missing":
+        return f"{where}: the key {place!r} is missing; add it."
+    value = json.dumps(first["input"], default=str)
+    value = value if len(value) <= 60 else f"{value[:57]}..."
+    wish = re.sub(r"^(Input|Value|Tuple|List) should", "it should", first["msg"])
+    return f"{at} is {value}; {wish}."
+
+
+def _environment(scenario: Scenario, path: Path) -> Environment:
+    from ambinav.geometry.environment import load_environment
+
+    building = path.parent / scenario.environment
+    if not building.exists():
+        raise InputError(
+            f"{path}: environment: there is no file {building}; give a path relative to the "
+            "scenario."
+        )
+    return load_environment(building)
+
+
+def _scanner(scenario: Scenario, path: Path) -> RangeScanner:
+    from ambinav.sensing.presets import preset_names
+    from ambinav.sensing.scanner import RangeScanner
+
+    said = scenario.scanner
+    if not isinstance(said, str):
+        text = yaml.safe_dump(said, sort_keys=False)
+        return RangeScanner.from_yaml_text(text, file=f"{path}: scanner")
+    if said in preset_names():
+        return RangeScanner.from_preset(said)
+    beside = path.parent / said
+    try:
+        return RangeScanner.load(beside if beside.exists() else said)
+    except InputError as error:
+        raise InputError(f"{path}: scanner: {error}") from error

@@ -1,0 +1,249 @@
+"""The table of a comparison: each figure of each route, with intervals, and paired differences."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.compare.plans import Plan
+from ambinav.compare.results import Results, joined_metrics
+from ambinav.compare.scenario import ALL_PAIRS
+from ambinav.drive.bootstrap import Interval, Statistic, bootstrap, paired
+from ambinav.drive.metrics import Metrics
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a route.
+
+    Attributes:
+        key: Name in files.
+        title: Heading of a column.
+        unit: Of what is shown: %, m, °, s or nothing.
+        source: Field of `Metrics`.
+        scale: The field times this is what is shown.
+        digits: After the point, for readers.
+        statistic: Over the runs.
+        ratio: Whether the ratio to the baseline is told as well.
+    """
+
+    key: str
+    title: str
+    unit: str
+    source: str
+    scale: float = 1.0
+    digits: int = 2
+    statistic: Statistic = "mean"
+    ratio: bool = False
+
+
+FIGURES: Final = (
+    Figure("lost", "lost", "%", "lost", 100.0, 0, ratio=True),
+    Figure("collided", "collided", "%", "collided", 100.0, 0),
+    Figure("arrived", "arrived", "%", "arrived", 100.0, 0),
+    Figure("error_p95", "95th percentile of the error", "m", "position_p95", ratio=True),
+    Figure(
+        "error_p95_median", "the same, median run", "m", "position_p95", statistic="median",
+        ratio=True,
+    ),
+    Figure("error_rmse", "RMSE", "m", "position_rmse", ratio=True),
+    Figure("error_along", "RMSE along", "m", "weak_rmse"),
+    Figure("error_across", "RMSE across", "m", "strong_rmse"),
+    Figure("heading_rmse", "heading RMSE", "°", "heading_rmse", 180.0 / math.pi, 1),
+    Figure("nees", "NEES", "", "nees", 1.0, 1),
+    Figure("exposure", "exposure", "m", "exposure", 1.0, 1, ratio=True),
+    Figure("length", "length", "m", "length", 1.0, 1, ratio=True),
+    Figure("seconds", "time", "s", "seconds", 1.0, 0),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One figure of one route.
+
+    Attributes:
+        figure: Which.
+        value: Over the route's runs, in the figure's unit.
+        difference: To the baseline with the same seeds; None for the baseline itself.
+        ratio: To the baseline; None likewise, and where it says nothing.
+    """
+
+    figure: Figure
+    value: Interval
+    difference: Interval | None
+    ratio: Interval | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """All figures of a route.
+
+    Attributes:
+        pair: Name of the pair, or `ALL_PAIRS`.
+        route: Name of the route.
+        runs: How many.
+        planned: Length of the route as planned, metres; over all pairs their sum.
+        cells: In the order of `FIGURES`.
+    """
+
+    pair: str
+    route: str
+    runs: int
+    planned: float
+    cells: tuple[Cell, ...]
+
+    def __getitem__(self, key: str) -> Cell:
+        """The figure with a key."""
+        return next(cell for cell in self.cells if cell.figure.key == key)
+
+
+def make_rows(
+    plans: Sequence[Plan], results: Sequence[Results], baseline: str, seed: int
+) -> tuple[Row, ...]:
+    """The rows of all pairs, and then those of the routes that all pairs have.
+
+    Args:
+        plans: The routes.
+        results: Of their drives, in the same order.
+        baseline: Name of the route that the others are compared with. A pair that lacks it is
+            compared with its first.
+        seed: Of the bootstrap; each interval has random numbers of its own, so that it does not
+            depend on what else is in the table.
+    """
+    groups: dict[str, dict[str, Metrics]] = {}
+    planned: dict[tuple[str, str], float] = {}
+    for plan, result in zip(plans, results, strict=True):
+        groups.setdefault(plan.pair, {})[plan.name] = result.metrics
+        planned[plan.pair, plan.name] = plan.route.length
+        before = planned.get((ALL_PAIRS, plan.name), 0.0)
+        planned[ALL_PAIRS, plan.name] = before + plan.route.length
+    if len(groups) > 1:
+        first, *others = groups.values()
+        everywhere = [name for name in first if all(name in other for other in others)]
+        if everywhere:
+            groups[ALL_PAIRS] = {
+                name: joined_metrics([group[name] for group in (first, *others)])
+                for name in everywhere
+            }
+    rows = []
+    for pair, group in groups.items():
+        against = baseline if baseline in group else next(iter(group))
+        for name, measured in group.items():
+            theirs = None if name == against else group[against]
+            key = [seed, zlib.crc32(pair.encode()), zlib.crc32(name.encode())]
+            cells = tuple(
+                _cell(figure, measured, theirs, [*key, zlib.crc32(figure.key.encode())])
+                for figure in FIGURES
+            )
+            rows.append(Row(pair, name, len(measured), planned[pair, name], cells))
+    return tuple(rows)
+
+
+def _cell(figure: Figure, ours: Metrics, theirs: Metrics | None, key: list[int]) -> Cell:
+    rng = np.random.default_rng(key)
+    values = _values(figure, ours)
+    value = bootstrap(values, rng, statistic=figure.statistic)
+    if theirs is None:
+        return Cell(figure, value, None, None)
+    other = _values(figure, theirs)
+    difference = paired(values, other, rng, statistic=figure.statistic)
+    ratio = None
+    if figure.ratio:
+        ratio = paired(values, other, rng, compare="ratio", statistic=figure.statistic)
+    return Cell(figure, value, difference, ratio)
+
+
+def _values(figure: Figure, measured: Metrics) -> NDArray[np.float64]:
+    return figure.scale * np.asarray(getattr(measured, figure.source), dtype=np.float64)
+
+
+COLUMNS: Final = (
+    "pair", "route", "figure", "unit", "runs", "value", "low", "high",
+    "difference", "difference_low", "difference_high", "ratio", "ratio_low", "ratio_high",
+)  # fmt: skip
+
+
+def to_csv(rows: Sequence[Row]) -> str:
+    """One line a figure; empty where there is nothing to tell, inf for a ratio to nothing."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        for cell in row.cells:
+            figures = [
+                f for part in (cell.value, cell.difference, cell.ratio) for f in _three(part)
+            ]
+            figure = cell.figure
+            writer.writerow([row.pair, row.route, figure.key, figure.unit, row.runs, *figures])
+    return out.getvalue()
+
+
+def _three(interval: Interval | None) -> list[str]:
+    if interval is None:
+        return ["", "", ""]
+    three = (interval.value, interval.low, interval.high)
+    return ["" if math.isnan(f) else f"{f:.6g}" for f in three]
+
+
+def value_text(cell: Cell) -> str:
+    """The figure with its interval, for readers."""
+    return _text(cell.value, cell.figure.digits)
+
+
+def difference_text(cell: Cell) -> str:
+    """The difference to the baseline with its interval and signs."""
+    return "" if cell.difference is None else _text(cell.difference, cell.figure.digits, "+")
+
+
+def ratio_text(cell: Cell) -> str:
+    """The ratio to the baseline with its interval."""
+    return "" if cell.ratio is None else _text(cell.ratio, 2)
+
+
+def _text(interval: Interval, digits: int, sign: str = "") -> str:
+    if math.isnan(interval.value):
+        return "-"
+    value, low, high = (
+        f"{round(f, digits) + 0.0:{sign}.{digits}f}"
+        for f in (interval.value, interval.low, interval.high)
+    )
+    return f"{value} [{low}, {high}]".replace("inf", "∞")
+
+
+def verdict(row: Row, baseline: Row) -> str:
+    """A sentence on what a route changes against the baseline of its pair."""
+    hit = row["collided"].value.value
+    if row is baseline:
+        walls = f" {hit:.0f} % met a wall," if hit else ""
+        return (
+            f"{row.route}: {row['lost'].value.value:.0f} % of {row.runs} runs lost,{walls} "
+            f"95th percentile of the error {row['error_p95'].value.value:.2f} m."
+        )
+    extra = 100.0 * (row.planned / baseline.planned - 1.0)
+    parts = [_change("lost runs", row["lost"], baseline["lost"], 0)]
+    if hit or baseline["collided"].value.value:
+        parts.append(_change("runs into walls", row["collided"], baseline["collided"], 0))
+    error = "95th percentile of the error"
+    parts.append(_change(error, row["error_p95"], baseline["error_p95"], 2))
+    parts.append(f"the way is {abs(extra):.1f} % {'longer' if extra >= 0.0 else 'shorter'}")
+    return f"{row.route} against {baseline.route}: {'; '.join(parts)}."
+
+
+def _change(what: str, ours: Cell, theirs: Cell, digits: int) -> str:
+    difference = ours.difference
+    if difference is None:
+        raise ValueError("the baseline changes nothing")
+    values = (f"{cell.value.value:.{digits}f}" for cell in (theirs, ours))
+    text = f"{what} {' to '.join(values)} {ours.figure.unit}"
+    if difference.low <= 0.0 <= difference.high:
+        return f"{text} (no difference shown)"
+    fewer = "fewer" if ours.figure.unit == "%" else "less"
+    return f"{text} ({fewer if difference.value < 0.0 else 'more'})"

@@ -1,0 +1,150 @@
+"""Whole comparisons through the command: the same table however it was made, and bad input."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from ambinav.cli import app
+from ambinav.routes.files import load_route, save_route
+from tests.compare.conftest import SCENARIO, write
+
+
+def compare(scenario: Path, out: Path, *more: str) -> Result:
+    return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), *more])
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished comparison by one process; its scenario lies beside it."""
+    folder = tmp_path_factory.mktemp("compare")
+    found = compare(write(folder, SCENARIO), folder / "out", "--jobs", "1")
+    assert found.exit_code == 0, found.output
+    assert "reference 5 against shortest" in found.output
+    return folder / "out"
+
+
+def test_what_is_written(done: Path) -> None:
+    report = json.loads((done / "report.json").read_text())
+    assert report["format"] == "ambinav-compare/1" and report["baseline"] == "shortest"
+    rows = {row["route"]: row["figures"] for row in report["rows"]}
+    assert set(rows) == {"shortest", "reference 5"}
+    assert rows["shortest"]["arrived"]["value"]["value"] == 100.0
+    assert rows["shortest"]["length"]["value"]["value"] == pytest.approx(
+        report["plans"][0]["length_m"], rel=0.01
+    )
+    assert len(list((done / "work").glob("*.npz"))) == 4
+    for name in (*report["pictures"]["there"], *(plan["file"] for plan in report["plans"])):
+        assert (done / name).stat().st_size > 500
+    text = (done / "report.md").read_text()
+    for name in re.findall(r"!\[.*?\]\((.*?)\)", text):
+        assert (done / name).is_file()
+    table = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({line.count("|") for line in table[:4]}) == 1
+
+
+def test_the_html_stands_alone(done: Path) -> None:
+    html = (done / "report.html").read_text()
+    sources = re.findall(r'(?:src|href)="(.{0,30})', html)
+    assert len(sources) == 3 and all(s.startswith("data:image/png;base64") for s in sources)
+    assert "{{" not in html
+
+
+def test_two_processes_find_the_same(done: Path, tmp_path: Path) -> None:
+    found = compare(done.parent / "flat.yaml", tmp_path / "two", "--jobs", "2", "--json")
+    assert found.exit_code == 0, found.output
+    assert json.loads(found.stdout)["format"] == "ambinav-compare/1"
+    assert (tmp_path / "two" / "table.csv").read_text() == (done / "table.csv").read_text()
+
+
+def test_it_goes_on_where_it_was_interrupted(done: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(done, out)
+    files = sorted((out / "work").glob("*.npz"))
+    kept = {path: path.stat().st_mtime_ns for path in files[1:]}
+    files[0].unlink()
+    (out / "table.csv").unlink()
+    assert compare(done.parent / "flat.yaml", out, "--jobs", "1").exit_code == 0
+    assert files[0].is_file()
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert (out / "table.csv").read_text() == (done / "table.csv").read_text()
+
+
+def test_other_inputs_are_driven_anew(done: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(done, out)
+    plain = {**SCENARIO, "drive": {**SCENARIO["drive"], "seed": 4}}
+    assert compare(write(tmp_path, plain), out, "--jobs", "1").exit_code == 0
+    assert len(list((out / "work").glob("*.npz"))) == 8
+    assert (out / "table.csv").read_text() != (done / "table.csv").read_text()
+
+
+def with_file(done: Path, folder: Path, shift: float, goal: float = 0.0) -> dict[str, Any]:
+    """A scenario with a saved route that was shifted along y, and likewise its goal's x."""
+    route = load_route(next((done / "routes").glob("*shortest.csv")))
+    route.poses[1:-1, 1] += shift
+    route.poses[-1, 0] += goal
+    save_route(route, folder / "saved.csv")
+    return {**SCENARIO, "routes": ["shortest", {"kind": "file", "file": "saved.csv"}]}
+
+
+def test_a_saved_route_is_driven(done: Path, tmp_path: Path) -> None:
+    path = write(tmp_path, with_file(done, tmp_path, 0.0))
+    assert compare(path, tmp_path / "out", "--jobs", "1", "--runs", "2").exit_code == 0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [plan["route"] for plan in report["plans"]] == ["shortest", "saved.csv"]
+    difference = report["rows"][1]["figures"]["error_p95"]["difference"]
+    # The same way and the same seeds.
+    assert difference["value"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("shift", "goal", "message"),
+    [
+        (50.0, 0.0, "outside of the map; give a route in the map's frame"),
+        (-0.95, 0.0, "give a route that leaves room for a robot of 0.1 m"),
+        (0.0, -1.0, "it ends at (6, 2) m and the pair at (7, 2); give a route of this pair"),
+    ],
+    ids=["leaves the map", "meets a wall", "another goal"],
+)
+def test_routes_that_do_not_fit(
+    done: Path, tmp_path: Path, shift: float, goal: float, message: str
+) -> None:
+    path = write(tmp_path, with_file(done, tmp_path, shift, goal))
+    check_refused(compare(path, tmp_path / "out", "--jobs", "1"), message)
+
+
+def check_refused(found: Result, message: str) -> None:
+    assert found.exit_code == 2, found.output
+    assert message in found.stderr
+    assert found.stderr.startswith("ambinav: error: ") and found.stderr.count("\n") == 1
+
+
+BAD_ROUTES = {
+    "missing file": ({"kind": "file", "file": "no.csv"}, "no.csv: the file cannot be read"),
+    "unknown planner": ({"kind": "planner", "planner": "rrtstr"}, "did you mean 'rrtstar'?"),
+}
+
+
+@pytest.mark.parametrize(("route", "message"), BAD_ROUTES.values(), ids=BAD_ROUTES.keys())
+def test_bad_routes(tmp_path: Path, route: dict[str, str], message: str) -> None:
+    path = write(tmp_path, {**SCENARIO, "routes": [route]})
+    check_refused(compare(path, tmp_path / "out"), message)
+
+
+def test_bad_calls(tmp_path: Path) -> None:
+    path = write(tmp_path, SCENARIO)
+    for option in ("--runs", "--jobs"):
+        check_refused(compare(path, tmp_path / "out", option, "0"), f"{option}: 0 is too few")
+    check_refused(compare(tmp_path / "no.yaml", tmp_path / "out"), "the file cannot be read")
+    check_refused(compare(path, tmp_path), "flat.geojson, which is not of an earlier comparison")
+    check_refused(compare(path, path), "this is a file, not a folder")
+    plain = {**SCENARIO, "pairs": [{"start": [3.5, 1.5], "goal": [7, 2]}]}
+    check_refused(compare(write(tmp_path, plain), tmp_path / "out"), "start (3.5, 1.5) is")
+    assert not (tmp_path / "out" / "report.json").exists()
