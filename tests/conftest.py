@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 import os
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
+
+# A shell's background jobs ignore interrupts, and so would all that the tests start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
