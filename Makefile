@@ -25,9 +25,11 @@ help:  ## list the targets
 demo: $(VENV)/.installed-core  ## audit the bundled building and plan through it; all goes to out/demo
 	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) -o "$(OUT)/report"
 	$(BIN)/ambinav map configs/demo.geojson --scanner $(SCANNER) -o "$(OUT)/map.zarr"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --seed 1 --shortest \
+	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --shortest \
 		-o "$(OUT)/route.csv" --picture "$(OUT)/routes.png"
 	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --pareto -o "$(OUT)/pareto"
+	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner prmstar --time inf --iterations 8000 \
+		--seed 1 -o "$(OUT)/route-ompl.csv"
 	@printf '\nThe report, to open in a browser:\n  %s\nThe pictures:\n' "$(OUT)/report/report.html"
 	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
 
