@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,9 +12,12 @@ from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.geometry.steering import Steering, checked_poses
 
-# A turn above this between two points of a route is made on the spot, radians; arcs of smooth
-# curves turn less.
-SHARP = 1e-9
+# Headings that differ by less than this are the same, radians.
+SAME = 1e-9
+# Where a straight-line route bends by less than this the robot turns while it drives, over the
+# pieces before and after the bend; where by more it stops to turn, as the follower does (its
+# `rotate_to_heading_min_angle`).
+SHARP = math.pi / 4.0
 
 Floats = NDArray[np.float64]
 
@@ -26,9 +31,10 @@ def scheduled(
 ) -> Floats:
     """Poses at times 0, dt, 2 dt ... of a robot that drives exactly along a route.
 
-    It gains speed and brakes at the robot's acceleration, stops for turns on the spot, which it
-    makes at its turn rate at once, and is no faster in bends than its turn rate allows. Between
-    two points of the route, 5 cm apart, its speed is even.
+    It gains speed and brakes at the robot's acceleration, stops for turns on the spot (where the
+    route says so, and at corners sharper than 45 degrees), which it makes at its turn rate at
+    once, and is no faster in bends than its turn rate allows. Between two points of the route,
+    5 cm apart, its speed is even.
 
     Args:
         poses: The route, shape (N, 3).
@@ -49,8 +55,14 @@ def scheduled(
     dense, _, along = steering.dense(route, SPACING)
     heading = np.unwrap(dense[:, 2])
     # A vertex stands there for both motions that meet in it; where the robot does not turn, once.
-    fresh = (np.diff(along) > 0.0) | (np.abs(np.diff(heading)) > SHARP)
-    keep = np.concatenate([[True], fresh])
+    here, change = np.diff(along) <= 0.0, np.diff(heading)
+    drop = here & (np.abs(change) <= SAME)
+    if steering.space == "r2":
+        bend = here & (np.abs(change) < SHARP)
+        heading[:-1][bend] += 0.5 * change[bend]
+        drop |= bend
+    keep = np.concatenate([[True], ~drop])
+    # The first of two points that stand for one place stays, with the heading between theirs.
     dense, along, heading = dense[keep], along[keep], heading[keep]
     way, turn = np.diff(along), np.abs(np.diff(heading))
     fastest = np.full(len(dense), min(desired, robot.max_speed))

@@ -159,6 +159,22 @@ def test_a_schedule_takes_the_time_that_its_limits_need() -> None:
     assert steps[turning][1:-1].max() == 0.0
 
 
+def test_a_schedule_drives_through_the_bends_of_a_smooth_route() -> None:
+    """A polyline along an arc of 1 m radius, 5 degrees a vertex, takes no longer than the arc."""
+    angles = np.radians(np.arange(0.0, 91.0, 5.0))
+    poses = np.column_stack([np.sin(angles), 1.0 - np.cos(angles), angles])
+    found = scheduled(poses, Steering(), Robot(acceleration=100.0), 0.5, 0.01)
+    length = np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()
+    # The first and the last piece, half a chord each, are taken at half the speed.
+    ends = 2.0 * (0.5 * length / 18) / 0.5
+    assert 0.01 * (len(found) - 1) == pytest.approx(length / 0.5 + ends, abs=0.03)
+    # The first and the last piece have the direction of their chords.
+    assert found[0, 2] == pytest.approx(np.radians(2.5))
+    assert found[-1, 2] == pytest.approx(np.radians(87.5))
+    steps = np.hypot(*np.diff(found[:, :2], axis=0).T)
+    assert steps[18:-18].min() > 0.9 * 0.5 * 0.01
+
+
 def test_a_schedule_slows_down_in_bends_and_stops_at_cusps() -> None:
     robot = Robot(max_turn_rate=0.5)
     arc = np.array([[2.0, 0.0, 0.0], [2.5, 0.5, math.pi / 2]])

@@ -86,9 +86,10 @@ def test_the_curvature_is_that_of_the_arc_to_the_carrot(
 
 def test_the_speed_falls_in_bends_and_before_the_goal(straight: Course) -> None:
     # Curvature 2 * 0.3 / 0.36 = 5/3, radius 0.6 m of 0.9 m: two thirds of 0.5 m/s.
-    assert told(straight, (2.0, -0.3, 0.0))[0] == pytest.approx(0.5 * 0.6 / 0.9)
+    far = {"lookahead_dist": 0.6}
+    assert told(straight, (2.0, -0.3, 0.0), **far)[0] == pytest.approx(0.5 * 0.6 / 0.9)
     # Not below the least one: radius 0.36 m would be 0.2 m/s.
-    assert told(straight, (2.0, -0.5, 0.0), rotate_to_heading_min_angle=3.0)[0] == 0.25
+    assert told(straight, (2.0, -0.5, 0.0), **far, rotate_to_heading_min_angle=3.0)[0] == 0.25
     near = {"max_robot_pose_search_dist": 20.0}
     assert told(straight, (9.7, 0.0, 0.0), **near)[0] == pytest.approx(0.25)
     assert told(straight, (9.7, 0.0, 0.0), **near, xy_goal_tolerance=0.01)[0] == pytest.approx(0.25)
@@ -126,7 +127,7 @@ def test_a_straight_route_is_followed_to_a_millimetre() -> None:
 def test_a_start_beside_the_route_is_made_good() -> None:
     """For small offsets pure pursuit is y'' = -2 y / L^2 - 2 y' / L: it decays with exp(-s / L)."""
     course = Course.of(np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0]]), Steering())
-    p = FollowerParameters().packed
+    p = FollowerParameters(lookahead_dist=0.6).packed
     x, y, t, piece = 0.0, 0.05, 0.0, 0
     for _ in range(1000):
         speed, rate, piece, _ = pursue(
