@@ -28,6 +28,8 @@ ENVIRONMENTS = {
     "nav2_depot": "maps/nav2_depot.yaml",
     "edmonton": "maps_from_logs/edmonton.yaml",
     "infinite-corridor": "maps_from_logs/infinite-corridor.yaml",
+    "intel": "maps_from_logs/intel.yaml",
+    "freiburg-079": "maps_from_logs/freiburg-079.yaml",
 }
 BUNDLED = ("demo",)
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")
