@@ -26,19 +26,23 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 
-ROBOT = Robot(radius=0.2)
-MARGIN = 0.1
+ROBOT = Robot(radius=0.105)
+"""A TurtleBot3 Burger."""
+MARGIN = 0.195
 WEIGHTS = (1.0, 2.0, 5.0, 10.0, 20.0)
 LONGEST = 1.1
 """An ambiguity-aware route may be so many times as long as the shortest one."""
 NOISE = OdometryNoise()
 TOLD = {name: getattr(NOISE, name) * NOISE.scale**2 for name in ALPHAS if name != "alpha5"}
-LOCALIZERS = {
-    "tuned": MclParameters(
-        laser_model_type="likelihood_field_prob", importance_factor=0.3, sigma_hit=0.1, **TOLD
-    ),
-    "amcl": MclParameters(**TOLD),
-}
+TUNED = MclParameters(
+    laser_model_type="likelihood_field_prob", importance_factor=0.3, sigma_hit=0.1, **TOLD
+)
+# The likelihood field takes a cone's echo to come from its axis, and walks off from walls that are
+# seen aslant; and "no echo", which a sonar often reads, tells it nothing.
+CONES = MclParameters(
+    laser_model_type="beam", z_hit=0.7, z_max=0.2, z_short=0.05, z_rand=0.05, **TOLD
+)
+AMCL = MclParameters(**TOLD)
 KEPT = (
     "arrived",
     "collided",
@@ -55,7 +59,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner")
-    parser.add_argument("--localizer", choices=LOCALIZERS, default="tuned")
+    parser.add_argument("--localizer", choices=("tuned", "amcl"), default="tuned")
     parser.add_argument("--open-loop", action="store_true")
     parser.add_argument("--drawn", type=int, default=40)
     parser.add_argument("--kept", type=int, default=12)
@@ -66,6 +70,9 @@ def main() -> None:
     scanner = RangeScanner.from_preset(args.scanner)
     amap = build_map(environment, scanner)
     numba.set_num_threads(1)
+    localizer = AMCL
+    if args.localizer == "tuned":
+        localizer = CONES if any(sensor.aperture > 0.0 for sensor in scanner.sensors) else TUNED
     robot = RoutePlanner(AmbiguityService(amap, weight=5.0), footprint=ROBOT.radius + MARGIN)
     drawn = []
     for start, goal in pairs(robot, args.drawn, args.seed):
@@ -89,7 +96,7 @@ def main() -> None:
                 scanner,
                 ROBOT,
                 route,
-                LOCALIZERS[args.localizer],
+                localizer,
                 np.random.default_rng([args.seed, number]),
                 args.runs,
                 noise=NOISE,
