@@ -50,7 +50,8 @@ def read_carmen(
     - Where they are the same, but the ODOM line after each scan repeats the scan's pose, the log
       was written by a mapper (GMapping's `corrected.log`): the poses are corrected ones, and the
       ODOM lines go on from each of them. The odometry is then put together from the steps between
-      ODOM lines, without those jumps.
+      ODOM lines, without those jumps. Read as they stand, such lines keep within centimetres of
+      the corrected path, as if they had been scan-matched; put together they drift by metres.
     - Otherwise the log has odometry alone.
 
     A reading of 0 is too near (-inf). Time stamps that lost their digits give nan.

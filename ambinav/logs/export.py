@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -159,8 +160,7 @@ def save_csv(
         InputError: the estimates do not fit, or the place is not writable.
     """
     path = Path(path)
-    names = ["scan", "time"]
-    columns: list[Floats] = [log.time[:, None]]
+    columns: dict[str, NDArray[np.generic]] = {"scan": np.arange(log.scans), "time": log.time}
     tracks = {"odometry_": log.odometry, "": log.poses}
     if estimates is not None:
         track = np.asarray(estimates, dtype=np.float64)
@@ -172,13 +172,29 @@ def save_csv(
         tracks["estimate_"] = track
     for prefix, poses in tracks.items():
         if poses is not None:
-            names += [f"{prefix}{axis}" for axis in ("x", "y", "theta")]
-            columns.append(poses)
-    rows = [[str(k), *map(repr, row)] for k, row in enumerate(np.hstack(columns).tolist())]
+            columns |= pose_columns(prefix, poses)
     if ranges:
-        names += [f"range_{b}" for b in range(log.beams)]
-        rows = [a + b.tolist() for a, b in zip(rows, log.ranges.astype(str), strict=True)]
-    _write(path, [",".join(names), *map(",".join, rows)])
+        columns |= {f"range_{b}": column for b, column in enumerate(log.ranges.T)}
+    save_table(path, columns)
+
+
+def pose_columns(prefix: str, poses: Floats) -> dict[str, NDArray[np.generic]]:
+    """Name the columns of poses (N, 3): <prefix>x, <prefix>y, <prefix>theta."""
+    return dict(zip((f"{prefix}{axis}" for axis in ("x", "y", "theta")), poses.T, strict=True))
+
+
+def save_table(path: str | Path, columns: Mapping[str, NDArray[np.generic]]) -> None:
+    """Write columns of equal length, shape (N,), as CSV; numbers read back as they were.
+
+    Raises:
+        InputError: the place is not writable.
+    """
+    # Single precision as the shortest text that gives it again, the rest as Python writes it.
+    words = [
+        column.astype(str).tolist() if column.dtype == np.float32 else map(repr, column.tolist())
+        for column in columns.values()
+    ]
+    _write(Path(path), [",".join(columns), *map(",".join, zip(*words, strict=True))])
 
 
 def _words(ranges: NDArray[np.float32], no_return: str) -> NDArray[np.str_]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats, compose, wrapped
 from ambinav.sensing.layout import CENTRE, Mount
 from ambinav.sensing.scanner import RangeScanner
@@ -223,6 +224,28 @@ class Log:
                 f"{math.degrees(scanner.mounts[k, 2]):.2f} degrees from ({scanner.mounts[k, 0]:g}, "
                 f"{scanner.mounts[k, 1]:g}) m; make the scanner with the log's own scanner()."
             )
+
+    def check_environment(self, environment: Environment) -> None:
+        """Make sure that the log was recorded on a map: half of its poses in the free space.
+
+        Corrected poses may lie a little within the walls of a map that others made, so not every
+        pose must.
+
+        Raises:
+            InputError: the log has no poses, or too few of them lie there.
+        """
+        x, y, _ = self.required_poses().T
+        free = np.asarray(environment.is_free(x, y))
+        if 2 * int(free.sum()) >= self.scans:
+            return
+        k = int(np.argmin(free))
+        xmin, ymin, xmax, ymax = environment.bounds
+        raise InputError(
+            f"{self.source or f'log {self.name!r}'}: {int(free.sum())} of its {self.scans} poses "
+            f"lie in the free space of environment {environment.name!r}, which reaches from "
+            f"({xmin:.1f}, {ymin:.1f}) to ({xmax:.1f}, {ymax:.1f}) m; pose {k}, ({x[k]:.2f}, "
+            f"{y[k]:.2f}) m, does not: give the map that belongs to the log."
+        )
 
     def _mounts(self) -> Floats:
         """x, y, yaw of each beam in the robot's frame, shape (B, 3)."""

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.errors import InputError
 from ambinav.logs.frames import Floats, wrapped
 from ambinav.logs.log import Log
@@ -87,6 +88,24 @@ class Replay:
             InputError: the log has no poses.
         """
         return wrapped(self.estimates[..., 2] - self.log.required_poses()[:, 2])
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Where the robot is lost: off by 0.5 m or 30 degrees in two scans on end, shape (R, S).
+
+        As in `ambinav.drive.metrics`, but counted in scans, since time stamps may be useless: a
+        single one is an outlier that the next scan has put right.
+
+        Raises:
+            InputError: the log has no poses.
+        """
+        off = self.position_error > LOST_POSITION
+        off |= np.abs(self.heading_error) > LOST_HEADING
+        lost = np.zeros_like(off)
+        on_end = off[:, 1:] & off[:, :-1]
+        lost[:, 1:] |= on_end
+        lost[:, :-1] |= on_end
+        return lost
 
     def aligned(self) -> Replay:
         """Return the same with each run's estimates moved as a whole onto the log's poses.

@@ -97,3 +97,17 @@ def test_what_does_not_fit_is_said():
     bare = replay(replace(log, poses=None), DeadReckoning([log.poses[0]]))
     with pytest.raises(InputError, match="the log has no poses"):
         bare.errors()
+
+
+def test_lost_is_who_is_off_in_two_scans_on_end():
+    log = replace(room(8), odometry=room(8).poses)
+    result = replay(log, DeadReckoning([log.poses[0], log.poses[0]]))
+    assert not result.lost.any()
+    off = result.estimates.copy()
+    off[0, [1, 4, 5], 0] += 0.51
+    off[1, 6, 2] += 0.53
+    off[1, 7, 1] += 0.6
+    off[1, :3, 2] += 0.52
+    lost = replace(result, estimates=off).lost
+    np.testing.assert_array_equal(np.flatnonzero(lost[0]), [4, 5])
+    np.testing.assert_array_equal(np.flatnonzero(lost[1]), [6, 7])

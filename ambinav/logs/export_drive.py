@@ -1,0 +1,125 @@
+"""A simulated drive for other people's tools: trajectories, a CARMEN log, and a table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.drives import Drives
+from ambinav.errors import InputError
+from ambinav.logs.export import pose_columns, save_carmen, save_table, save_tum
+from ambinav.logs.log import SAME_PLACE, Log
+from ambinav.sensing.scanner import RangeScanner
+
+
+def export_drive(
+    drives: Drives, run: int, folder: str | Path, scanner: RangeScanner | None = None
+) -> tuple[Path, ...]:
+    """Write one run, so that another localizer can be run on it and others can judge it.
+
+    - `truth.tum`, `estimate.tum`, `odometry.tum`: trajectories as `evo` reads them, for instance
+      `evo_ape tum truth.tum estimate.tum`. The odometry is in its own frame.
+    - `drive.log`, with a scanner: a CARMEN log of ROBOTLASER1 lines. The pose of the laser is the
+      truth, the pose of the robot its odometry; `read_carmen` gives them back. (Where the two are
+      the same throughout, it takes them for odometry alone.)
+    - `drive.csv`: time, odometry, truth (x, y, theta), estimate and its covariance, and whether
+      the localizer took the readings in (1 or 0), a line for each sample.
+
+    Args:
+        drives: What was recorded.
+        run: Which run.
+        folder: Where to; it is made if it is missing, and older files are replaced.
+        scanner: What the robot saw with. None: no CARMEN log, as for scanners whose beams start
+            in several places or whose readings were not kept.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: there is no such run, or what `drive_log` and `save_carmen` refuse; then no
+            file is written.
+    """
+    folder = Path(folder)
+    _check_run(drives, run)
+    n = int(drives.samples[run])
+    time = drives.time[:n]
+    tracks = {
+        "truth": drives.truth[run, :n],
+        "estimate": drives.estimate[run, :n],
+        "odometry": drives.odometry[run, :n],
+    }
+    files = []
+    if scanner is not None:
+        # First of all: it is what can be refused.
+        files.append(folder / "drive.log")
+        save_carmen(files[-1], drive_log(drives, run, scanner))
+    for name, track in tracks.items():
+        files.append(folder / f"{name}.tum")
+        save_tum(files[-1], time, track)
+    columns: dict[str, NDArray[np.generic]] = {"sample": np.arange(n), "time": time}
+    for prefix, name in (("odometry_", "odometry"), ("", "truth"), ("estimate_", "estimate")):
+        columns |= pose_columns(prefix, tracks[name])
+    for i, a in enumerate(("x", "y", "theta")):
+        for j, b in enumerate(("x", "y", "theta")[i:], start=i):
+            columns[f"covariance_{a}_{b}"] = drives.covariance[run, :n, i, j]
+    columns["updated"] = drives.updated[run, :n].astype(np.int64)
+    files.append(folder / "drive.csv")
+    save_table(files[-1], columns)
+    return tuple(files)
+
+
+def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "drive") -> Log:
+    """Return one run as a log: its readings, its odometry, and the truth as the log's poses.
+
+    Args:
+        drives: What was recorded, with the readings (`keep_ranges`).
+        run: Which run.
+        scanner: What the robot saw with; all beams start in one place and go counter-clockwise.
+        name: Of the log.
+
+    Raises:
+        InputError: there is no such run, the readings were not kept or are not of this scanner,
+            or its beams start in several places.
+    """
+    _check_run(drives, run)
+    if drives.ranges is None:
+        raise InputError(
+            "drives: the readings were not kept, so there is no log of them; drive with "
+            "keep_ranges=True, or give no scanner."
+        )
+    n = int(drives.samples[run])
+    ranges = drives.ranges[run, :n]
+    if ranges.shape[1] != scanner.beams:
+        raise InputError(
+            f"drives: a scan has {ranges.shape[1]} readings and scanner {scanner.name!r} has "
+            f"{scanner.beams} beams; give the scanner of the drive."
+        )
+    x, y, yaw = scanner.mounts.T
+    if max(np.ptp(x), np.ptp(y)) > SAME_PLACE:
+        raise InputError(
+            f"scanner {scanner.name!r}: its beams start in several places, which the log of one "
+            "laser cannot say; export the drive without a scanner."
+        )
+    turn = np.unwrap(yaw)
+    ahead = 0.5 * float(turn[0] + turn[-1])
+    if turn[-1] - turn[0] + float(np.diff(turn).max(initial=0.0)) > 2.0 * math.pi - 1e-6:
+        # All around: beam k of B looks to -pi + 2 pi k / B, so straight ahead is beam B / 2.
+        ahead = float(turn[0]) + math.pi
+    return Log(
+        name=name,
+        angles=turn - ahead,
+        max_range=scanner.max_range,
+        ranges=ranges,
+        time=drives.time[:n],
+        odometry=drives.odometry[run, :n],
+        poses=drives.truth[run, :n],
+        mount=(float(x[0]), float(y[0]), ahead),
+    )
+
+
+def _check_run(drives: Drives, run: int) -> None:
+    if not 0 <= run < len(drives):
+        raise InputError(f"run is {run}; there are the runs 0 to {len(drives) - 1}.")

@@ -1,0 +1,275 @@
+"""Logs of real robots replayed through Monte Carlo localization.
+
+The hall (mrpt_uwb_hall) has a map and ground truth of its own. Of the other logs a map is made of
+every second scan at the log's corrected poses, and the scans between them are replayed on it; the
+errors are against the corrected poses, which are estimates themselves. Every log goes through
+odometry alone, AMCL's defaults and `SPARSE_SCANS`, started 10 cm and 3 degrees (one deviation)
+about its first pose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numba
+import numpy as np
+from harness import add_out, report, table
+
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.localization.likelihood_field import LikelihoodField
+from ambinav.localization.parameters import MclParameters
+from ambinav.logs.carmen import read_carmen
+from ambinav.logs.frames import between, compose
+from ambinav.logs.grid_map import map_from_log
+from ambinav.logs.localize import SPARSE_SCANS, START_STD, localize
+from ambinav.logs.log import Log
+from ambinav.logs.registration import register
+from ambinav.logs.replay import Replay
+
+LIBRARIES = ("ambinav", "numba", "numpy", "scipy")
+HALL = "mrpt_uwb_hall"
+HALL_MOUNT = (0.095, 0.0, 0.0)
+CORRECTED = (
+    "intel", "aces", "freiburg-079", "belgioioso", "edmonton", "infinite-corridor",
+)  # fmt: skip
+# Freiburg's odometry has no sign; up to here its robot backs up in four single steps only.
+FORWARD = {"freiburg-079": 400}
+ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
+LOCALIZERS = {
+    "AMCL's defaults": MclParameters(),
+    "... with its alphas": MclParameters(**{key: getattr(SPARSE_SCANS, key) for key in ALPHAS}),
+    "... with its beams": replace(SPARSE_SCANS, **dict.fromkeys(ALPHAS, MclParameters().alpha1)),
+    "SPARSE_SCANS": SPARSE_SCANS,
+}
+# A step back by the poses, metres, that is more than the jitter of theirs.
+BACK = 0.05
+HEADER = (
+    "log", "localizer", "median m", "95 % m", "max m", "heading: median deg", "95 % deg",
+    "scans lost %", "runs ever lost", "updates/s",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A log to replay, and the map to do it on."""
+
+    name: str
+    log: Log
+    environment: Environment
+    field: LikelihoodField
+    seconds: float
+
+
+def cases(names: Sequence[str]) -> list[Case]:
+    """Read the logs and make the maps; ends with status 2 if the data is not there."""
+    folder = Path(os.environ.get("AMBINAV_DATA", ""))
+    if not os.environ.get("AMBINAV_DATA") or not (folder / "logs").is_dir():
+        print(
+            "bench_replay.py: it needs recorded data; set AMBINAV_DATA to the folder that holds "
+            "logs/ and maps/.",
+            file=sys.stderr,
+        )
+        raise SystemExit(2)
+    out = []
+    for name in names:
+        begin = time.perf_counter()
+        if name == HALL:
+            log = read_carmen(folder / "logs" / f"{HALL}_gt.log.gz", mount=HALL_MOUNT)
+            environment = load_environment(folder / "maps" / f"{HALL}.yaml")
+        else:
+            whole = read_carmen(folder / "logs" / f"{name}-corrected.log.gz")
+            first, log = whole.every(2)
+            environment = map_from_log(first)
+        field = LikelihoodField.of(environment)
+        seconds = time.perf_counter() - begin
+        out.append(Case(name, log, environment, field, seconds))
+        if name in FORWARD:
+            some = log.chosen(slice(0, FORWARD[name]))
+            out.append(Case(f"{name}, first {some.scans}", some, environment, field, seconds))
+    return out
+
+
+def odometry_alone(log: Log) -> Replay:
+    """What becomes of the first pose when nothing but odometry moves it."""
+    estimates = compose(log.poses[0], between(log.odometry[0], log.odometry))
+    return Replay(log, estimates[None], np.zeros((1, log.scans), dtype=np.bool_), 0.0)
+
+
+def figures(found: Replay) -> tuple[str, ...]:
+    """Errors of a replay, as cells of the table."""
+    e = found.errors()
+    lost = found.lost
+    rate = found.updated.sum() / found.seconds if found.seconds > 0.0 else math.nan
+    return (
+        *(f"{v:.3f}" for v in (e.position_median, e.position_95, e.position_max)),
+        *(f"{math.degrees(v):.2f}" for v in (e.heading_median, e.heading_95)),
+        f"{100.0 * lost.mean():.1f}",
+        f"{int(lost.any(axis=1).sum())} of {len(lost)}",
+        "" if math.isnan(rate) else f"{rate:.0f}",
+    )
+
+
+def sentence_of_lost(name: str, found: Replay) -> str:
+    """In which direction the robot is off where it is lost; empty if it never is."""
+    lost = found.lost
+    if not lost.any():
+        return ""
+    off = np.abs(between(np.broadcast_to(found.log.poses, found.estimates.shape), found.estimates))
+    along, across = np.median(off[lost][:, :2], axis=0)
+    return f"- {name}: {along:.2f} m along the robot's heading, {across:.2f} m across"
+
+
+def row_of_log(case: Case) -> tuple[str, ...]:
+    """What a log is like: steps, odometry, and how its scans lie on the map."""
+    log = case.log
+    steps, told = (between(p[:-1], p[1:]) for p in (log.poses, log.odometry))
+    wrong = np.hypot(*(told - steps)[:, :2].T)
+    turn = np.degrees(np.abs(between(steps, told)[:, 2]))
+    back = steps[:, 0] < -BACK
+    return (
+        case.name,
+        str(log.scans),
+        f"{np.median(np.hypot(*steps[:, :2].T)):.2f}",
+        f"{np.median(wrong):.3f} ({np.quantile(wrong, 0.95):.2f})",
+        f"{np.median(turn):.1f} ({np.quantile(turn, 0.95):.1f})",
+        str(int(back.sum())),
+        str(int((told[:, 0] < -BACK).sum())),
+        str(int((back & (told[:, 0] > BACK)).sum())),
+        str(len(case.environment.segments)),
+        f"{case.seconds:.1f}",
+    )
+
+
+def rows_of_frames(case: Case) -> list[tuple[str, ...]]:
+    """How a log lies on its map, by its scans: all of them, and each half."""
+    n = case.log.scans
+    rows = []
+    parts = {"all": (0, n), "first half": (0, n // 2), "second half": (n // 2, n)}
+    for name, (first, last) in parts.items():
+        part = case.log.chosen(slice(first, last))
+        found = register(part, case.environment)
+        middle = part.poses[:, :2].mean(axis=0)
+        x, y, _ = compose(found.motion, (*middle, 0.0))
+        rows.append(
+            (
+                case.name, name, f"{math.degrees(found.motion[2]):.2f}",
+                f"{100.0 * (x - middle[0]):.1f}", f"{100.0 * (y - middle[1]):.1f}",
+                f"{100.0 * found.before:.1f}", f"{100.0 * found.after:.1f}",
+            )
+        )  # fmt: skip
+    return rows
+
+
+def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
+    """The hall's errors, by the frame that its ground truth is in."""
+    half = case.log.scans // 2
+    frame = register(case.log.chosen(slice(0, half)), case.environment)
+    laid = replace(found, log=frame.applied(case.log))
+    rows = []
+    for name, replayed, first in (
+        ("as published, all scans", found, 0),
+        ("as published, second half", found, half),
+        ("laid on the map by the scans of the first half, second half", laid, half),
+        ("laid on the estimates (as evo_ape --align), all scans", found.aligned(), 0),
+    ):
+        e = replayed.errors(first)
+        metres = (e.position_median, e.position_95, e.position_max)
+        turns = (e.heading_median, e.heading_95)
+        rows.append(
+            (name, *(f"{v:.3f}" for v in metres), *(f"{math.degrees(v):.2f}" for v in turns))
+        )
+    return rows
+
+
+def body_of(chosen: list[Case], runs: int, seed: int) -> str:
+    """Replay everything and lay the report out."""
+    rows, hall, frames, lost = [], "", [], []
+    for case in chosen:
+        rows.append((case.name, "odometry alone", *figures(odometry_alone(case.log))))
+        for name, parameters in LOCALIZERS.items():
+            found = localize(
+                case.log, case.environment, parameters, rng=np.random.default_rng(seed),
+                runs=runs, field=case.field,
+            )  # fmt: skip
+            rows.append((case.name, name, *figures(found)))
+            if parameters is SPARSE_SCANS:
+                lost.append(sentence_of_lost(case.name, found))
+            if case.name == HALL and parameters is SPARSE_SCANS:
+                header = ("ground truth", *HEADER[2:7])
+                hall = table(header, rows_of_hall(case, found))
+        if case.name in (HALL, "intel", "aces"):
+            frames += rows_of_frames(case)
+    about = table(
+        ("log", "scans", "m between scans", "odometry off, m: median (95 %)", "degrees",
+         "steps back", "by odometry", "forward by odometry", "segments", "s to read and map"),
+        [row_of_log(case) for case in chosen],
+    )  # fmt: skip
+    sections = [
+        f"{runs} runs of each log on {numba.get_num_threads()} threads; the errors are over all "
+        "scans and runs. A scan is lost if it and one next to it are off by more than 0.5 m or 30 "
+        "degrees. `SPARSE_SCANS` (`ambinav.logs.localize`) is AMCL with the beams multiplied "
+        "(likelihood_field_prob, importance_factor 0.3) and alphas of 0.01 instead of 0.2; it was "
+        "chosen by trying on these logs. The two rows between change only one of the two.",
+        table(HEADER, rows, words=2),
+        "Medians of how far off the robot is where `SPARSE_SCANS` loses it (in a long corridor "
+        "it is along it that scans tell least):",
+        "\n".join(filter(None, lost)) or "- it loses none of these",
+        f"## The logs\n\nOdometry is compared from one replayed scan to the next. In the "
+        "`corrected` logs it is put together from the steps between the ODOM lines, which start "
+        f"anew at each corrected pose. Steps back are those of more than {BACK:g} m by the poses, "
+        "and by odometry; then those by the poses that odometry calls as much forward. The "
+        "odometry of freiburg-079 never goes back: it gives distances without their sign, and "
+        "where its robot backs up the localizer is led astray.",
+        about,
+    ]
+    if hall:
+        sections += [
+            "## The hall's frames\n\nWanted: a median error of at most 10 cm. As published it is "
+            "above that, because the published ground truth is not in the frame of the published "
+            "map. The scans at its poses say so by themselves, without a localizer (`register`): "
+            "the motion that lays them on the map is nearly the same for either half of the log, "
+            "while the logs whose maps are made of their own poses need none. With what the "
+            "first half says, the error in the second is:",
+            hall,
+            "The motion by the scans, at the middle of the poses, and the median distance from "
+            "the end of a beam to the nearest wall:",
+            table(
+                ("log", "scans", "turn deg", "x cm", "y cm", "before cm", "after cm"),
+                frames,
+                words=2,
+            ),
+        ]
+    deviations = f"{START_STD[0]:g} m, {START_STD[1]:g} m, {math.degrees(START_STD[2]):.1f} degrees"
+    return "\n\n".join([*sections, f"Deviations of the first estimate: {deviations}."])
+
+
+def main() -> None:
+    """Measure and report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    known = (HALL, *CORRECTED)
+    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--logs", nargs="+", choices=known, default=known, metavar="LOG")
+    add_out(parser)
+    args = parser.parse_args()
+    chosen = cases(args.logs)
+    # Compile what the updates a second are not to include.
+    few = chosen[0].log.chosen(slice(0, 3))
+    for parameters in LOCALIZERS.values():
+        localize(
+            few, chosen[0].environment, parameters, rng=np.random.default_rng(0),
+            runs=args.runs, field=chosen[0].field,
+        )  # fmt: skip
+    body = body_of(chosen, args.runs, args.seed)
+    report("Logs of real robots, replayed", LIBRARIES, body, args.out)
+
+
+if __name__ == "__main__":
+    main()
