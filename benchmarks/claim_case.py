@@ -40,7 +40,13 @@ TUNED = MclParameters(
 # The likelihood field takes a cone's echo to come from its axis, and walks off from walls that are
 # seen aslant; and "no echo", which a sonar often reads, tells it nothing.
 CONES = MclParameters(
-    laser_model_type="beam", z_hit=0.7, z_max=0.2, z_short=0.05, z_rand=0.05, **TOLD
+    laser_model_type="beam",
+    z_hit=0.7,
+    z_max=0.2,
+    z_short=0.05,
+    z_rand=0.05,
+    beam_table_resolution=0.1,
+    **TOLD,
 )
 AMCL = MclParameters(**TOLD)
 KEPT = (

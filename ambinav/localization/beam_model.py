@@ -7,7 +7,8 @@ nav2 (nav2_amcl, beam_model.cpp): a reading z where z* is expected has the likel
         + z_max [z out of range] + z_rand / max_range [z in range]
 
 and the beams together 1 + sum p^3. AMCL walks through the cells of its map; here z* is exact: the
-nearest echo of the beam's rays among the wall segments, so that cones and incidence limits count.
+nearest echo of the beam's rays among the wall segments, so that cones and incidence limits count;
+or looked up in a table of such ranges.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ import numpy as np
 from numba import njit
 
 from ambinav.localization.casting import expected_ranges, work_space
+from ambinav.localization.range_table import looked_up
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def beam_factors(
-    particles, count, reading, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables
+    particles, count, reading, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables, lookup
 ):
     """Multiply the weights by what the ray model says of one scan.
 
@@ -40,6 +42,7 @@ def beam_factors(
         decay: lambda_short, 1 / metres.
         tables: The beams, see `casting.CastTables`. Where a pose puts a sensor outside of the
             free space, its beams are expected to read 0.
+        lookup: A `RangeTable` to take the ranges from; one without sensors is not looked at.
     """
     beams = far.size
     work = work_space(tables.cosine.size)
@@ -51,10 +54,14 @@ def beam_factors(
         short[b] = z_short * decay * math.exp(-decay * reading[b])
         rand[b] = z_max if reading[b] >= far[b] else z_rand / far[b]
     per_square = -0.5 / (sigma * sigma)
+    by_table = lookup.ranges.shape[0] > 0
     for i in range(count):
-        expected_ranges(
-            particles[i, 0], particles[i, 1], particles[i, 2], tables, work, ranges, ray, edge
-        )
+        if by_table:
+            looked_up(particles[i, 0], particles[i, 1], particles[i, 2], lookup, ranges)
+        else:
+            expected_ranges(
+                particles[i, 0], particles[i, 1], particles[i, 2], tables, work, ranges, ray, edge
+            )
         total = 1.0
         for b in range(beams):
             if math.isnan(reading[b]):

@@ -12,6 +12,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.bins import table_size
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
+from ambinav.localization.range_table import empty_range_table, range_table
 from ambinav.localization.resampling import CODES
 from ambinav.sensing.scanner import RangeScanner
 
@@ -50,6 +51,7 @@ class FilterModel(NamedTuple):
         smooth: Whether to interpolate between them.
         areas: Cumulated areas of the free space's triangles, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
+        table_ranges: See `RangeTable`, as are those that follow; no sensors where rays are cast.
     """
 
     alpha: Floats
@@ -84,6 +86,13 @@ class FilterModel(NamedTuple):
     smooth: bool
     areas: Floats
     corner: Floats
+    table_ranges: NDArray[np.float32]
+    table_index: NDArray[np.int32]
+    table_x: float
+    table_y: float
+    table_inverse: float
+    table_sensor: NDArray[np.int64]
+    table_mount: Floats
 
 
 class FilterState(NamedTuple):
@@ -169,6 +178,9 @@ def filter_model(
             reach = p.laser_likelihood_max_dist
             field = LikelihoodField.of(environment, p.likelihood_resolution, reach)
         hits, origin, inverse = field.hits(p.sigma_hit), field.origin, 1.0 / field.resolution
+    lookup = empty_range_table()
+    if kind == BEAM_MODEL and p.beam_table_resolution > 0.0:
+        lookup = range_table(environment, scanner, beam, p.beam_table_resolution)
     x, y, yaw = scanner.mounts[beam].T
     corner = environment.triangulation.corner
     (ax, ay), (bx, by), (cx, cy) = corner.reshape(-1, 3, 2).transpose(1, 2, 0)
@@ -179,7 +191,7 @@ def filter_model(
         p.update_min_d, p.update_min_a, p.resample_interval, p.recovery_alpha_slow,
         p.recovery_alpha_fast, p.recovery_reset, CODES[p.resampling], p.estimate == "mean", beam,
         np.column_stack((x, y, np.cos(yaw), np.sin(yaw))), near, far, hits, *origin, inverse,
-        p.likelihood_interpolation == "bilinear", areas, corner,
+        p.likelihood_interpolation == "bilinear", areas, corner, *lookup,
     )  # fmt: skip
 
 

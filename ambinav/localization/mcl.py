@@ -53,6 +53,7 @@ from ambinav.localization.odometry import (
 )
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import normals, states
+from ambinav.localization.range_table import RangeTable
 from ambinav.localization.resampling import random_pose, resample
 from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
@@ -257,9 +258,14 @@ def weigh(particles, count, ranges, model, cast, scratch):
             if math.isnan(z):
                 reading[b] = math.nan
             some |= not math.isnan(z)
+        # Tuples within tuples cannot be shared among threads.
+        lookup = RangeTable(
+            model.table_ranges, model.table_index, model.table_x, model.table_y,
+            model.table_inverse, model.table_sensor, model.table_mount,
+        )  # fmt: skip
         beam_factors(
             particles, count, reading, far, model.z_hit, model.z_short, model.z_max, model.z_rand,
-            model.sigma_hit, model.lambda_short, cast,
+            model.sigma_hit, model.lambda_short, cast, lookup,
         )  # fmt: skip
         return 0.0 if some else math.nan
     end, floor = np.empty((beams, 2)), np.empty(beams)

@@ -30,6 +30,7 @@ POSITIVE = (
 SHARES = ("z_hit", "z_short", "z_max", "z_rand", "recovery_alpha_slow", "recovery_alpha_fast")
 AT_LEAST_ZERO = (
     "pf_z", "update_min_d", "update_min_a", "initial_cov_xx", "initial_cov_yy", "initial_cov_aa",
+    "beam_table_resolution",
 )  # fmt: skip
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4", "alpha5")
 
@@ -90,6 +91,8 @@ class MclParameters:
             for as long as the likelihood stays low (Probabilistic Robotics, table 8.3), with at
             most a quarter of the particles at a time.
         likelihood_resolution: Spacing of the likelihood field, metres.
+        beam_table_resolution: Spacing of a table of expected ranges for the ray model, metres,
+            with which cones cost no more than lasers (see `range_table`); 0: every ray is cast.
         likelihood_interpolation: "nearest" point of the field, as in AMCL, or "bilinear".
 
     Raises:
@@ -131,6 +134,7 @@ class MclParameters:
     recovery_reset: bool = False
     likelihood_resolution: float = 0.025
     likelihood_interpolation: str = "nearest"
+    beam_table_resolution: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every parameter and bring it to its type."""

@@ -9,6 +9,7 @@ import pytest
 
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.casting import cast_tables, expected_ranges, work_space
+from ambinav.localization.range_table import empty_range_table, looked_up, range_table
 from ambinav.sensing.scanner import RangeScanner
 from tests.geometry import scenes
 from tests.localization import worlds
@@ -55,7 +56,9 @@ def test_factors_are_those_of_the_ray_model(scanner: RangeScanner) -> None:
     particles = np.zeros((100, 5))
     particles[:, :3], particles[:, 3] = poses, 0.25
     tables = cast_tables(env, scanner, np.arange(scanner.beams))
-    beam_factors(particles, 100, reading, far, 0.5, 0.1, 0.15, 0.25, 0.2, 0.7, tables)
+    beam_factors(
+        particles, 100, reading, far, 0.5, 0.1, 0.15, 0.25, 0.2, 0.7, tables, empty_range_table()
+    )
     expected = np.minimum(scanner.scan(env, *poses.T), far)
     assert np.allclose(particles[:, 3] / 0.25, likelihood(reading, expected, far), rtol=1e-4)
     # The pose that the scan was made at is among the likeliest.
@@ -68,6 +71,46 @@ def test_outside_the_free_space_nothing_fits() -> None:
     reading = scanner.scan(env, 2.0, 2.0, 0.0).astype(float)
     far = np.full(60, 12.0)
     tables = cast_tables(env, scanner, np.arange(60))
-    beam_factors(particles, 2, reading, far, 0.5, 0.05, 0.05, 0.5, 0.2, 0.1, tables)
+    beam_factors(
+        particles, 2, reading, far, 0.5, 0.05, 0.05, 0.5, 0.2, 0.1, tables, empty_range_table()
+    )
     assert particles[0, 3] > 5.0 and particles[1, 3] == pytest.approx(1.0, abs=0.01)
     assert math.isfinite(particles[1, 3])
+
+
+@scanners
+def test_a_table_holds_the_ranges_of_its_points_and_directions(scanner: RangeScanner) -> None:
+    env = scenes.scene(3, size=15.0)
+    beams = np.arange(0, scanner.beams, 2)
+    table = range_table(env, scanner, beams, 0.1)
+    directions = table.ranges.shape[2]
+    rng = np.random.default_rng(1)
+    alike = 0
+    for _ in range(100):
+        # A heading of the table for the beam, and a pose that puts the beam's sensor on a point.
+        b = rng.integers(len(beams))
+        mx, my, yaw = table.mount[b]
+        theta = 2.0 * math.pi * rng.integers(directions) / directions - yaw
+        row, column = rng.integers(np.array(table.index.shape))
+        x = table.x + 0.1 * column - math.cos(theta) * mx + math.sin(theta) * my
+        y = table.y + 0.1 * row - math.sin(theta) * mx - math.cos(theta) * my
+        got = np.empty(len(beams))
+        looked_up(x, y, theta, table, got)
+        want = scanner.scan(env, x, y, theta)[beams[b]]
+        alike += bool(np.isclose(got[b], want, atol=1e-4, equal_nan=True))
+    # Rounding decides whether a ray at the largest incidence, or through a corner, has its echo.
+    assert alike >= 97
+
+
+def test_a_table_off_its_points_is_off_by_little() -> None:
+    env, scanner = worlds.room(), worlds.sonar_ring()
+    beams = np.arange(scanner.beams)
+    table = range_table(env, scanner, beams, 0.05)
+    poses = worlds.free_poses(env, 200, seed=2)
+    got = np.empty((len(poses), len(beams)))
+    for pose, row in zip(poses, got, strict=True):
+        looked_up(*pose, table, row)
+    want = scanner.scan(env, *poses.T)
+    both = np.isfinite(got) & np.isfinite(want)
+    assert both.mean() > 0.8 * np.isfinite(want).mean()
+    assert np.median(np.abs(got[both] - want[both])) < 0.03

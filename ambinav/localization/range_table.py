@@ -1,0 +1,145 @@
+"""Expected ranges worked out beforehand: what each kind of sensor reads, by place and direction.
+
+A cone is many rays, and casting them for each particle is most of what the ray model costs. Here
+they are cast once, from the points of a lattice in evenly spaced directions, and looked up at the
+nearest point and direction (the idea of Fox, Burgard & Thrun, "Markov localization for mobile
+robots in dynamic environments", JAIR 11, 1999, section 3.4).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.sensing.scanner import RangeScanner
+
+# Directions of a table, at least; a laser's are 1 degree apart, a cone's a sixth of its aperture.
+LASER_DIRECTIONS, CONE_SHARE = 360, 6.0
+# A table of more bytes than this is refused.
+MOST_BYTES = 4_000_000_000
+CHUNK = 2048
+
+
+class RangeTable(NamedTuple):
+    """Ranges of the S kinds of sensors of a scanner, at N free points in D directions.
+
+    Attributes:
+        ranges: float32, shape (S, N, D), metres; inf without an echo. Direction k is
+            2 pi k / D, map frame.
+        index: Number of each lattice point, int32, shape (rows, columns); -1 if it is not free.
+        x: Of the point in column 0, metres.
+        y: Of the point in row 0, metres.
+        inverse: Points per metre.
+        sensor: Kind of each beam, int64, shape (U,).
+        mount: x, y (metres) and direction (radians) of each beam in the robot frame, shape (U, 3).
+    """
+
+    ranges: NDArray[np.float32]
+    index: NDArray[np.int32]
+    x: float
+    y: float
+    inverse: float
+    sensor: NDArray[np.int64]
+    mount: NDArray[np.float64]
+
+
+def empty_range_table() -> RangeTable:
+    """A table for filters that do not look at it."""
+    return RangeTable(
+        np.zeros((0, 0, 1), dtype=np.float32), np.zeros((1, 1), dtype=np.int32), 0.0, 0.0, 1.0,
+        np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
+    )  # fmt: skip
+
+
+# The latest table of each environment: a study drives many routes with the same.
+_latest: WeakKeyDictionary[Environment, tuple[tuple[object, ...], RangeTable]] = WeakKeyDictionary()
+
+
+def range_table(
+    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
+) -> RangeTable:
+    """The table of some of a scanner's beams; the latest of an environment is kept.
+
+    Args:
+        environment: The map.
+        scanner: Whose beams.
+        beams: Which of them, shape (U,).
+        resolution: Spacing of the lattice, metres.
+
+    Raises:
+        InputError: the resolution is of no use, or the table would be too large.
+    """
+    key = (scanner, tuple(beams.tolist()), resolution)
+    kept = _latest.get(environment)
+    if kept is None or kept[0] != key:
+        kept = key, _cast(environment, scanner, beams, resolution)
+        _latest[environment] = kept
+    return kept[1]
+
+
+def _cast(
+    environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
+) -> RangeTable:
+    lattice = Lattice.over(environment, resolution)
+    kinds, sensor = np.unique(scanner.sensor_of_beam[beams], return_inverse=True)
+    sensors = [scanner.sensors[k] for k in kinds]
+    # An even number, since a planar scanner's beams begin behind, at -pi.
+    directions = 2 * max(
+        math.ceil(math.pi * CONE_SHARE / s.aperture) if s.aperture else LASER_DIRECTIONS // 2
+        for s in sensors
+    )
+    rows, columns = np.nonzero(lattice.free)
+    size = 4 * len(sensors) * len(rows) * directions
+    if size > MOST_BYTES:
+        raise InputError(
+            f"beam_table_resolution is {resolution:g}, which makes a table of {size / 1e9:.1f} GB "
+            f"for {environment.name!r}; give a coarser one, or 0 for none."
+        )
+    x, y = lattice.x[columns], lattice.y[rows]
+    ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)
+    for k, one in enumerate(sensors):
+        around = RangeScanner.planar(sensor=one, beams=directions, aperture=2.0 * math.pi)
+        for first in range(0, len(rows), CHUNK):
+            part = slice(first, first + CHUNK)
+            seen = around.scan(environment, x[part], y[part], 0.0)
+            ranges[k, part] = np.roll(seen, -(directions // 2), axis=1)
+    return RangeTable(
+        ranges, lattice.index, float(lattice.x[0]), float(lattice.y[0]), 1.0 / resolution,
+        sensor.astype(np.int64), np.ascontiguousarray(scanner.mounts[beams]),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def looked_up(x, y, theta, table, ranges):
+    """Expected range of each beam at one pose.
+
+    Args:
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        table: See `RangeTable`.
+        ranges: Written, shape (U,), metres: inf without an echo, nan where the nearest point to
+            the sensor is not free.
+    """
+    rows, columns = table.index.shape
+    directions = table.ranges.shape[2]
+    scale = directions / (2.0 * math.pi)
+    co, si = math.cos(theta), math.sin(theta)
+    for b in range(table.sensor.size):
+        mx, my, yaw = table.mount[b]
+        u = (x + co * mx - si * my - table.x) * table.inverse + 0.5
+        v = (y + si * mx + co * my - table.y) * table.inverse + 0.5
+        ranges[b] = math.nan
+        if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
+            point = table.index[int(v), int(u)]
+            if point >= 0:
+                k = int(math.floor((theta + yaw) * scale + 0.5)) % directions
+                ranges[b] = table.ranges[table.sensor[b], point, k]
