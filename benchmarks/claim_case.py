@@ -29,26 +29,22 @@ from ambinav_planners import RoutePlanner
 ROBOT = Robot(radius=0.105)
 """A TurtleBot3 Burger."""
 MARGIN = 0.195
-WEIGHTS = (1.0, 2.0, 5.0, 10.0, 20.0)
+WEIGHTS = (2.0, 5.0, 20.0)
 LONGEST = 1.1
 """An ambiguity-aware route may be so many times as long as the shortest one."""
-NOISE = OdometryNoise()
-TOLD = {name: getattr(NOISE, name) * NOISE.scale**2 for name in ALPHAS if name != "alpha5"}
-TUNED = MclParameters(
-    laser_model_type="likelihood_field_prob", importance_factor=0.3, sigma_hit=0.1, **TOLD
-)
+LEAST_BAD = 2.0
+"""Less bad floor than this on the shortest way, metres, and there is nothing to avoid."""
+HALF = 0.5
+"""Share of the bad floor that an offered way leaves at most."""
+TUNED = {
+    "laser_model_type": "likelihood_field_prob", "importance_factor": 0.3, "sigma_hit": 0.1,
+}  # fmt: skip
 # The likelihood field takes a cone's echo to come from its axis, and walks off from walls that are
 # seen aslant; and "no echo", which a sonar often reads, tells it nothing.
-CONES = MclParameters(
-    laser_model_type="beam",
-    z_hit=0.7,
-    z_max=0.2,
-    z_short=0.05,
-    z_rand=0.05,
-    beam_table_resolution=0.1,
-    **TOLD,
-)
-AMCL = MclParameters(**TOLD)
+CONES = {
+    "laser_model_type": "beam", "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05,
+    "beam_table_resolution": 0.1,
+}  # fmt: skip
 KEPT = (
     "arrived",
     "collided",
@@ -67,8 +63,10 @@ def main() -> None:
     parser.add_argument("scanner")
     parser.add_argument("--localizer", choices=("tuned", "amcl"), default="tuned")
     parser.add_argument("--open-loop", action="store_true")
-    parser.add_argument("--drawn", type=int, default=40)
-    parser.add_argument("--kept", type=int, default=12)
+    parser.add_argument("--odometry", type=float, nargs="+", default=[0.25, 0.5])
+    parser.add_argument("--drawn", type=int, default=60)
+    parser.add_argument("--offered", type=int, default=8)
+    parser.add_argument("--others", type=int, default=4)
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--seed", type=int, default=11)
     args = parser.parse_args()
@@ -76,52 +74,76 @@ def main() -> None:
     scanner = RangeScanner.from_preset(args.scanner)
     amap = build_map(environment, scanner)
     numba.set_num_threads(1)
-    localizer = AMCL
-    if args.localizer == "tuned":
-        localizer = CONES if any(sensor.aperture > 0.0 for sensor in scanner.sensors) else TUNED
     robot = RoutePlanner(AmbiguityService(amap, weight=5.0), footprint=ROBOT.radius + MARGIN)
-    drawn = []
-    for start, goal in pairs(robot, args.drawn, args.seed):
-        route = robot.plan(start, goal, planner_name="reference", weight=0.0)
-        drawn.append((route.bad_metres, len(drawn), start, goal, route))
-    drawn.sort(key=lambda pair: (-pair[0], pair[1]))
-    for _, number, start, goal, shortest in drawn[: args.kept]:
-        aware = chosen(robot, start, goal, shortest)
-        told: dict[str, Any] = {
-            "environment": args.environment,
-            "scanner": args.scanner,
-            "pair": number,
-            "start": start[:2].tolist(),
-            "goal": goal[:2].tolist(),
-            "localizer": args.localizer,
-            "open_loop": args.open_loop,
-        }
-        for name, route in (("shortest", shortest), ("aware", aware)):
-            drives = drive(
-                environment,
-                scanner,
-                ROBOT,
-                route,
-                localizer,
-                np.random.default_rng([args.seed, number]),
-                args.runs,
-                noise=NOISE,
-                open_loop=args.open_loop,
-            )
-            told[name] = figures(route, metrics(drives, amap))
-        print(json.dumps(told), flush=True)
+    for number, shortest, aware in chosen(robot, args):
+        for scale in args.odometry:
+            noise = OdometryNoise(scale=scale)
+            told: dict[str, Any] = {
+                "environment": args.environment,
+                "scanner": args.scanner,
+                "pair": number,
+                "start": shortest.poses[0, :2].tolist(),
+                "goal": shortest.poses[-1, :2].tolist(),
+                "odometry": scale,
+                "localizer": args.localizer,
+                "open_loop": args.open_loop,
+            }
+            for name, route in (("shortest", shortest), ("aware", aware)):
+                drives = drive(
+                    environment,
+                    scanner,
+                    ROBOT,
+                    route,
+                    localizer(args.localizer, scanner, noise),
+                    np.random.default_rng([args.seed, number]),
+                    args.runs,
+                    noise=noise,
+                    open_loop=args.open_loop,
+                )
+                told[name] = figures(route, metrics(drives, amap))
+            print(json.dumps(told), flush=True)
 
 
-def chosen(robot: RoutePlanner, start: Any, goal: Any, shortest: Route) -> Route:
+def localizer(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
+    """Monte Carlo localization that is told how odometry errs; else tuned, or as AMCL has it."""
+    told = {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
+    if name == "amcl":
+        return MclParameters.from_dict(told)
+    cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
+    return MclParameters.from_dict({**(CONES if cones else TUNED), **told})
+
+
+def chosen(robot: RoutePlanner, args: argparse.Namespace) -> list[tuple[int, Route, Route]]:
+    """Pairs to drive, chosen on the map alone: number, shortest route, ambiguity-aware route.
+
+    Those where most bad floor is saved among the offered, and those with most of it among the
+    others; where a map has no bad floor at all, the first ones drawn.
+    """
+    offers, others = [], []
+    for number, (start, goal) in enumerate(pairs(robot, args.drawn, args.seed)):
+        shortest = robot.plan(start, goal, planner_name="reference", weight=0.0)
+        aware = ambiguity_aware(robot, start, goal, shortest)
+        bad, left = shortest.bad_metres, aware.bad_metres
+        if bad >= LEAST_BAD and left <= HALF * bad:
+            offers.append((left - bad, number, shortest, aware))
+        else:
+            others.append((-bad, number, shortest, aware))
+    offers.sort(key=lambda pair: pair[:2])
+    others.sort(key=lambda pair: pair[:2])
+    return [pair[1:] for pair in offers[: args.offered] + others[: args.others]]
+
+
+def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route) -> Route:
     """The route with the least bad floor of all weights that is at most 10 % longer.
 
-    The choice is made on the map alone; of equals the least exposed, then the shortest one.
+    Of equals the least exposed, then the shortest one.
     """
     routes = [shortest]
-    for weight in WEIGHTS:
-        route = robot.plan(start, goal, planner_name="reference", weight=weight)
-        if route.length <= LONGEST * shortest.length:
-            routes.append(route)
+    if shortest.bad_metres >= LEAST_BAD:
+        for weight in WEIGHTS:
+            route = robot.plan(start, goal, planner_name="reference", weight=weight)
+            if route.length <= LONGEST * shortest.length:
+                routes.append(route)
     return min(routes, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
 
 
