@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
-
-from jinja2 import Environment as Templates
-from jinja2 import PackageLoader, StrictUndefined
 
 from ambinav.audit.audit import Audit, axis_degrees, metres2, percent
 from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.pictures import save_pictures
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.pages import data_uri, fill
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
@@ -69,7 +66,7 @@ def write_report(
         save_pictures(audit, fresh, progress)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
-        inlined = {name: _data_uri(fresh / name) for name in _pictures(report)}
+        inlined = {name: data_uri(fresh / name) for name in _pictures(report)}
         (fresh / HTML).write_text(render("report.html.j2", report, inlined), encoding="utf-8")
     return report
 
@@ -82,49 +79,13 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         report: The figures.
         pictures: What stands for each picture's file name; None: the file name itself.
     """
-    templates = Templates(
-        loader=PackageLoader("ambinav.audit", "templates"),
-        autoescape=template.endswith(".html.j2"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    templates.filters["percent"] = percent
-    templates.filters["metres2"] = metres2
-    templates.filters["axis_degrees"] = axis_degrees
-    templates.filters["moment"] = _moment
-    templates.filters["cell"] = _cell
+    filters = {"percent": percent, "metres2": metres2, "axis_degrees": axis_degrees}
     named = pictures or {name: name for name in _pictures(report)}
-    return templates.get_template(template).render(report=report, pictures=named)
+    return fill("ambinav.audit", template, filters, report=report, pictures=named)
 
 
 def _pictures(report: Document) -> list[str]:
     return [*report.pictures, *(place.picture for place in report.places)]
-
-
-def _data_uri(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
-
-
-def _cell(value: object) -> str:
-    """A parameter as a reader wants it in a table."""
-    if value is None:
-        return "default"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_cell(entry)}" for key, entry in value.items())
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_cell, value))
-    return str(value)
-
-
-def _moment(created: str) -> str:
-    """A moment in UTC for a reader: day, hour and minute."""
-    return created[:16].replace("T", " ") + " UTC" if created.endswith("+00:00") else created
 
 
 def _is_ours(name: str) -> bool:

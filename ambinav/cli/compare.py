@@ -13,6 +13,7 @@ from ambinav.cli.running import INTERRUPTED, check_writable, progress_bars, repo
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
+    from ambinav.compare.document import PairPart
     from ambinav.compare.tables import Row
 
 SHOWN = {
@@ -61,7 +62,8 @@ def compare(
 ) -> None:
     """Drive routes with a localizer in the loop, and compare how it fares on them.
 
-    Writes report.html (stands alone), report.md, report.json, table.csv, routes and pictures.
+    Writes report.html (stands alone), report.md, report.json, table.csv, routes, pictures and, if
+    the scenario asks for them, drives for other programs. docs/compare.md explains the scenario.
 
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """
@@ -93,7 +95,7 @@ def compare(
             _show(rows, report.verdicts, output / HTML)
 
 
-def _show(rows: tuple[Row, ...], verdicts: dict[str, tuple[str, ...]], report: Path) -> None:
+def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -113,5 +115,6 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, tuple[str, ...]], report: P
                 for key, text in ((key, value_text(row[key])) for key in SHOWN)
             )
             table.add_row(Text(row.route), *(Text(cell) for cell in cells))
-        console.print(table, "", *(Text(f"- {line}") for line in said), "", sep="\n")
+        lines = (said.headline, said.text, *(one.text for one in said.routes))
+        console.print(table, "", *(Text(f"- {line}") for line in lines), "", sep="\n")
     console.print(Text(f"report: {report}"), soft_wrap=True)

@@ -9,9 +9,9 @@ Goal of a route against the shortest of its pair, all of it at once:
   err in, so that a lower error would prove nothing.
 
 The verdict on it is "easy" where there was nothing to gain (on the shortest route no robot was
-lost and the 95th percentile of the error is below 0.15 m), else "met" or "not met". Apart from the
-goal, the effect says what the paired runs show: a difference is shown where its interval of 95 %
-lies on one side of 0.
+lost or met a wall, and the 95th percentile of the error is below 0.15 m), else "met" or "not met".
+Apart from the goal, the effect says what the paired runs show: a difference is shown where its
+interval of 95 % lies on one side of 0.
 
 Figures are means over the runs: the share of runs that were lost, and the 95th percentile over the
 time of each run. A few lost runs weigh much in the latter, as they should.
@@ -44,7 +44,7 @@ class Goal:
         lost: Share of the shortest route's lost rate that may be left.
         error: Share of its 95th percentile of the error that may be left.
         extra: Share of its length that the route may be longer.
-        easy: Metres: below this error, and with none lost, there is nothing to gain.
+        easy: Metres: below this error, with none lost or at a wall, there is nothing to gain.
     """
 
     lost: float = 1.0 / 3.0
@@ -106,7 +106,8 @@ class Verdict:
     @property
     def easy(self) -> bool:
         """Whether the shortest route leaves nothing to gain."""
-        return self.lost.theirs.value == 0.0 and self.error.theirs.value < self.goal.easy
+        safe = self.lost.theirs.value == 0.0 and self.collided.theirs.value == 0.0
+        return safe and self.error.theirs.value < self.goal.easy
 
     @property
     def lost_met(self) -> bool:

@@ -9,10 +9,12 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 import ambinav
+from ambinav.compare.parts import Part
 from ambinav.compare.plans import Plan
-from ambinav.compare.scenario import ALL_PAIRS, Part, Scenario
+from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
-from ambinav.compare.tables import Cell, Row, verdict
+from ambinav.compare.tables import Cell, Row, judge
+from ambinav.compare.words import baseline_sentence, goal_text, headline, sentence
 from ambinav.drive.bootstrap import Interval
 
 FORMAT = "ambinav-compare/1"
@@ -45,6 +47,26 @@ class RowPart(Part):
     figures: dict[str, FigurePart]
 
 
+class VerdictPart(Part):
+    """What a route is worth against the baseline of its pair; see `criterion`."""
+
+    route: str
+    outcome: Literal["met", "not met", "easy"]
+    effect: Literal["better", "worse", "mixed", "none"]
+    length_ratio: float
+    parts: dict[str, bool]
+    text: str
+
+
+class PairPart(Part):
+    """A pair in words: what its routes come to, and each of them."""
+
+    headline: str
+    baseline: str
+    text: str
+    routes: tuple[VerdictPart, ...]
+
+
 class PlanPart(Part):
     """A route as it was planned."""
 
@@ -68,10 +90,13 @@ class Document(Part):
     baseline: str
     environment: dict[str, Any]
     scanner: dict[str, Any]
-    verdicts: dict[str, tuple[str, ...]]
+    goal: str
+    verdicts: dict[str, PairPart]
     plans: tuple[PlanPart, ...]
     rows: tuple[RowPart, ...]
     pictures: dict[str, tuple[str, ...]]
+    overview: str
+    drives: tuple[str, ...]
     parameters: dict[str, Any]
 
 
@@ -81,14 +106,21 @@ def document(
     files: Sequence[str],
     rows: Sequence[Row],
     pictures: dict[str, tuple[str, ...]],
+    overview: str,
+    drives: Sequence[str] = (),
 ) -> Document:
-    """Gather a comparison's figures."""
+    """Gather a comparison's figures.
+
+    Args:
+        loaded: The scenario.
+        plans: The routes.
+        files: In which each was saved.
+        rows: The table.
+        pictures: Names of the pictures' files by pair.
+        overview: Name of the picture of all pairs.
+        drives: Folders with drives for other programs.
+    """
     scenario = loaded.scenario
-    verdicts: dict[str, list[str]] = {}
-    for row in rows:
-        group = [other for other in rows if other.pair == row.pair]
-        named = [other for other in group if other.route == scenario.baseline]
-        verdicts.setdefault(row.pair, []).append(verdict(row, (*named, *group)[0]))
     return Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         ambinav_version=ambinav.__version__,
@@ -105,7 +137,8 @@ def document(
             "max_range_m": loaded.scanner.max_range,
             "yaml": loaded.scanner.to_yaml(),
         },
-        verdicts={pair: tuple(said) for pair, said in verdicts.items()},
+        goal=goal_text(),
+        verdicts={pair: _judged(rows, pair) for pair in pairs_of(rows)},
         plans=tuple(
             PlanPart(
                 pair=plan.pair,
@@ -129,6 +162,8 @@ def document(
             for row in rows
         ),
         pictures=pictures,
+        overview=overview,
+        drives=tuple(drives),
         parameters=_parameters(scenario),
     )
 
@@ -137,6 +172,35 @@ def pairs_of(rows: Sequence[Row]) -> list[str]:
     """Names of the pairs in their order, the rows over all of them last."""
     names = list(dict.fromkeys(row.pair for row in rows))
     return sorted(names, key=lambda name: name == ALL_PAIRS)
+
+
+def _judged(rows: Sequence[Row], pair: str) -> PairPart:
+    """The verdicts on a pair's routes."""
+    own = [row for row in rows if row.pair == pair]
+    base = next(row for row in own if row.is_baseline)
+    verdicts = {row.route: judge(row, base) for row in own if row is not base}
+    lost, error, walls = (base[key].value.value for key in ("lost", "error_p95", "collided"))
+    return PairPart(
+        headline=headline(verdicts, base.route),
+        baseline=base.route,
+        text=baseline_sentence(base.runs, lost / 100.0, error, walls / 100.0, base.route),
+        routes=tuple(
+            VerdictPart(
+                route=route,
+                outcome=one.outcome,
+                effect=one.effect,
+                length_ratio=round(one.length, 4),
+                parts={
+                    "lost": one.lost_met,
+                    "error": one.error_met,
+                    "length": one.length_met,
+                    "walls": one.walls_met,
+                },
+                text=sentence(one, route, base.route),
+            )
+            for route, one in verdicts.items()
+        ),
+    )
 
 
 def _figure(cell: Cell) -> FigurePart:
@@ -168,6 +232,7 @@ def _parameters(scenario: Scenario) -> dict[str, Any]:
         "drive": scenario.drive.model_dump(),
         "odometry": asdict(scenario.odometry),
         "people": asdict(scenario.people),
+        "obstacles": scenario.obstacles.model_dump(),
         "localizer": guide if isinstance(guide, str) else asdict(guide),
         "follower": asdict(scenario.follower),
     }

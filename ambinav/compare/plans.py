@@ -1,27 +1,23 @@
-"""The routes of a scenario: planned, or read from files, all measured on the scenario's map."""
+"""The routes of a scenario: planned, or given, all measured on the scenario's map."""
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
-import numpy as np
-
-from ambinav.compare.scenario import PairPart, RoutePart
+from ambinav.compare.given import measured, policy_route, saved_route
+from ambinav.compare.parts import PairPart
+from ambinav.compare.plugins import load_callable, load_module
+from ambinav.compare.route_part import GIVEN, RoutePart
 from ambinav.compare.scenario_file import Loaded
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.routes.evaluate import evaluate_route
-from ambinav.routes.files import load_route
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
-
-SAME_PLACE = 0.05
-"""A saved route may begin and end so far from its pair's start and goal, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +35,34 @@ class Plan:
     route: Route
 
 
+def check_plans(loaded: Loaded) -> None:
+    """Find out what is wrong with the routes as far as that needs no map, which takes a while.
+
+    Raises:
+        InputError: OMPL is missing, a planner is unknown or does not plan in the space, a start or
+            goal is not free, or a file's route or a policy is of no use.
+    """
+    for name in loaded.scenario.modules:
+        try:
+            load_module(name, loaded.folder)
+        except InputError as error:
+            raise InputError(f"modules: {error}.") from error
+    checker = None
+    if any(part.kind not in GIVEN for part in loaded.scenario.routes):
+        _need_ompl()
+        robot, planning = loaded.scenario.robot, loaded.scenario.planning
+        footprint = Footprint.disc(robot.radius + planning.margin)
+        checker = CollisionChecker(loaded.environment, footprint, planning.steering)
+    for pair, part in _wanted(loaded):
+        with _named(pair, part):
+            if part.kind == "file":
+                saved_route(loaded, pair, part)
+            elif part.kind == "policy":
+                load_callable(str(part.policy), loaded.folder)
+            elif checker is not None:
+                _check_planned(loaded, pair, part, checker)
+
+
 def make_plans(
     loaded: Loaded, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
 ) -> tuple[Plan, ...]:
@@ -50,98 +74,103 @@ def make_plans(
         progress: Called with the share done.
 
     Raises:
-        InputError: OMPL is missing, a planner refuses or finds nothing, or a file's route does
-            not fit.
+        InputError: see `check_plans`; or a planner finds nothing, or a policy makes no route.
     """
-    wanted = [
-        (pair, part)
-        for pair in loaded.scenario.pairs
-        for part in loaded.scenario.routes
-        if part.pair in (None, pair.name)
-    ]
+    wanted = _wanted(loaded)
     plans = []
     for done, (pair, part) in enumerate(wanted):
-        try:
-            if part.kind == "file":
-                route = _saved(loaded, amap, pair, part)
-            else:
-                route = _planned(loaded, amap, pair, part)
-        except InputError as error:
-            raise InputError(f"pair {pair.name!r}, route {part.name!r}: {error}") from error
-        plans.append(Plan(pair.name, part.name, route))
+        with _named(pair, part):
+            plans.append(Plan(pair.name, part.name, _route(loaded, amap, pair, part)))
         if progress is not None:
             progress((done + 1) / len(wanted))
     return tuple(plans)
 
 
-def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
-    """Plan a route; without a limit of time, so that it is the same every time."""
+def _wanted(loaded: Loaded) -> list[tuple[PairPart, RoutePart]]:
+    return [
+        (pair, part)
+        for pair in loaded.scenario.pairs
+        for part in loaded.scenario.routes
+        if part.pair in (None, pair.name)
+    ]
+
+
+@contextlib.contextmanager
+def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
+    """Let complaints name the route that they are about."""
+    try:
+        yield
+    except InputError as error:
+        told = str(error).rstrip(".")
+        raise InputError(f"pair {pair.name!r}, route {part.name!r}: {told}.") from error
+
+
+def _route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+    if part.kind == "file":
+        return measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
+    if part.kind == "policy":
+        route = policy_route(loaded, amap, pair, part)
+        return measured(loaded, amap, route, f"policy {part.policy}")
+    return _planned(loaded, amap, pair, part)
+
+
+def _need_ompl() -> None:
     from importlib.util import find_spec
 
     if find_spec("ompl") is None:
         raise InputError('planning needs OMPL; run: pip install "ambinav[planners]"')
+
+
+def _planner(loaded: Loaded, part: RoutePart) -> str:
+    """Name of the planner of a route."""
+    common = loaded.scenario.planning
+    if part.kind in ("belief", "belief-roadmap", "reference"):
+        return str(part.kind)
+    if part.kind == "shortest" and part.planner is None and common.space == "r2":
+        return "reference"
+    return part.planner or common.planner
+
+
+def _check_planned(
+    loaded: Loaded, pair: PairPart, part: RoutePart, checker: CollisionChecker
+) -> None:
+    from ambinav_planners.problem import check_pose
+    from ambinav_planners.registry import planner
+
+    chosen, space = planner(_planner(loaded, part)), loaded.scenario.planning.space
+    if space not in chosen.spaces:
+        raise InputError(
+            f"planner {chosen.name!r} does not plan in {space}; it knows "
+            f"{', '.join(chosen.spaces)}."
+        )
+    check_pose("start", pair.start, checker)
+    check_pose("goal", pair.goal, checker)
+
+
+def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+    """Plan a route; without a limit of time, so that it is the same every time."""
+    _need_ompl()
     from ambinav_planners import RoutePlanner
 
     common = loaded.scenario.planning
-    kind = part.kind
     service = AmbiguityService(
         amap,
         loaded.scenario.map.layer,
-        0.0 if kind in ("shortest", "clearance") else part.weight,
-        clearance_weight=part.clearance_weight if kind == "clearance" else 0.0,
+        0.0 if part.kind in ("shortest", "clearance") else part.weight,
+        clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
         comfort=part.comfort,
     )
-    chosen = part.planner or common.planner
-    if kind in ("belief", "belief-roadmap", "reference"):
-        chosen = str(kind)
-    elif kind == "shortest" and part.planner is None:
-        chosen = "reference"
-    robot = RoutePlanner(service, footprint=loaded.scenario.robot.radius + common.margin)
+    robot = RoutePlanner(
+        service,
+        footprint=loaded.scenario.robot.radius + common.margin,
+        space=common.space,
+        turning_radius=common.turning_radius,
+    )
     return robot.plan(
         pair.start,
         pair.goal,
-        planner_name=chosen,
+        planner_name=_planner(loaded, part),
         seconds=math.inf,
         iterations=part.iterations or common.iterations,
         seed=part.seed or common.seed,
     )
-
-
-def _saved(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
-    """Read a route, and check that the robot can drive it from the pair's start to its goal."""
-    assert part.file is not None  # the scenario has checked it
-    path = Path(loaded.folder) / part.file
-    saved = load_route(path)
-    service = AmbiguityService(amap, loaded.scenario.map.layer, saved.weight)
-    try:
-        route = evaluate_route(
-            service,
-            saved.poses,
-            saved.steering,
-            planner=saved.planner,
-            seed=saved.seed,
-            covariances=saved.covariances,
-        )
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    for what, wanted, at in (("starts", pair.start, 0), ("ends", pair.goal, -1)):
-        x, y = route.poses[at, :2].tolist()
-        if math.hypot(x - wanted[0], y - wanted[1]) > SAME_PLACE:
-            raise InputError(
-                f"{path}: it {what} at ({x:g}, {y:g}) m and the pair at ({wanted[0]:g}, "
-                f"{wanted[1]:g}); give a route of this pair."
-            )
-    checker = CollisionChecker(
-        loaded.environment, Footprint.disc(loaded.scenario.robot.radius), route.steering
-    )
-    free = checker.poses_free(route.poses)
-    free[1:] &= checker.motions_free(route.poses[:-1], route.poses[1:])
-    if not free.all():
-        bad = int(np.argmin(free))
-        x, y, theta = route.poses[bad].tolist()
-        why = checker.why_not(x, y, theta) or "reached through a wall"
-        raise InputError(
-            f"{path}: pose {bad} of the route, ({x:g}, {y:g}) m, is {why}; give a route that "
-            f"leaves room for a robot of {loaded.scenario.robot.radius:g} m."
-        )
-    return route

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import json
 import re
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from jinja2 import Environment as Templates
-from jinja2 import PackageLoader, StrictUndefined
-
 from ambinav.ambiguity.build import build_map
+from ambinav.compare.code import code_checksum
 from ambinav.compare.document import Document, document, pairs_of
-from ambinav.compare.plans import Plan, make_plans
+from ambinav.compare.exports import export_all
+from ambinav.compare.lock import only_one
+from ambinav.compare.plans import Plan, check_plans, make_plans
+from ambinav.compare.plot_overview import plot_overview
 from ambinav.compare.plots import plot_errors, plot_floor, plot_spread
 from ambinav.compare.results import Results
 from ambinav.compare.runs import drive_all
@@ -29,10 +30,14 @@ from ambinav.compare.tables import (
     to_csv,
     value_text,
 )
+from ambinav.compare.words import EFFECTS, OUTCOMES
+from ambinav.compare.workers import Setup
+from ambinav.compare.worlds import make_worlds
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.drawing import save_figure
+from ambinav.pages import data_uri, fill
 from ambinav.routes.files import save_route
 
 JSON: Final = "report.json"
@@ -42,7 +47,14 @@ TABLE: Final = "table.csv"
 WORK: Final = "work"
 """Folder of what is kept to go on after a break: the map, and a file for each piece of work."""
 ROUTES: Final = "routes"
+DRIVES: Final = "drives"
+"""Folder of the drives for other programs."""
+OVERVIEW: Final = "overview.png"
 PICTURES: Final = ("floor-", "spread-", "errors-")
+OURS: Final = (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, OVERVIEW)
+
+MAP_CODE: Final = ("ambiguity/**/*.py", "geometry/*.py", "maps/*.py", "sensing/*.py")
+"""Files of ambinav that a map depends on."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -58,9 +70,9 @@ def check_output(folder: str | Path) -> Path:
         return path
     if not path.is_dir():
         raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
-    ours = (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES)
-    for name in sorted(item.name for item in path.iterdir()):
-        if name not in ours and not (name.startswith(PICTURES) and name.endswith(".png")):
+    for item in sorted(path.iterdir()):
+        name = item.name
+        if not (name in OURS or _is_picture(name) or _is_left_over(item)):
             raise InputError(
                 f"{folder}: this folder holds {name}, which is not of an earlier comparison; "
                 "choose a new folder."
@@ -86,23 +98,46 @@ def compare(
         What report.json holds, and the rows of the table.
 
     Raises:
-        InputError: see `check_output`, `make_plans` and `drive_all`.
+        InputError: see `check_output`, `check_plans`, `make_plans`, `make_worlds` and
+            `drive_all`; or another call is at work in `folder`.
     """
     out = check_output(folder)
-    begin = bars or (lambda text: lambda share: None)
+    check_plans(loaded)
+    with only_one(out / WORK):
+        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None))
+
+
+def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Document, tuple[Row, ...]]:
+    for left in (*out.iterdir(), *(out / WORK).iterdir()):
+        if _is_left_over(left):
+            shutil.rmtree(left)
+    scenario = loaded.scenario
     amap = _map(loaded, out / WORK, begin)
     plans = make_plans(loaded, amap, begin("routes"))
-    files = _save_routes(plans, out)
-    results = drive_all(loaded, amap, plans, out / WORK, jobs=jobs, progress=begin("drives"))
-    scenario = loaded.scenario
+    worlds = make_worlds(loaded, plans)
+    setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
+    names = [
+        f"{number + 1:02d}-{_slug(plan.pair)}-{_slug(plan.name)}"
+        for number, plan in enumerate(plans)
+    ]
+    files = _save_routes(plans, names, out)
+    results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
+    written = export_all(setup, plans, out / DRIVES, names, jobs)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
-    pictures = _draw(amap, plans, results, out, begin("pictures"))
-    report = document(loaded, plans, files, rows, pictures)
-    inlined = {name: _data_uri(out / name) for names in pictures.values() for name in names}
+    pictures = _draw(setup, plans, results, out, begin("pictures"))
+    with replacing(out / OVERVIEW) as scratch:
+        save_figure(plot_overview(rows, f"Routes compared: {scenario.name}"), scratch)
+    drives = [f"{DRIVES}/{name}" for name in written]
+    report = document(loaded, plans, files, rows, pictures, OVERVIEW, drives)
+    inlined = {name: data_uri(out / name) for name in _names(report)}
     _write(out / TABLE, to_csv(rows))
     _write(out / MARKDOWN, render("report.md.j2", report, rows))
     _write(out / HTML, render("report.html.j2", report, rows, inlined))
     _write(out / JSON, report.model_dump_json(indent=2) + "\n")
+    for path in out.iterdir():
+        # Of an earlier scenario with other pairs.
+        if _is_picture(path.name) and path.name not in inlined:
+            path.unlink()
     return report, rows
 
 
@@ -120,34 +155,32 @@ def render(
         rows: The table.
         pictures: What stands for each picture's file name; None: the file name itself.
     """
-    templates = Templates(
-        loader=PackageLoader("ambinav.compare", "templates"),
-        autoescape=template.endswith(".html.j2"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    templates.filters["value"] = value_text
-    templates.filters["difference"] = difference_text
-    templates.filters["ratio"] = ratio_text
-    templates.filters["cell"] = _cell
-    names = [name for names in report.pictures.values() for name in names]
-    return templates.get_template(template).render(
+    return fill(
+        "ambinav.compare",
+        template,
+        {"value": value_text, "difference": difference_text, "ratio": ratio_text},
         report=report,
         pairs=pairs_of(rows),
         rows=rows,
         figures=FIGURES,
         ratios=[figure for figure in FIGURES if figure.ratio],
-        pictures=pictures or {name: name for name in names},
+        effects=EFFECTS,
+        outcomes=OUTCOMES,
+        pictures=pictures or {name: name for name in _names(report)},
     )
+
+
+def _names(report: Document) -> list[str]:
+    """Files of all pictures."""
+    return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
 def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
     segments = loaded.environment.segments
-    told = json.dumps([asked, loaded.scanner.to_yaml(), loaded.environment.name])
+    code = code_checksum(MAP_CODE)
+    told = json.dumps([asked, loaded.scanner.to_yaml(), loaded.environment.name, code])
     digest = hashlib.sha256(told.encode())
     digest.update(segments.xy.tobytes())
     path = work / f"map-{digest.hexdigest()[:16]}.zarr"
@@ -159,23 +192,24 @@ def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
     return AmbiguityMap.open(path)
 
 
-def _save_routes(plans: Sequence[Plan], out: Path) -> list[str]:
-    names = []
-    for number, plan in enumerate(plans):
-        name = f"{ROUTES}/{number + 1:02d}-{_slug(plan.pair)}-{_slug(plan.name)}.csv"
-        save_route(plan.route, out / name)
-        names.append(name)
-    return names
+def _save_routes(plans: Sequence[Plan], names: Sequence[str], out: Path) -> list[str]:
+    """Write all routes, in place of those of an earlier scenario; returns their files."""
+    with replacing(out / ROUTES) as fresh:
+        fresh.mkdir()
+        for plan, name in zip(plans, names, strict=True):
+            save_route(plan.route, fresh / f"{name}.csv")
+    return [f"{ROUTES}/{name}.csv" for name in names]
 
 
 def _draw(
-    amap: AmbiguityMap,
+    setup: Setup,
     plans: Sequence[Plan],
     results: Sequence[Results],
     out: Path,
     progress: Callable[[float], None],
 ) -> dict[str, tuple[str, ...]]:
     """Three pictures for each pair; returns their names by pair."""
+    amap = setup.amap
     pairs = list(dict.fromkeys(plan.pair for plan in plans))
     named: dict[str, tuple[str, ...]] = {}
     for number, pair in enumerate(pairs):
@@ -184,7 +218,7 @@ def _draw(
         names = tuple(f"{kind}{number + 1:02d}-{_slug(pair)}.png" for kind in PICTURES)
         figures = (
             plot_floor(amap, ways, f"Routes: {pair}"),
-            plot_spread(amap, ways, found, f"Where the localizer errs: {pair}"),
+            plot_spread(amap, ways, found, f"Where the localizer errs: {pair}", setup.worlds[pair]),
             plot_errors(ways, found, f"Error along the way: {pair}"),
         )
         for name, figure in zip(names, figures, strict=True):
@@ -195,6 +229,17 @@ def _draw(
     return named
 
 
+def _is_picture(name: str) -> bool:
+    return name.startswith(PICTURES) and name.endswith(".png")
+
+
+def _is_left_over(path: Path) -> bool:
+    """Whether `replacing` made this folder and was killed before it could remove it."""
+    name, _, rest = path.name.removeprefix(".").rpartition(".")
+    ours = name in OURS or _is_picture(name) or path.parent.name == WORK
+    return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
+
+
 def _slug(name: str) -> str:
     """A name as part of a file's name."""
     return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
@@ -203,22 +248,3 @@ def _slug(name: str) -> str:
 def _write(path: Path, text: str) -> None:
     with replacing(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
-
-
-def _data_uri(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
-
-
-def _cell(value: object) -> str:
-    """A parameter as a reader wants it in a table."""
-    if value is None:
-        return "default"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_cell(entry)}" for key, entry in value.items())
-    if isinstance(value, list | tuple):
-        return "; ".join(map(_cell, value))
-    return str(value)

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.compare.criterion import Change, Verdict
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined_metrics
 from ambinav.compare.scenario import ALL_PAIRS
@@ -47,7 +48,7 @@ class Figure:
 
 FIGURES: Final = (
     Figure("lost", "lost", "%", "lost", 100.0, 0, ratio=True),
-    Figure("collided", "collided", "%", "collided", 100.0, 0),
+    Figure("collided", "collided", "%", "collided", 100.0, 0, ratio=True),
     Figure("arrived", "arrived", "%", "arrived", 100.0, 0),
     Figure("error_p95", "95th percentile of the error", "m", "position_p95", ratio=True),
     Figure(
@@ -99,6 +100,11 @@ class Row:
     runs: int
     planned: float
     cells: tuple[Cell, ...]
+
+    @property
+    def is_baseline(self) -> bool:
+        """Whether it is what the others of its pair are compared with."""
+        return self.cells[0].difference is None
 
     def __getitem__(self, key: str) -> Cell:
         """The figure with a key."""
@@ -218,32 +224,34 @@ def _text(interval: Interval, digits: int, sign: str = "") -> str:
     return f"{value} [{low}, {high}]".replace("inf", "∞")
 
 
-def verdict(row: Row, baseline: Row) -> str:
-    """A sentence on what a route changes against the baseline of its pair."""
-    hit = row["collided"].value.value
-    if row is baseline:
-        walls = f" {hit:.0f} % met a wall," if hit else ""
-        return (
-            f"{row.route}: {row['lost'].value.value:.0f} % of {row.runs} runs lost,{walls} "
-            f"95th percentile of the error {row['error_p95'].value.value:.2f} m."
-        )
-    extra = 100.0 * (row.planned / baseline.planned - 1.0)
-    parts = [_change("lost runs", row["lost"], baseline["lost"], 0)]
-    if hit or baseline["collided"].value.value:
-        parts.append(_change("runs into walls", row["collided"], baseline["collided"], 0))
-    error = "95th percentile of the error"
-    parts.append(_change(error, row["error_p95"], baseline["error_p95"], 2))
-    parts.append(f"the way is {abs(extra):.1f} % {'longer' if extra >= 0.0 else 'shorter'}")
-    return f"{row.route} against {baseline.route}: {'; '.join(parts)}."
+def judge(row: Row, baseline: Row) -> Verdict:
+    """The verdict on a route against the baseline of its pair, by the table's own intervals.
+
+    Raises:
+        ValueError: the row is the baseline itself.
+    """
+    return Verdict(
+        row.runs,
+        _judged(row["lost"], baseline["lost"]),
+        _judged(row["error_p95"], baseline["error_p95"]),
+        _judged(row["collided"], baseline["collided"]),
+        row.planned / baseline.planned,
+    )
 
 
-def _change(what: str, ours: Cell, theirs: Cell, digits: int) -> str:
-    difference = ours.difference
-    if difference is None:
+def _judged(ours: Cell, theirs: Cell) -> Change:
+    if ours.difference is None or ours.ratio is None:
         raise ValueError("the baseline changes nothing")
-    values = (f"{cell.value.value:.{digits}f}" for cell in (theirs, ours))
-    text = f"{what} {' to '.join(values)} {ours.figure.unit}"
-    if difference.low <= 0.0 <= difference.high:
-        return f"{text} (no difference shown)"
-    fewer = "fewer" if ours.figure.unit == "%" else "less"
-    return f"{text} ({fewer if difference.value < 0.0 else 'more'})"
+    return Change(
+        _unscaled(ours, ours.value),
+        _unscaled(theirs, theirs.value),
+        _unscaled(ours, ours.difference),
+        ours.ratio,
+    )
+
+
+def _unscaled(cell: Cell, interval: Interval) -> Interval:
+    scale = cell.figure.scale
+    return Interval(
+        interval.value / scale, interval.low / scale, interval.high / scale, interval.count
+    )

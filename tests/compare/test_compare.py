@@ -5,6 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from ambinav.cli import app
+from ambinav.compare.lock import only_one
 from ambinav.routes.files import load_route, save_route
 from tests.compare.conftest import SCENARIO, write
 
@@ -26,7 +31,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("compare")
     found = compare(write(folder, SCENARIO), folder / "out", "--jobs", "1")
     assert found.exit_code == 0, found.output
-    assert "reference 5 against shortest" in found.output
+    assert "reference 5" in found.output
     return folder / "out"
 
 
@@ -45,14 +50,18 @@ def test_what_is_written(done: Path) -> None:
     text = (done / "report.md").read_text()
     for name in re.findall(r"!\[.*?\]\((.*?)\)", text):
         assert (done / name).is_file()
-    table = [line for line in text.splitlines() if line.startswith("|")]
-    assert len({line.count("|") for line in table[:4]}) == 1
+    assert text.index("## Verdict") < text.index("## There")
+    # Each table has equally many columns throughout.
+    tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    assert len(tables) >= 5
+    for table in tables:
+        assert len({line.count("|") for line in table.splitlines()}) == 1
 
 
 def test_the_html_stands_alone(done: Path) -> None:
     html = (done / "report.html").read_text()
     sources = re.findall(r'(?:src|href)="(.{0,30})', html)
-    assert len(sources) == 3 and all(s.startswith("data:image/png;base64") for s in sources)
+    assert len(sources) == 4 and all(s.startswith("data:image/png;base64") for s in sources)
     assert "{{" not in html
 
 
@@ -74,6 +83,68 @@ def test_it_goes_on_where_it_was_interrupted(done: Path, tmp_path: Path) -> None
     assert files[0].is_file()
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert (out / "table.csv").read_text() == (done / "table.csv").read_text()
+
+
+def test_killed_and_called_again(done: Path, tmp_path: Path) -> None:
+    """Whatever was done when it was killed, the same command gives the same tables."""
+    out = tmp_path / "out"
+    command = [
+        sys.executable, "-m", "ambinav.cli", "compare", str(done.parent / "flat.yaml"),
+        "-o", str(out), "--jobs", "1",
+    ]  # fmt: skip
+    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait(lambda: any((out / "work").glob("*.npz")) or running.poll() is not None)
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children").read_text().split()
+    finally:
+        running.kill()
+        running.wait()
+    assert any((out / "work").glob("*.npz")) and not (out / "table.csv").exists()
+    # Whoever drove for it is gone as well.
+    wait(lambda: not any(is_alive(child) for child in children))
+    # As if it had been killed while it wrote.
+    for left in (out / ".report.html.abc", out / "work" / ".map-1.zarr.abc"):
+        left.mkdir()
+        (left / "half").write_text("half")
+    again = compare(done.parent / "flat.yaml", out, "--jobs", "2")
+    assert again.exit_code == 0, again.output
+    assert (out / "table.csv").read_bytes() == (done / "table.csv").read_bytes()
+    told, wanted = (json.loads((folder / "report.json").read_text()) for folder in (out, done))
+    assert told | {"created": ""} == wanted | {"created": ""}
+    assert not [path for path in out.rglob("*") if path.name.startswith(".")]
+
+
+def wait(until: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0
+    while not until():
+        assert time.monotonic() < end, "nothing happened for a minute"
+        time.sleep(0.005)
+
+
+def is_alive(process: str) -> bool:
+    """Whether a process runs; one that only waits to be buried does not."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def test_two_at_once_are_refused(done: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with only_one(out / "work"):
+        check_refused(compare(done.parent / "flat.yaml", out), "another comparison is at work")
+    assert [item.name for item in out.rglob("*")] == ["work", "lock"]
+
+
+def test_what_an_earlier_scenario_left_goes(done: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(done, out)
+    plain = {**SCENARIO, "pairs": [{"name": "other", "start": [1, 1], "goal": [7, 2]}]}
+    path = write(tmp_path, {**plain, "routes": ["shortest"]})
+    assert compare(path, out, "--jobs", "1", "--runs", "1").exit_code == 0
+    assert [item.name for item in (out / "routes").iterdir()] == ["01-other-shortest.csv"]
+    assert len(list(out.glob("*.png"))) == 4
 
 
 def test_other_inputs_are_driven_anew(done: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from ambinav.compare.guides import EkfParameters
 from ambinav.compare.scenario_file import load_scenario, parse_scenario
 from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
@@ -25,6 +26,17 @@ def test_the_localizer_is_told_how_odometry_errs(scenario: Plain) -> None:
     assert guide.alpha1 == pytest.approx(0.1)
     assert guide.alpha2 == 0.3
     assert guide.alpha3 == pytest.approx(0.05)
+
+
+def test_kinds_of_localizers(scenario: Plain) -> None:
+    scenario["odometry"] = {"alpha1": 0.4, "scale": 0.5}
+    found = []
+    for told in ("perfect", {"type": "odometry"}, {"type": "mcl"}, {"type": "ekf", "gate": 4}):
+        scenario["localizer"] = told
+        found.append(parse_scenario(scenario, "x.yaml", "x").guide)
+    assert found[:2] == ["perfect", "odometry"]
+    assert isinstance(found[2], MclParameters)
+    assert found[3] == EkfParameters(0.1, 0.05, 0.05, 0.05, gate=4)
 
 
 def test_names_and_baseline(scenario: Plain) -> None:
@@ -60,6 +72,72 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         "routes[2]: kind is 'shortst'; did you mean shortest.",
     ),
     "unknown localizer": (lambda p: p.update(localizer="odomtry"), "did you mean odometry"),
+    "unknown type": (
+        lambda p: p.update(localizer={"type": "efk"}),
+        "x.yaml: localizer: type is 'efk'; did you mean ekf",
+    ),
+    "name with parameters": (
+        lambda p: p.update(localizer={"type": "perfect", "gate": 3}),
+        "localizer: gate means nothing to the localizer 'perfect'; drop it",
+    ),
+    "unknown filter parameter": (
+        lambda p: p.update(localizer={"type": "ekf", "gates": 3}),
+        "localizer: the key 'gates' is unknown; did you mean gate",
+    ),
+    "filter's gate": (
+        lambda p: p.update(localizer={"type": "ekf", "gate": 0}),
+        "localizer: gate is 0; give standard deviations above 0",
+    ),
+    "too few particles": (
+        lambda p: p["localizer"].update(max_particles=50),
+        "x.yaml: localizer: max_particles is 50; give at least min_particles (100)",
+    ),
+    "people without a count": (
+        lambda p: p.update(people={"radius": 0.2}),
+        "people: the key 'count' is missing; add it",
+    ),
+    "obstacles": (lambda p: p.update(obstacles={"cout": 3}), "obstacles: the key 'cout' is"),
+    "sizes": (
+        lambda p: p.update(obstacles={"count": 3, "sizes": [0.8, 0.3]}),
+        "obstacles: sizes is [0.8, 0.3]; give the least edge first",
+    ),
+    "negative size": (
+        lambda p: p.update(obstacles={"count": 3, "sizes": [0, 0.3]}),
+        "obstacles.sizes[0] is 0; it should be greater than 0",
+    ),
+    "unknown space": (
+        lambda p: p.update(planning={"space": "dubin"}),
+        "planning: space is 'dubin'; did you mean dubins",
+    ),
+    "no radius": (
+        lambda p: p.update(planning={"space": "dubins"}),
+        "planning: turning_radius is missing, which the space dubins needs",
+    ),
+    "radius of nothing": (
+        lambda p: p.update(planning={"turning_radius": 1}),
+        "turning_radius means nothing in the space r2",
+    ),
+    "no heading": (
+        lambda p: p.update(planning={"space": "se2"}),
+        "pairs[0].start has no heading, which matters in the space se2",
+    ),
+    "too many exports": (
+        lambda p: p.update(exports={"runs": 13}),
+        "exports: there is no run 13; runs are counted from 1 to 12",
+    ),
+    "run 0": (lambda p: p.update(exports={"runs": [0]}), "exports: there is no run 0"),
+    "exported route": (
+        lambda p: p.update(exports={"runs": 1, "routes": ["shortst"]}),
+        "exports: there is no route 'shortst'; did you mean shortest",
+    ),
+    "policy without one": (lambda p: p["routes"].append({"kind": "policy"}), "needs the key 'po"),
+    "pair without a route": (
+        lambda p: p.update(
+            pairs=[*p["pairs"], {"name": "back", "start": [7, 2], "goal": [1, 1]}],
+            routes=[{"kind": "file", "file": "a.csv", "pair": "there"}],
+        ),
+        "pairs: 'back' has no route; add one, or drop the pair",
+    ),
     "zero seeds": (lambda p: p["drive"].update(runs=0), "drive.runs is 0; it should be greater"),
     "not a number": (lambda p: p["robot"].update(radius="x"), "robot: radius is 'x'; give a"),
     "negative": (lambda p: p["robot"].update(radius=-1), "x.yaml: robot: radius is -1; give"),

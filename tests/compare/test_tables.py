@@ -9,17 +9,18 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from ambinav.compare import criterion
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results
 from ambinav.compare.scenario import ALL_PAIRS
 from ambinav.compare.tables import (
     FIGURES,
     difference_text,
+    judge,
     make_rows,
     ratio_text,
     to_csv,
     value_text,
-    verdict,
 )
 from ambinav.drive.metrics import Metrics
 from tests.drive.cases import route_through
@@ -84,12 +85,24 @@ def test_texts() -> None:
     assert difference_text(rows[3]["lost"]) == "+0 [+0, +0]"
     assert difference_text(rows[0]["lost"]) == "" == ratio_text(rows[0]["lost"])
     assert ratio_text(rows[3]["lost"]) == "1.00 [1.00, 1.00]"
-    assert verdict(rows[1], rows[0]) == (
-        "careful against shortest: lost runs 50 to 10 % (fewer); runs into walls 100 to 100 % (no "
-        "difference shown); 95th percentile of the error 1.29 to 0.69 m (less); the way is 5.0 % "
-        "longer."
-    )
-    assert verdict(rows[0], rows[0]).startswith("shortest: 50 % of 30 runs lost, 100 % met a wall")
+
+
+def test_judged_by_the_figures_of_the_table() -> None:
+    rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
+    assert [row.route for row in rows if row.is_baseline] == ["shortest"] * 3
+    found = judge(rows[1], rows[0])
+    assert found.runs == RUNS and found.length == pytest.approx(1.05)
+    assert found.lost.ours.value == pytest.approx(0.1)
+    assert found.lost.theirs.value == pytest.approx(0.5)
+    assert found.lost.difference.value == pytest.approx(-0.4)
+    assert found.lost.ratio.value == pytest.approx(0.2)
+    assert found.error.difference.value == pytest.approx(-0.6)
+    # The same runs, judged without a table.
+    (_, ours), (_, theirs) = CASES[1], CASES[0]
+    apart = criterion.verdict(ours.metrics, theirs.metrics, (42.0, 40.0), np.random.default_rng(1))
+    assert (apart.outcome, apart.effect) == (found.outcome, found.effect)
+    with pytest.raises(ValueError, match="baseline"):
+        judge(rows[0], rows[0])
 
 
 def test_csv() -> None:

@@ -1,0 +1,106 @@
+"""The localizer of a scenario: Monte Carlo, the extended Kalman filter, or one by name alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ambinav.compare.parts import making
+from ambinav.drive.localizers import Localizer
+from ambinav.drive.noise import OdometryNoise
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.localization.odometry import OdometryModel
+from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.sensing.fields import as_number, nearest
+from ambinav.sensing.scanner import RangeScanner
+
+SIMPLE: Final = ("perfect", "odometry")
+"""Localizers without parameters; see `ambinav.drive.drive`."""
+
+TYPES: Final = ("mcl", "ekf", *SIMPLE)
+
+
+@dataclass(frozen=True)
+class EkfParameters:
+    """Parameters of `ExtendedKalmanFilter`, which takes in every scan.
+
+    Attributes:
+        alpha1: See `OdometryModel`, as the other four.
+        alpha2: See there.
+        alpha3: See there.
+        alpha4: See there.
+        alpha5: See there.
+        map_std: Deviation of the map's walls, metres; None: what the building's file says.
+        gate: Beams that are off by more than so many deviations are left out.
+
+    Raises:
+        InputError: a value makes no sense.
+    """
+
+    alpha1: float = 0.2
+    alpha2: float = 0.2
+    alpha3: float = 0.2
+    alpha4: float = 0.2
+    alpha5: float = 0.2
+    map_std: float | None = None
+    gate: float = 3.0
+
+    def __post_init__(self) -> None:
+        """Check what the filter would refuse only when it is made."""
+        self.odometry  # noqa: B018 - it checks the alphas
+        if self.map_std is not None and as_number(self.map_std, "map_std") < 0.0:
+            raise InputError(f"map_std is {self.map_std:g}; give metres from 0 on.")
+        if not as_number(self.gate, "gate") > 0.0:
+            raise InputError(f"gate is {self.gate:g}; give standard deviations above 0.")
+
+    @property
+    def odometry(self) -> OdometryModel:
+        """The odometry model of alpha1 to alpha5."""
+        return OdometryModel(**{key: getattr(self, key) for key in ALPHAS})
+
+
+Guide = MclParameters | EkfParameters | str
+
+
+def guide_of(plain: Mapping[str, Any] | str, noise: OdometryNoise) -> Guide:
+    """The localizer that a scenario asks for.
+
+    Args:
+        plain: A name, or a mapping with the key type ("mcl" if it lacks) and parameters. Alphas
+            that it leaves out are those of the simulated odometry.
+        noise: The simulated odometry.
+
+    Raises:
+        InputError: the type or a parameter is unknown, or a value makes no sense.
+    """
+    told = {"type": plain} if isinstance(plain, str) else dict(plain)
+    kind = told.pop("type", "mcl")
+    if kind not in TYPES:
+        raise InputError(f"type is {kind!r}; {nearest(str(kind), TYPES)}")
+    if kind in SIMPLE:
+        if told:
+            raise InputError(f"{next(iter(told))} means nothing to the localizer {kind!r}; drop it")
+        return str(kind)
+    alphas = {name: getattr(noise, name) * noise.scale**2 for name in ALPHAS if name != "alpha5"}
+    told = {**alphas, **told}
+    return MclParameters.from_dict(told) if kind == "mcl" else making(EkfParameters)(told)
+
+
+def localizer_of(
+    guide: Guide, environment: Environment, scanner: RangeScanner, runs: int
+) -> Localizer | MclParameters | str:
+    """What `ambinav.drive.drive` takes: a filter that is made for a number of runs, or as it is."""
+    if not isinstance(guide, EkfParameters):
+        return guide
+    from ambinav.localization.ekf import ExtendedKalmanFilter
+
+    return ExtendedKalmanFilter(
+        environment,
+        scanner,
+        guide.odometry,
+        runs=runs,
+        map_std=guide.map_std,
+        gate=guide.gate,
+    )

@@ -1,0 +1,184 @@
+"""Verdicts in words: what a reader of a report is told first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from ambinav.compare.criterion import GOAL, Change, Effect, Goal, Outcome, Verdict
+from ambinav.drive.bootstrap import Interval
+
+ERROR: Final = "95th percentile of the error"
+
+EFFECTS: Final[dict[Effect, str]] = {
+    "better": "better",
+    "worse": "worse",
+    "mixed": "better and worse",
+    "none": "makes no difference",
+}
+OUTCOMES: Final[dict[Outcome, str]] = {
+    "met": "met",
+    "not met": "not met",
+    "easy": "nothing to gain",
+}
+"""What readers are told of the verdicts."""
+
+
+def goal_text(goal: Goal = GOAL) -> str:
+    """The goal in a sentence."""
+    return (
+        f"Goal against the shortest route, all at once: robots are lost at most "
+        f"{_percent(goal.lost)} as often, the {ERROR} is at most {_percent(goal.error)}, the way "
+        f"is planned at most {_percent(goal.extra)} longer, and robots are not shown to meet "
+        f"walls more often. Where on the shortest route no robot was lost or met a wall and the "
+        f"{ERROR} is below {goal.easy:g} m, there is nothing to gain."
+    )
+
+
+def baseline_sentence(runs: int, lost: float, error: float, collided: float, route: str) -> str:
+    """What happened on the route that the others are compared with.
+
+    Args:
+        runs: How many.
+        lost: Share that was lost.
+        error: 95th percentile of the error, metres.
+        collided: Share that met a wall.
+        route: Its name.
+    """
+    walls = f", {_percent(collided)} met a wall" if collided else ""
+    return f"{route}: {_percent(lost)} of {runs} runs lost{walls}, {ERROR} {error:.2f} m."
+
+
+def sentence(verdict: Verdict, route: str, baseline: str) -> str:
+    """What a route is worth against another.
+
+    Args:
+        verdict: On the route.
+        route: Its name.
+        baseline: Name of the other.
+    """
+    if _same(verdict):
+        return f"{route} gives the very same runs as {baseline}: it is the same way."
+    opening = {
+        "better": f"{route} is better than {baseline}",
+        "worse": f"{route} is worse than {baseline}",
+        "mixed": f"{route} is better than {baseline} in one respect and worse in the other",
+        "none": f"{route} makes no difference to {baseline} that {verdict.runs} runs show",
+    }[verdict.effect]
+    parts = [f"lost {_share(verdict.lost)}", f"{ERROR} {_metres(verdict.error)}"]
+    if verdict.collided.ours.value or verdict.collided.theirs.value:
+        parts.append(f"met a wall {_share(verdict.collided)}")
+    parts.append(f"the way is {length_text(verdict.length)}")
+    return f"{opening}: {'; '.join(parts)}. {_goal(verdict, baseline)}"
+
+
+def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
+    """What all routes of a pair come to, in one sentence.
+
+    Args:
+        verdicts: By the routes' names; without the baseline's.
+        baseline: Its name.
+    """
+    if not verdicts:
+        return f"{baseline} is the only route; there is nothing to compare."
+    named: dict[str, list[str]] = {"same": []}
+    for route, one in verdicts.items():
+        named.setdefault("same" if _same(one) else one.effect, []).append(route)
+    met = [route for route, one in verdicts.items() if one.outcome == "met"]
+    short = [route for route in named.get("better", []) if route not in met]
+    said = []
+    if next(iter(verdicts.values())).easy:
+        error = next(iter(verdicts.values())).error.theirs.value
+        said.append(
+            f"nothing to gain, since on {baseline} no robot was lost and the {ERROR} is "
+            f"{error:.2f} m"
+        )
+    if met:
+        said.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the goal")
+    if short:
+        said.append(
+            f"{_list(short)} {_verb(short, 'is', 'are')} better than {baseline}"
+            + ("" if verdicts[short[0]].easy else f" but {_verb(short, 'misses', 'miss')} the goal")
+        )
+    for kind, single, several, rest in (
+        ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
+        ("none", "makes", "make", "no difference"),
+        ("worse", "is", "are", f"worse than {baseline}"),
+        ("same", "is", "are", f"the same way as {baseline}"),
+    ):
+        if named.get(kind):
+            said.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
+    text = "; ".join(said)
+    return f"{text[0].upper() if said[0].startswith('nothing') else text[0]}{text[1:]}."
+
+
+def length_text(ratio: float) -> str:
+    """A ratio of lengths, as what the way is."""
+    extra = 100.0 * (ratio - 1.0)
+    if abs(extra) < 0.05:
+        return "as long"
+    return f"{abs(extra):.1f} % {'longer' if extra > 0.0 else 'shorter'}"
+
+
+def _same(verdict: Verdict) -> bool:
+    still = [change.difference for change in (verdict.lost, verdict.error, verdict.collided)]
+    return abs(verdict.length - 1.0) < 1e-9 and all(
+        change.low == change.value == change.high == 0.0 for change in still
+    )
+
+
+def _share(change: Change) -> str:
+    told = _interval(change.difference, 100.0, 0)
+    ours, theirs = (100.0 * one.value for one in (change.ours, change.theirs))
+    return f"{ours:.0f} instead of {theirs:.0f} % ({told} points)"
+
+
+def _metres(change: Change) -> str:
+    told = _interval(change.difference, 1.0, 2)
+    return f"{change.ours.value:.2f} instead of {change.theirs.value:.2f} m ({told})"
+
+
+def _interval(interval: Interval, scale: float, digits: int) -> str:
+    value, low, high = (
+        _signed(scale * f, digits) for f in (interval.value, interval.low, interval.high)
+    )
+    return f"{value} [{low}, {high}]"
+
+
+def _signed(value: float, digits: int) -> str:
+    if math.isnan(value):
+        return "-"
+    rounded = round(value, digits) + 0.0
+    return f"{rounded:+.{digits}f}" if rounded else f"{rounded:.{digits}f}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
+
+
+def _goal(verdict: Verdict, baseline: str) -> str:
+    if verdict.easy:
+        return f"There was nothing to gain: {baseline} is easy."
+    if verdict.outcome == "met":
+        return "The goal is met."
+    goal = verdict.goal
+    missed = [
+        text
+        for met, text in (
+            (verdict.lost_met, f"lost more than {_percent(goal.lost)} as often"),
+            (verdict.error_met, f"error above {_percent(goal.error)}"),
+            (verdict.length_met, f"more than {_percent(goal.extra)} longer"),
+            (verdict.walls_met, "meets walls more often"),
+        )
+        if not met
+    ]
+    return f"The goal is not met ({', '.join(missed)})."
+
+
+def _list(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _verb(names: Sequence[str], one: str, more: str) -> str:
+    return one if len(names) == 1 else more

@@ -1,0 +1,58 @@
+"""What truly stands in the building while a pair's routes are driven: walls, and boxes."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.compare.plans import Plan
+from ambinav.compare.scenario_file import Loaded
+from ambinav.drive.clutter import scattered_boxes, with_obstacles
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.routes.files import trace
+
+
+def make_worlds(loaded: Loaded, plans: Sequence[Plan]) -> dict[str, Environment]:
+    """The building with its obstacles, for each pair by name.
+
+    All routes of a pair are driven in the same world, and no box is in the way of any of them.
+
+    Args:
+        loaded: The scenario.
+        plans: All routes.
+
+    Raises:
+        InputError: there is no room for so many boxes.
+    """
+    asked = loaded.scenario.obstacles
+    worlds = {}
+    for pair in dict.fromkeys(plan.pair for plan in plans):
+        worlds[pair] = loaded.environment
+        if asked.count:
+            rng = np.random.default_rng([asked.seed, zlib.crc32(pair.encode())])
+            try:
+                boxes = scattered_boxes(
+                    loaded.environment,
+                    asked.count,
+                    rng,
+                    sizes=asked.sizes,
+                    route=_all_ways([plan for plan in plans if plan.pair == pair]),
+                    margin=loaded.scenario.robot.radius + asked.margin,
+                )
+            except InputError as error:
+                raise InputError(f"obstacles, pair {pair!r}: {error}") from error
+            worlds[pair] = with_obstacles(loaded.environment, boxes)
+    return worlds
+
+
+def _all_ways(plans: Sequence[Plan]) -> NDArray[np.float64]:
+    """One line along all routes of a pair: to the goal, back to the start along the next, and on.
+
+    Between two routes there are at most the few centimetres by which given ones may end apart.
+    """
+    lines = [trace(plan.route) for plan in plans]
+    return np.concatenate([line[::-1] if i % 2 else line for i, line in enumerate(lines)])

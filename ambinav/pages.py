@@ -1,0 +1,63 @@
+"""What written reports share: templates, pictures within a page, values as readers want them."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def fill(
+    package: str, template: str, filters: Mapping[str, Callable[..., str]], **values: object
+) -> str:
+    """Fill a template of a package's folder templates.
+
+    Args:
+        package: Such as "ambinav.audit".
+        template: Name of the file; in one that ends in .html.j2 all values are escaped.
+        filters: By name, besides `cell`.
+        values: What the template asks for; a missing one is an error.
+    """
+    templates = Environment(
+        loader=PackageLoader(package, "templates"),
+        autoescape=template.endswith(".html.j2"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    templates.filters.update({"cell": cell, "moment": moment, **filters})
+    return templates.get_template(template).render(**values)
+
+
+def data_uri(path: Path) -> str:
+    """A PNG as a text that stands for its address, so that a page needs no other file."""
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def cell(value: object) -> str:
+    """A parameter as a reader wants it in a table."""
+    if value is None:
+        return "default"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_within(entry)}" for key, entry in value.items())
+    if isinstance(value, list | tuple):
+        parts = any(isinstance(entry, dict) for entry in value)
+        return ("; " if parts else ", ").join(map(cell, value))
+    return str(value)
+
+
+def moment(created: str) -> str:
+    """A moment in UTC for a reader: day, hour and minute."""
+    return created[:16].replace("T", " ") + " UTC" if created.endswith("+00:00") else created
+
+
+def _within(value: object) -> str:
+    """A value of a mapping, in which a comma ends the value."""
+    return f"({cell(value)})" if isinstance(value, list | tuple | dict) else cell(value)
