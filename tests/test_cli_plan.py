@@ -41,7 +41,7 @@ def test_a_route_is_written_and_loads_again(
     assert result.exit_code == 0, result.output
     route = load_route(plan_folder / name)
     np.testing.assert_allclose(route.poses[[0, -1], :2], [[1, 1], [10, 2]], atol=1e-9)
-    assert (route.planner, route.weight, route.layer) == ("prmstar", 5.0, "level")
+    assert (route.planner, route.weight, route.layer) == ("reference", 5.0, "level")
     assert f"{route.length:.2f} m" in result.stdout
     assert f"{route.cost:.2f} m" in result.stdout
     assert f"route: {name}" in result.stdout

@@ -81,8 +81,15 @@ def plan(
         ),
     ],
     planner: Annotated[
-        str, typer.Option("--planner", "-p", metavar="NAME", help="See --list-planners.")
-    ] = "prmstar",
+        str | None,
+        typer.Option(
+            "--planner",
+            "-p",
+            metavar="NAME",
+            help="See --list-planners.",
+            show_default="reference for a disc in r2, prmstar otherwise and with --iterations",
+        ),
+    ] = None,
     weight: Annotated[
         float,
         typer.Option("--weight", "-w", help="How many extra metres a metre at level 1 is worth."),
@@ -215,8 +222,9 @@ def plan(
             above_zero(turning_radius, "--turning-radius", "0.5")
         _check_together(
             {
-                "--max-std": max_std is None or planner.startswith("belief"),
-                "--clearance-weight": clearance_weight == 0.0 or not planner.startswith("belief"),
+                "--max-std": max_std is None or (planner or "").startswith("belief"),
+                "--clearance-weight": clearance_weight == 0.0
+                or not (planner or "").startswith("belief"),
                 "--weights": weights is None or pareto,
                 "--headings": headings is None or space != "r2",
                 "--radius": radius is None or footprint is None,

@@ -28,7 +28,7 @@ SAME_WAY = 0.5
 class Asked:
     """How routes are to be planned; see `RoutePlanner.plan`."""
 
-    planner: str
+    planner: str | None
     seconds: float
     iterations: int | None
     seed: int | None

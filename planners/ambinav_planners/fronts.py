@@ -14,7 +14,7 @@ from ambinav.routes.route import Route
 from ambinav_planners.finishing import finish, not_found
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.lattice_graph import lattice_of
-from ambinav_planners.planning import NotFoundError, RoutePlanner
+from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner
 from ambinav_planners.problem import Problem
 from ambinav_planners.reachability import check_reachable
 from ambinav_planners.reference import cheapest_on
@@ -34,7 +34,7 @@ def pareto(
     goal: Sequence[float],
     *,
     weights: Sequence[float] = WEIGHTS,
-    planner_name: str = "reference",
+    planner_name: str | None = None,
     seconds: float = 1.0,
     iterations: int | None = None,
     seed: int | None = None,
@@ -52,7 +52,7 @@ def pareto(
         start: x, y and, if it matters, theta.
         goal: As `start`.
         weights: At least two, from 0 on.
-        planner_name: See `ambinav_planners.planners()`.
+        planner_name: See `RoutePlanner.plan`.
         seconds: Time for the graph, or for each weight.
         iterations: As in `RoutePlanner.plan`.
         seed: As in `RoutePlanner.plan`.
@@ -64,6 +64,8 @@ def pareto(
     ordered = sorted(set(weights))
     if len(ordered) < 2:
         raise InputError(f"weights are {list(weights)}; a front needs at least two different ones.")
+    if planner_name is None:
+        planner_name = default_planner(robot.checker, iterations)
     chosen = planner(planner_name)
     budget = Budget(seconds, iterations, seed)
     problems = [robot.problem(start, goal, weight) for weight in ordered]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ambinav.errors import InputError
+from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -23,7 +24,6 @@ from ambinav_planners.registry import Budget, Found, check_suits, planner
 from ambinav_planners.seeded import call_seeded
 from ambinav_planners.warmth import warm_up
 
-DEFAULT_PLANNER = "prmstar"
 DEFAULT_RADIUS = 0.2
 # Part of the time that is kept for improving what the planner found, and at most so many seconds.
 IMPROVING_SHARE, IMPROVING_MOST = 0.15, 0.3
@@ -123,7 +123,7 @@ class RoutePlanner:
         start: Sequence[float],
         goal: Sequence[float],
         *,
-        planner_name: str = DEFAULT_PLANNER,
+        planner_name: str | None = None,
         weight: float | None = None,
         seconds: float = 1.0,
         iterations: int | None = None,
@@ -135,7 +135,7 @@ class RoutePlanner:
         Args:
             start: x, y and, if it matters, theta; map frame, metres and radians.
             goal: As `start`.
-            planner_name: See `ambinav_planners.planners()`.
+            planner_name: See `ambinav_planners.planners()`; None takes `default_planner`'s.
             weight: How many extra metres a metre at layer 1 is worth; None takes the service's.
             seconds: Time for planning and improving; inf needs `iterations`.
             iterations: Budget of the planner in its own iterations; None for no limit.
@@ -151,6 +151,8 @@ class RoutePlanner:
             NotFoundError: the planner found none in its time.
             InputError: anything else that cannot be used; the message says what and why.
         """
+        if planner_name is None:
+            planner_name = default_planner(self.checker, iterations)
         chosen = planner(planner_name)
         budget = Budget(seconds, iterations, seed)
         problem = self.problem(start, goal, weight)
@@ -171,12 +173,23 @@ class RoutePlanner:
         return finish(chosen, problem, found, seed, improved=improved)
 
 
+def default_planner(checker: CollisionChecker, iterations: int | None = None) -> str:
+    """The planner that serves where nobody has named one.
+
+    The lattice reference where it can plan: for a disc that moves in straight lines it is the
+    surest, and in buildings of usual size faster than the second that OMPL's planners are given.
+    PRM* for all other robots, and where a number of iterations is given.
+    """
+    simple = checker.steering.space == "r2" and checker.footprint.is_disc
+    return "reference" if simple and iterations is None else "prmstar"
+
+
 def plan(
     service_or_map: AmbiguityService | AmbiguityMap,
     start: Sequence[float],
     goal: Sequence[float],
     *,
-    planner: str = DEFAULT_PLANNER,
+    planner: str | None = None,
     weight: float | None = None,
     seconds: float = 1.0,
     iterations: int | None = None,

@@ -102,4 +102,4 @@ def test_bad_planners_and_budgets(robot: RoutePlanner, demo: AmbiguityService) -
     with pytest.raises(InputError, match="time is 0 s"):
         pareto(robot, START, GOAL, seconds=0.0)
     with pytest.raises(InputError, match="'reference' does not plan in se2"):
-        pareto(RoutePlanner(demo, space="se2"), START, GOAL)
+        pareto(RoutePlanner(demo, space="se2"), START, GOAL, planner_name="reference")

@@ -14,7 +14,7 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
+from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner, plan
 from ambinav_planners.registry import Planner, planners, register
 
 START, GOAL = (3.0, 3.0), (42.0, 20.0)
@@ -201,9 +201,18 @@ def test_on_a_map_with_headings_a_way_and_its_way_back_differ(heading_map: Ambig
     assert abs(robot.service.route_cost(reverse) / there.cost - 1.0) > 0.01
     assert back.cost <= robot.service.route_cost(reverse, robot.checker.steering) * 1.01
     for name in ("bitstar", "prmstar"):
-        route = robot.plan(START, GOAL, planner_name=name)
+        route = robot.plan(START, GOAL, planner_name=name, seconds=3.0)
         check(robot, route, START, GOAL)
         assert route.cost <= 1.1 * there.cost
+
+
+def test_the_default_is_the_reference_where_it_can_plan(demo: AmbiguityService) -> None:
+    square = Footprint.polygon([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
+    assert default_planner(RoutePlanner(demo).checker) == "reference"
+    assert default_planner(RoutePlanner(demo).checker, iterations=100) == "prmstar"
+    assert default_planner(RoutePlanner(demo, footprint=square).checker) == "prmstar"
+    assert default_planner(RoutePlanner(demo, space="se2").checker) == "prmstar"
+    assert RoutePlanner(demo).plan(START, (4.0, 3.0)).planner == "reference"
 
 
 @pytest.mark.parametrize("name", ["prmstar", "bitstar", "bfmt"])
