@@ -23,6 +23,8 @@ Shape: TypeAlias = BaseGeometry | ArrayLike
 NEAR: Final = 1e-3
 # Metres. What lies on the boundary for less than this merely crosses it.
 SHORTEST: Final = 1e-2
+# Metres. A point this near to an edge lies on it but for rounding.
+ON_EDGE: Final = 1e-9
 # Square metres. Smaller pieces of free space come from rounding.
 SLIVER: Final = 1e-6
 # Metres. Beyond this, coordinates are not those of a building in its map frame.
@@ -98,6 +100,7 @@ def environment_from_shapes(
     zone = shapely.union_all([_around(line) for line in frontier])
     zone = shapely.difference(zone, shapely.union_all([_around(line) for line in wall_list]))
     solid, open_ = _split(edges, zone)
+    free = _noded(free, np.concatenate([solid, open_]).reshape(-1, 2))
     inside = _within(free, wall_list)
     xy = np.concatenate([solid, inside, open_])
     kind = np.full(len(xy), WALL, dtype=np.uint8)
@@ -259,6 +262,35 @@ def _split(
                 end = a + high * run if high < 1.0 else edge[2:]
                 (inside if k % 2 else outside).append(np.concatenate([start, end]))
     return np.array(outside).reshape(-1, 4), np.array(inside).reshape(-1, 4)
+
+
+def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:
+    """The same polygons with a corner wherever an edge is part wall, part frontier.
+
+    Each edge of the free space is then of one kind, as scans take it to be.
+    """
+    known = {tuple(point) for point in shapely.get_coordinates(free).tolist()}
+    fresh = np.array([p for p in np.unique(points, axis=0).tolist() if tuple(p) not in known])
+    if not len(fresh):
+        return free
+
+    def ring(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = []
+        for a, b in itertools.pairwise(coordinates):
+            along = ((fresh - a) @ (b - a)) / ((b - a) @ (b - a))
+            away = np.hypot(*(fresh - a - along[:, np.newaxis] * (b - a)).T)
+            on = (along > 0.0) & (along < 1.0) & (away < ON_EDGE)
+            out += [a[np.newaxis], fresh[on][np.argsort(along[on])]]
+        return np.concatenate([*out, coordinates[-1:]])
+
+    polygons = [
+        shapely.Polygon(
+            ring(shapely.get_coordinates(part.exterior)),
+            [ring(shapely.get_coordinates(hole)) for hole in part.interiors],
+        )
+        for part in _parts(free, shapely.Polygon)
+    ]
+    return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
 
 
 def _within(free: BaseGeometry, walls: list[BaseGeometry]) -> NDArray[np.float64]:

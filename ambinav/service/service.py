@@ -70,6 +70,11 @@ class AmbiguityService:
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
             raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")
+        if amap.dataset[layer].attrs.get("worse") == "low":
+            raise InputError(
+                f"layer {layer!r} is high where a robot is well localized; a cost needs one that "
+                "is high where it is not, such as level."
+            )
         self.map = amap
         self.layer = layer
         self.weight = float(weight)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import shapely
 
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.polygons import environment_from_shapes, load_polygons
 from ambinav.geometry.segments import FRONTIER
 
@@ -145,6 +147,18 @@ def test_opening_turns_a_stretch_into_a_frontier(tmp_path: Path) -> None:
             tmp_path,
             collection(feature(box(0, 0, 10, 4)), feature(line((4, 1), (5, 1)), kind="opening")),
         )
+
+
+def test_scans_see_an_opening_inside_a_longer_wall_and_the_wall_beside_it() -> None:
+    room = np.array([[0, 0], [10, 0], [10, 4], [0, 4]])
+    pillar = np.array([[7.0, 1.0], [8.0, 1.0], [8.0, 2.0], [7.0, 2.0]])
+    env = environment_from_shapes([room], [pillar], openings=[[[4, 0], [5, 0]]])
+    x = np.array([0.5, 2.0, 3.9, 4.1, 4.5, 4.9, 5.1, 9.5])
+    down = np.array([-math.pi / 2])
+    found = scan_rays(env, x, np.full_like(x, 0.5), np.zeros_like(x), np.zeros((1, 2)), down, 9.0)
+    kind = env.segments.kind[found[1][:, 0]]
+    assert np.allclose(found[0][:, 0], 0.5)
+    assert (kind == FRONTIER).tolist() == [False, False, False, True, True, True, False, False]
 
 
 def test_opening_around_a_corner_on_slanted_walls() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import ambinav as an
+from ambinav.ambiguity.layers.build import with_layers
 from ambinav.geometry.steering import Steering
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
@@ -222,3 +223,9 @@ def test_clearance_counts_with_headings_too(headed: an.AmbiguityMap) -> None:
     np.testing.assert_allclose(
         near.density.values[free], np.broadcast_to(expected, (*free.shape, 6))[free], rtol=1e-5
     )
+
+
+def test_a_layer_that_is_high_where_all_is_well_makes_no_cost(plain: an.AmbiguityMap) -> None:
+    more = with_layers(plain, ["wall_normals"])
+    with pytest.raises(an.InputError, match=r"'wall_normals' is high where .* well localized"):
+        an.AmbiguityService(more, layer="wall_normals")
