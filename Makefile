@@ -22,7 +22,7 @@ help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
 		|| sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1: \2/p' Makefile
 
-demo: $(VENV)/.installed-core  ## audit the bundled building and plan through it; all goes to out/demo
+demo: $(VENV)/.installed-core  ## audit the bundled building, plan through it, drive the routes; all goes to out/demo
 	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) -o "$(OUT)/report"
 	$(BIN)/ambinav map configs/demo.geojson --scanner $(SCANNER) -o "$(OUT)/map.zarr"
 	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --shortest \
@@ -30,7 +30,9 @@ demo: $(VENV)/.installed-core  ## audit the bundled building and plan through it
 	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --pareto -o "$(OUT)/pareto"
 	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner prmstar --time inf --iterations 8000 \
 		--seed 1 -o "$(OUT)/route-ompl.csv"
-	@printf '\nThe report, to open in a browser:\n  %s\nThe pictures:\n' "$(OUT)/report/report.html"
+	$(BIN)/ambinav compare configs/compare-demo.yaml -o "$(OUT)/compare"
+	@printf '\nThe reports, to open in a browser:\n  %s\n  %s\nThe pictures:\n' \
+		"$(OUT)/report/report.html" "$(OUT)/compare/report.html"
 	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
 
 test: $(VENV)/.installed-dev  ## run the tests

@@ -30,6 +30,8 @@ ENVIRONMENTS = {
     "infinite-corridor": "maps_from_logs/infinite-corridor.yaml",
     "intel": "maps_from_logs/intel.yaml",
     "freiburg-079": "maps_from_logs/freiburg-079.yaml",
+    "aws_small_house": "maps/aws_small_house.yaml",
+    "nav2_tb3_sandbox": "maps/nav2_tb3_sandbox.yaml",
 }
 BUNDLED = ("demo",)
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +48,7 @@ def build_map(
     outlier_share: float = 0.05,
     low: float = 0.35,
     high: float = 0.65,
+    layers: str | Iterable[str] = (),
 ) -> AmbiguityMap:
     """Compute how ambiguous every free pose of `env` is for `scanner`.
 
@@ -69,13 +70,19 @@ def build_map(
         outlier_share: Share of beams that meet what is not on the map.
         low: A radius ratio up to this counts as small when zones are told apart.
         high: A radius ratio from this on counts as large.
+        layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`).
 
     Returns:
         The map; its dataset's layers are named in `AmbiguityMap`.
 
     Raises:
-        InputError: an argument is out of its range.
+        InputError: an argument is out of its range, or the scanner cannot have a layer.
     """
+    names = (layers,) if isinstance(layers, str) else tuple(layers)
+    if names:
+        from ambinav.ambiguity.layers.registry import chosen_layers  # only where they are wanted
+
+        names = tuple(layer.name for layer in chosen_layers(names, scanner))
     if not (math.isfinite(spacing) and spacing > 0.0):
         raise InputError(f"spacing is {spacing}; give a positive number of metres.")
     if not (math.isfinite(radius) and radius >= spacing):
@@ -100,8 +107,19 @@ def build_map(
         headings = HEADINGS
     theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
     with reporter(progress, f"{env.name}, {scanner.name}") as report:
-        found = _compute(lattice, thinned, model, theta, report)
-    return AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
+        parts = 1 + len(names)
+        found = _compute(lattice, thinned, model, theta, lambda share: report(share / parts))
+        amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
+        if names:
+            from ambinav.ambiguity.layers.build import with_layers
+
+            amap = with_layers(
+                amap,
+                names,
+                environment=env,
+                report=lambda share: report((1 + share * len(names)) / parts),
+            )
+    return amap
 
 
 def _thin(scanner: RangeScanner, max_beams: int | None) -> RangeScanner:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ambinav.audit.alikes import Alikes
 from ambinav.audit.places import Place, find_places
 from ambinav.audit.sight import Sight, look
 from ambinav.errors import InputError
@@ -46,6 +47,7 @@ class Audit:
         shares: Share and area of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
+        alikes: Look-alikes, or None if nobody asked.
     """
 
     amap: AmbiguityMap
@@ -55,6 +57,7 @@ class Audit:
     shares: tuple[ZoneShare, ...]
     findings: tuple[Finding, ...]
     regions: int
+    alikes: Alikes | None = None
 
     @property
     def _unexplored(self) -> tuple[float, float]:
@@ -120,6 +123,7 @@ def audit(
     *,
     places: int = 10,
     heading: str | float = "mean",
+    alikes: Alikes | None = None,
 ) -> Audit:
     """Find the worst places of a map and look at each through the scanner.
 
@@ -129,6 +133,7 @@ def audit(
         scanner: What the map was built for.
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
+        alikes: Look-alikes to report, see `ambinav.audit.alikes.find_alikes`.
 
     Raises:
         InputError: a negative number of places, or no such heading.
@@ -145,6 +150,7 @@ def audit(
         shares=amap.zone_shares(heading),
         findings=findings,
         regions=len(found),
+        alikes=alikes,
     )
 
 

@@ -9,9 +9,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ambinav.audit.alikes import Alikes
 from ambinav.audit.audit import Audit, Finding, heading_words
+from ambinav.audit.links import Link
 from ambinav.audit.places import Place
 from ambinav.audit.sight import Sight
+from ambinav.maps import schema
 from ambinav.maps.zones import COLOURS, MEANINGS, ZONES
 
 FORMAT = "ambinav-audit/1"
@@ -20,6 +23,7 @@ FLOOR_ZONES = "floor-zones.png"
 FLOOR_LEVEL = "floor-level.png"
 FLOOR_BEST = "floor-best.png"
 FLOOR_WORST = "floor-worst.png"
+FLOOR_ALIKES = "floor-alikes.png"
 
 
 def _rounded(digits: int) -> AfterValidator:
@@ -123,6 +127,43 @@ class PlacePart(_Part):
     picture: str
 
 
+class LayerPart(_Part):
+    """A layer of another measure that was added to the map."""
+
+    name: str
+    title: str
+    unit: str
+    source: str
+    worse: Literal["high", "low"] = Field(description="which end means badly localized")
+    picture: str
+
+
+class LinkPart(_Part):
+    """Two regions from which the scanner sees the same."""
+
+    letter: str
+    x_m: Metres
+    y_m: Metres
+    other_x_m: Metres
+    other_y_m: Metres
+    turn_deg: Degrees = Field(description="how much the robot is turned at the other")
+    distance_m: Metres
+    area_m2: SquareMetres = Field(description="area of the region of which that holds")
+    likeness: Share = Field(description="mean likeness of the scans, 1 for the same")
+
+
+class AlikesPart(_Part):
+    """Where else a scan could be from."""
+
+    sought: bool
+    poses: int = Field(description="poses that are compared with each other")
+    spacing_m: Metres
+    share: Share | None = Field(description="mean probability that a scan is from elsewhere")
+    area_m2: SquareMetres | None = Field(description="floor where that is more probable than not")
+    links: tuple[LinkPart, ...] = Field(description="the largest first")
+    picture: str | None
+
+
 class Document(_Part):
     """The whole audit."""
 
@@ -139,6 +180,8 @@ class Document(_Part):
     )
     places: tuple[PlacePart, ...] = Field(description="the worst first")
     places_in_all: int
+    layers: tuple[LayerPart, ...] = ()
+    alikes: AlikesPart | None = Field(default=None, description="look-alikes; null: not asked")
     pictures: tuple[str, ...]
     parameters: dict[str, Any]
     versions: dict[str, Any]
@@ -175,6 +218,8 @@ def document(audit: Audit) -> Document:
         by_heading=_by_heading(audit),
         places=tuple(_place(finding) for finding in audit.findings),
         places_in_all=audit.regions,
+        layers=_layers(audit),
+        alikes=None if audit.alikes is None else _alikes(audit.alikes),
         pictures=floor_pictures(audit),
         parameters=json.loads(attrs["parameters"]),
         versions=json.loads(attrs.get("versions", "{}")),
@@ -184,7 +229,14 @@ def document(audit: Audit) -> Document:
 def floor_pictures(audit: Audit) -> tuple[str, ...]:
     """File names of the pictures of the whole floor."""
     by_heading = (FLOOR_BEST, FLOOR_WORST) if audit.amap.has_theta else ()
-    return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL)
+    layers = map(layer_picture, schema.added(audit.amap.dataset))
+    alikes = (FLOOR_ALIKES,) if audit.alikes is not None and audit.alikes.links else ()
+    return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL, *alikes, *layers)
+
+
+def layer_picture(name: str) -> str:
+    """File name of an added layer's picture."""
+    return f"floor-layer-{name}.png"
 
 
 def place_picture(number: int) -> str:
@@ -234,6 +286,47 @@ def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
             HeadingPart(heading_deg=math.degrees(heading), level=float(level[k]), shares=shares)
         )
     return tuple(parts)
+
+
+def _layers(audit: Audit) -> tuple[LayerPart, ...]:
+    data = audit.amap.dataset
+    return tuple(
+        LayerPart(
+            name=name,
+            title=data[name].attrs["long_name"],
+            unit=data[name].attrs["units"],
+            source=data[name].attrs["source"],
+            worse=data[name].attrs["worse"],
+            picture=layer_picture(name),
+        )
+        for name in schema.added(data)
+    )
+
+
+def _alikes(alikes: Alikes) -> AlikesPart:
+    return AlikesPart(
+        sought=alikes.sought,
+        poses=alikes.poses,
+        spacing_m=alikes.spacing,
+        share=alikes.share if alikes.sought else None,
+        area_m2=alikes.area if alikes.sought else None,
+        links=tuple(map(_link, alikes.links)),
+        picture=FLOOR_ALIKES if alikes.links else None,
+    )
+
+
+def _link(link: Link) -> LinkPart:
+    return LinkPart(
+        letter=link.letter,
+        x_m=link.x,
+        y_m=link.y,
+        other_x_m=link.other_x,
+        other_y_m=link.other_y,
+        turn_deg=math.degrees(link.turn),
+        distance_m=link.distance,
+        area_m2=link.area,
+        likeness=link.likeness,
+    )
 
 
 def _place(finding: Finding) -> PlacePart:

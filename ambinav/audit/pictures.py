@@ -10,14 +10,18 @@ from matplotlib.patheffects import withStroke
 
 from ambinav.audit.audit import Audit, Finding, degrees
 from ambinav.audit.document import (
+    FLOOR_ALIKES,
     FLOOR_BEST,
     FLOOR_LEVEL,
     FLOOR_WORST,
     FLOOR_ZONES,
     floor_pictures,
+    layer_picture,
     place_picture,
 )
+from ambinav.audit.link_pictures import plot_links
 from ambinav.audit.places import Place
+from ambinav.maps import schema
 from ambinav.maps.drawing import save_figure
 from ambinav.maps.plot import floor_axes, plot_layer, plot_zones
 from ambinav.maps.plot_scan import plot_scan
@@ -52,6 +56,11 @@ def plot_floor(audit: Audit, name: str) -> Axes:
         return plot_layer(audit.amap, "level", heading=audit.heading)
     if name == FLOOR_ZONES:
         return plot_zones(audit.amap, heading=audit.heading)
+    if name == FLOOR_ALIKES and audit.alikes is not None:
+        return plot_links(audit.amap, audit.alikes.links, audit.alikes.spacing)
+    for layer in schema.added(audit.amap.dataset):
+        if name == layer_picture(layer):
+            return plot_layer(audit.amap, layer, heading=audit.heading)
     # These two stand side by side.
     heading = {FLOOR_BEST: "best", FLOOR_WORST: "worst"}[name]
     axes = floor_axes(audit.amap, longest=8.0)

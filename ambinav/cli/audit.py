@@ -32,9 +32,18 @@ def audit(
     radius: options.Radius = 0.5,
     headings: options.Headings = None,
     map_std: options.MapStd = None,
+    layers: options.Layers = None,
     places: Annotated[
         int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
     ] = 10,
+    aliasing: Annotated[
+        bool | None,
+        typer.Option(
+            "--aliasing/--no-aliasing",
+            help="Whether to seek places that look alike; it takes long in large buildings.",
+            show_default="up to 6000 poses",
+        ),
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
@@ -51,6 +60,7 @@ def audit(
 
         check_writable(output)
         check_output(output)
+        names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing)
         with progress_bars(as_json) as bars:
             amap = options.make_map(
@@ -61,11 +71,16 @@ def audit(
                 headings=headings,
                 map_std=map_std,
                 progress=bars("ambiguity"),
+                layers=names,
             )
+            from ambinav.audit.alikes import find_alikes
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
 
-            found = examine(amap, environment, chosen, places=places)
+            alikes = None
+            if aliasing is not False:
+                alikes = find_alikes(amap, environment, aliasing, report=bars("look-alikes"))
+            found = examine(amap, environment, chosen, places=places, alikes=alikes)
             report = write_report(found, output, progress=bars("report"))
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
@@ -102,4 +117,21 @@ def _show(report: Document, output: Path) -> None:
                 f"{place.level:.2f}",
             )
         console.print("", worst, sep="\n")
+    if report.alikes and not report.alikes.sought:
+        left_out = f"look-alikes: not sought among {report.alikes.poses:,} poses; add --aliasing"
+        console.print("", Text(left_out), sep="\n")
+    if report.alikes and report.alikes.links:
+        pairs = Table(box=None, pad_edge=False)
+        for title in ("letter", "x, y", "looks like x, y", "turned by", "area", "likeness"):
+            pairs.add_column(title, justify="left" if title == "letter" else "right")
+        for link in report.alikes.links:
+            pairs.add_row(
+                link.letter,
+                f"{link.x_m:.1f}, {link.y_m:.1f} m",
+                f"{link.other_x_m:.1f}, {link.other_y_m:.1f} m",
+                f"{link.turn_deg:.0f}°",
+                metres2(link.area_m2),
+                f"{link.likeness:.2f}",
+            )
+        console.print("", pairs, sep="\n")
     console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)

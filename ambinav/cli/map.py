@@ -30,6 +30,7 @@ def build(
     radius: options.Radius = 0.5,
     headings: options.Headings = None,
     map_std: options.MapStd = None,
+    layers: options.Layers = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
@@ -42,6 +43,7 @@ def build(
 
         check_writable(output)
         check_target(output)
+        names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing)
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
@@ -53,6 +55,7 @@ def build(
                 headings=headings,
                 map_std=map_std,
                 progress=bars("ambiguity"),
+                layers=names,
             )
         seconds = time.perf_counter() - start
         amap.save(output)
@@ -63,6 +66,7 @@ def build(
                 "scanner": chosen.name,
                 "cells": int(amap.dataset["free"].sum()),
                 "free_area_m2": round(amap.free_area, 2),
+                "layers": list(names),
                 "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,
                 "zones": [
                     {"zone": s.zone, "share": round(s.share, 4), "area_m2": round(s.area, 2)}

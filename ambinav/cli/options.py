@@ -60,6 +60,15 @@ MapStd = Annotated[
         show_default="the map's resolution",
     ),
 ]
+Layers = Annotated[
+    str | None,
+    typer.Option(
+        "--layers",
+        metavar="NAMES",
+        help="Further layers, e.g. fisher,gfm; all: those that the scanner can have, but aliasing.",
+        show_default="none",
+    ),
+]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
 ]
@@ -78,6 +87,21 @@ def check_numbers(
     not_negative(map_std, "--map-std", "0.05")
     if headings is not None and headings < 1:
         raise InputError(f"--headings: {headings} is not a number of headings; give 1 or more.")
+
+
+def layer_names(layers: str | None, scanner: str) -> tuple[str, ...]:
+    """The names in `--layers`, checked before the map is read.
+
+    Raises:
+        InputError: there is no such layer, or the scanner cannot be used or cannot have it.
+    """
+    if layers is None:
+        return ()
+    from ambinav.ambiguity.layers.registry import chosen_layers
+    from ambinav.sensing.scanner import RangeScanner
+
+    names = [name.strip() for name in layers.split(",")]
+    return tuple(layer.name for layer in chosen_layers(names, RangeScanner.load(scanner)))
 
 
 def load(map_file: Path, scanner: str, spacing: float) -> tuple[Environment, RangeScanner]:
@@ -109,6 +133,7 @@ def make_map(
     headings: int | None,
     map_std: float | None,
     progress: Progress,
+    layers: tuple[str, ...] = (),
 ) -> AmbiguityMap:
     """Build the map.
 
@@ -125,4 +150,5 @@ def make_map(
         headings=headings,
         map_std=map_std,
         progress=progress,
+        layers=layers,
     )

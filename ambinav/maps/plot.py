@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize, to_hex, to_rgba
+from matplotlib.colors import LogNorm, Normalize, to_hex, to_rgba
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -22,6 +22,9 @@ Heading = str | float
 
 _SHARES: Final = frozenset({"ambiguity", "major", "minor", "level", "heading"})
 """Layers that run from 0 to 1: drawn on that scale, so that pictures can be compared."""
+
+WIDE: Final = 1e4
+"""Ratio of the highest values to the lowest from which an added layer is drawn on a log scale."""
 
 MANY: Final = 6
 """Entries of a legend from which it takes two rows."""
@@ -89,7 +92,7 @@ def plot_layer(
     strokes: bool = False,
     title: str | None = None,
 ) -> Axes:
-    """Draw one layer on a continuous scale with a colour bar; dark is ambiguous.
+    """Draw one layer on a continuous scale with a colour bar; dark is badly localized.
 
     Args:
         amap: The map.
@@ -119,7 +122,10 @@ def plot_layer(
     else:
         # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
         # are the dark ones. cividis fades into the grey outside.
-        norm, colours, outside = Normalize(0.0, _top(layer, values)), "viridis_r", OUTSIDE_COLOUR
+        worse = data.attrs.get("worse", "high")
+        colours, outside = "viridis_r" if worse == "high" else "viridis", OUTSIDE_COLOUR
+        norm = _scale(layer, values, added="worse" in data.attrs)
+        values = np.clip(values, norm.vmin, norm.vmax)
     image = draw_image(axes, amap, values, cmap=colours, norm=norm)
     finish(
         axes,
@@ -239,11 +245,20 @@ def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
     return f"{text} (heading {math.degrees(heading):.0f}°)"
 
 
-def _top(layer: str, values: NDArray[np.float64]) -> float:
+def _scale(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize:
+    """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
     if schema.base_name(layer) in _SHARES:
-        return 1.0
+        return Normalize(0.0, 1.0)
     known = values[np.isfinite(values)]
-    return float(known.max()) if known.size and known.max() > 0.0 else 1.0
+    if not known.size:
+        return Normalize(0.0, 1.0)
+    low, high = min(float(known.min()), 0.0), float(known.max())
+    if added and low == 0.0 < high:
+        # The lowest hundredth is no guide: it may be next to nothing.
+        most, least = np.percentile(known[known > 0.0], [99.0, 1.0])
+        if most > WIDE * least:
+            return LogNorm(max(float(least), 1e-9 * high), high)
+    return Normalize(low, high if high > low else low + 1.0)
 
 
 def area_text(area: float) -> str:

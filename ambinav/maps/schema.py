@@ -26,6 +26,13 @@ REQUIRED_LAYERS: Final = (
 REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind", "floor")
 REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 
+CORE: Final = frozenset(
+    {*REQUIRED_LAYERS, "heading", "heading_radius", "unknown", "best_heading", "segments",
+     "segment_kind", "floor", "x", "y", "theta"}
+) - {"clearance"}  # fmt: skip
+"""Names of what every map is made of: no layer that is added may take one. `clearance` may be
+asked for as a layer too, and is the same."""
+
 AGGREGATES: Final = ("mean", "best", "worst")
 """Suffixes of the two-dimensional summaries over heading: `level_mean`, `level_best` ..."""
 
@@ -40,8 +47,12 @@ def base_name(layer: str) -> str:
 
 
 def is_axis(layer: str) -> bool:
-    """Whether the layer holds an axis: an angle with period pi."""
-    return base_name(layer) == "direction"
+    """Whether the layer holds an axis: an angle with period pi.
+
+    The axes of layers that were added are named after them: `fisher_direction`.
+    """
+    base = base_name(layer)
+    return base == "direction" or base.endswith("_direction")
 
 
 def is_nearest(layer: str) -> bool:
@@ -57,6 +68,15 @@ def layers(dataset: xr.Dataset) -> tuple[str, ...]:
     return tuple(
         sorted(str(name) for name, values in dataset.items() if values.dims in _LAYER_DIMS)
     )
+
+
+def added(dataset: xr.Dataset) -> tuple[str, ...]:
+    """Names of the layers that were added (`ambinav.ambiguity.layers`), without what is beside.
+
+    They say in their attributes which end is `worse`: "high" or "low".
+    """
+    names = (str(name) for name, values in dataset.items() if "worse" in values.attrs)
+    return tuple(name for name in names if base_name(name) == name)
 
 
 def check(dataset: xr.Dataset, source: str) -> None:

@@ -1,0 +1,1 @@
+"""Layers of other measures of localizability, on the same lattice as the ambiguity."""

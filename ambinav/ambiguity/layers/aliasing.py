@@ -1,0 +1,171 @@
+"""Aliasing: how much of the rest of the map gives the same scan, and where.
+
+Own definition, built on the same indistinguishability I(p, q) of scans as the map itself
+(docs/model.md; Ruiz-Mayor, Crespo and Trivino 2017 for that of ranges). For a pose p let q be any
+pose of the lattice, the robot turned by any angle:
+
+    far(p)      = sum of I(p, q) over the poses q farther than R from p, and all turns
+    near(p)     = the same over the poses q within R, p itself included
+    aliasing(p) = far / (near + far)
+
+`aliasing` is a probability: that a robot which knows nothing but the map, and has scanned once at
+p, is somewhere else than near p. (Each I stands for the integral over q's cell, so the sums are
+integrals over all poses, and with all poses equally likely beforehand that is Bayes' rule.) In a
+building that repeats n times it is 1 - 1/n, however sharply a scan tells the position, up to what
+the linear model of a cell loses at twins between lattice points (docs/layers.md).
+`aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
+beyond R give the same scan. It is small where scans are sharp, for then a look-alike is a point.
+
+* **Turns.** A scanner that looks all around (`RangeScanner.looks_all_around`) is turned in
+  the n steps that give the same beams again, its scan shifted; each stands for the turns half a
+  step to both sides, as a cell stands for its poses. Other scanners are compared at the map's
+  headings, each within its `sigma_theta`; a look-alike at a heading between them is missed.
+* **Within a cell** I is the two-step Laplace integral of `kernel.compare`. All of it is
+  needed: without the offset, twin rooms that are no multiple of the spacing apart would not be
+  twins; with each beam moved on its own instead of all together, every fifth pair of poses in an
+  office would be alike.
+* **Least likeness.** A pair counts if its scans, at the best offset, are alike to at least 1 in
+  100, the offset's own improbability included (Phi <= ln 100, see `aliasing_signature`); less is
+  0. Otherwise the many poses that are very unlike would weigh as much as the few that are alike.
+* **Unknown space.** A pose with half of its beams or more ending there (the map's `unexplored`)
+  takes no part: as a look-alike it would be like everything. Its own `aliasing` is 1, for nothing
+  is told there.
+
+Look-alikes are listed by likeness, exp(- capped evidence / tau) at the best offset, 1 for the same
+scan, each farther than R from p and from those before it. The search is exact; what makes it fast
+is in `aliasing_signature`, with proofs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.layers.aliasing_kernel import search
+from ambinav.ambiguity.layers.aliasing_scans import Scans
+from ambinav.ambiguity.layers.aliasing_signature import Signatures
+from ambinav.ambiguity.layers.aliasing_tree import Tree
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.registry import Layer
+from ambinav.errors import InputError
+
+LEAST_LIKENESS = 0.01
+# Poses searched for in one call of the kernel.
+BATCH = 512
+
+
+@dataclass(frozen=True, eq=False)
+class LookAlikes:
+    """What looks like each of N poses: P free cells, times K headings where these matter.
+
+    Attributes:
+        share: `aliasing`, shape (P, K).
+        area: `aliasing_area`, square metres, shape (P, K); NaN in unexplored cells.
+        found: Up to `count` look-alikes, float64, shape (P, K, count, 4): x and y (metres), turn
+            from the pose's heading to that of the look-alike (radians, in (-pi, pi]), likeness.
+            NaN where there are no more.
+        compared: How many pairs of scans were compared in full.
+    """
+
+    share: NDArray[np.float64]
+    area: NDArray[np.float64]
+    found: NDArray[np.float64]
+    compared: int
+
+
+def look_alikes(
+    ground: Ground,
+    count: int = 1,
+    *,
+    least: float = LEAST_LIKENESS,
+    place: NDArray[np.int32] | None = None,
+    report: Callable[[float], None] | None = None,
+) -> LookAlikes:
+    """Find what looks like each pose of a map.
+
+    Args:
+        ground: The map's ground.
+        count: How many look-alikes to list of each pose, at least 1.
+        least: Likeness from which a pair counts, in (0, 1).
+        place: Number of the place that each cell lies in, shape (P,); look-alikes in the pose's
+            own place are not listed where the number is above 0. They count all the same.
+        report: Called with the share done.
+
+    Raises:
+        InputError: `least` is not between 0 and 1.
+    """
+    if not 0.0 < least < 1.0:
+        raise InputError(f"least is {least}; give a likeness between 0 and 1, such as 0.01.")
+    scans = Scans.of(ground)
+    threshold = -math.log(least)
+    poses, cells = len(scans.x), len(ground.points[0])
+    mass = np.zeros((poses, 2))
+    found = np.full((poses, count, 4), np.nan)
+    explored = np.flatnonzero(scans.explored)
+    compared = 0
+    if explored.size:
+        signatures = Signatures.of(scans, threshold)
+        tree = Tree.over(signatures, explored, scans.turns)
+        places = np.zeros(cells, dtype=np.int32) if place is None else place.astype(np.int32)
+        for begin in range(0, explored.size, BATCH):
+            # Far apart, so that hard poses are shared among the threads.
+            some = explored[begin // BATCH :: -(-explored.size // BATCH)].astype(np.int32)
+            mass[some], found[some], counts = search(
+                some, scans, signatures, tree, places[scans.cell], ground.radius, threshold, count
+            )
+            compared += int(counts.sum())
+            if report is not None:
+                report(min((begin + BATCH) / explored.size, 1.0))
+    total = mass.sum(axis=1)
+    share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
+    area = np.where(scans.explored, mass[:, 1] * ground.spacing**2, np.nan)
+    found[:, :, 2] = math.pi - np.mod(math.pi - found[:, :, 2], 2.0 * math.pi)
+    # Where the scanner looks all around, one heading stands for all.
+    shape = (cells, poses // cells)
+    wide = (cells, len(ground.headings))
+    return LookAlikes(
+        np.broadcast_to(share.reshape(shape), wide),
+        np.broadcast_to(area.reshape(shape), wide),
+        np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
+        compared,
+    )
+
+
+def compute(ground: Ground, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
+    """The layer and its companions; `least` as in `look_alikes`."""
+    alike = look_alikes(ground, least=least)
+    best = alike.found[:, :, 0]
+    x, y = ground.points
+    apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
+    return {
+        "aliasing": ground.spread(alike.share),
+        "aliasing_area": ground.spread(alike.area),
+        "aliasing_x": ground.spread(best[..., 0]),
+        "aliasing_y": ground.spread(best[..., 1]),
+        "aliasing_turn": ground.spread(best[..., 2]),
+        "aliasing_likeness": ground.spread(best[..., 3]),
+        "aliasing_distance": ground.spread(apart),
+    }
+
+
+LAYER = Layer(
+    name="aliasing",
+    title="probability that a scan places the robot elsewhere",
+    unit="1",
+    source="own definition, from the indistinguishability of scans (docs/layers.md)",
+    worse="high",
+    compute=compute,
+    companions={
+        "aliasing_area": ("floor farther than R that gives the same scan", "m^2"),
+        "aliasing_x": ("x of the most alike pose farther than R", "m"),
+        "aliasing_y": ("y of the most alike pose farther than R", "m"),
+        "aliasing_turn": ("turn from the heading to that of the most alike pose", "rad"),
+        "aliasing_likeness": ("likeness of the most alike pose's scan", "1"),
+        "aliasing_distance": ("distance to the most alike pose farther than R", "m"),
+    },
+    slow=True,
+)

@@ -1,0 +1,137 @@
+"""Add layers of other measures to an ambiguity map."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.registry import Layer, chosen_layers
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+
+Values = NDArray[np.float32]
+
+SUMMARY = {"mean": "mean over heading", "best": "at its best heading", "worst": "at its worst one"}
+
+
+def with_layers(
+    amap: AmbiguityMap,
+    names: str | Iterable[str],
+    *,
+    environment: Environment | None = None,
+    report: Callable[[float], None] | None = None,
+    **options: Mapping[str, object],
+) -> AmbiguityMap:
+    """Return a map with more layers; a layer that the map has already is computed again.
+
+    Args:
+        amap: The map.
+        names: Names of layers (see `registry.layers`), or "all" for every layer that the scanner
+            can have, but those that are slow.
+        environment: What the map was built of, where that is at hand; None: as the map stores it.
+        report: Called with the share done, from 0 to 1.
+        options: Keyword arguments of a layer's function, by the layer's name:
+            `with_layers(amap, ["fisher"], fisher={"odometry_std": 0.1})`.
+
+    Raises:
+        InputError: there is no such layer or option, the scanner cannot have the layer, or the
+            map does not say how it was made.
+    """
+    told = amap.dataset.attrs.get("scanner_yaml")
+    scanner = None if told is None else RangeScanner.from_yaml_text(told, file=amap.source)
+    chosen = chosen_layers(names, scanner)
+    _check_options(chosen, options)
+    if not chosen:
+        return amap
+    ground = Ground.of(amap, environment)
+    added: dict[str, xr.DataArray] = {}
+    for done, layer in enumerate(chosen):
+        given = dict(options.get(layer.name, {}))
+        added |= _variables(layer, ground, layer.compute(ground, **given), given)
+        if report is not None:
+            report((done + 1) / len(chosen))
+    return AmbiguityMap(amap.dataset.assign(added), source=amap.source)
+
+
+def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:
+    by_name = {layer.name: layer for layer in chosen}
+    for name, given in options.items():
+        if name not in by_name:
+            raise InputError(
+                f"options of {name!r}: this layer is not asked for; the layers are "
+                f"{', '.join(by_name) or 'none'}."
+            )
+        # The first is the ground.
+        known = list(inspect.signature(by_name[name].compute).parameters)[1:]
+        for key in given:
+            if key not in known:
+                offer = f"it takes {', '.join(known)}" if known else "it takes none"
+                raise InputError(f"layer {name}: it has no option {key!r}; {offer}.")
+
+
+def _variables(
+    layer: Layer, ground: Ground, found: Mapping[str, Values], options: Mapping[str, object]
+) -> dict[str, xr.DataArray]:
+    """A layer, its companions and their summaries over heading as variables of a dataset."""
+    called = {layer.name: (layer.title, layer.unit), **layer.companions}
+    if found.keys() != called.keys():
+        raise ValueError(f"layer {layer.name} gave {sorted(found)}, not {sorted(called)}")
+    shape = (*ground.free.shape, len(ground.headings))
+    for name, values in found.items():
+        if values.shape not in (shape[:2], shape) or (values.ndim == 3 and not ground.has_theta):
+            raise ValueError(f"layer {layer.name} gave {name} in the shape {values.shape}")
+    variables: dict[str, xr.DataArray] = {}
+
+    def add(name: str, values: Values, summary: str = "") -> None:
+        title, unit = called[name]
+        attrs: dict[str, Any] = {
+            "long_name": f"{title} ({SUMMARY[summary]})" if summary else title,
+            "units": unit,
+            "source": layer.source,
+        }
+        if name == layer.name:
+            attrs["worse"] = layer.worse
+        if options:
+            attrs["options"] = json.dumps(options, default=str, sort_keys=True)
+        key = f"{name}_{summary}" if summary else name
+        dims = ("y", "x", "theta")[: values.ndim]
+        variables[key] = xr.DataArray(values.astype(np.float32), dims=dims, attrs=attrs)
+
+    for name, values in found.items():
+        add(name, values)
+    if found[layer.name].ndim == 3:
+        for name, values in found.items():
+            if values.ndim == 3:
+                for summary, floor in _summaries(layer, found[layer.name], name, values).items():
+                    add(name, floor, summary)
+    return variables
+
+
+def _summaries(layer: Layer, main: Values, name: str, values: Values) -> dict[str, Values]:
+    """Mean over heading, and the values at the layer's own best and worst heading."""
+    order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
+    # A heading without a value is neither: it comes last among the best, and among the worst.
+    best = order.argmin(axis=2)[..., np.newaxis]
+    worst = np.where(np.isnan(main), -np.inf, order).argmax(axis=2)[..., np.newaxis]
+    return {
+        "mean": _mean(name, values),
+        "best": np.take_along_axis(values, best, axis=2)[..., 0],
+        "worst": np.take_along_axis(values, worst, axis=2)[..., 0],
+    }
+
+
+def _mean(name: str, values: Values) -> Values:
+    if not schema.is_axis(name):
+        return np.asarray(values.mean(axis=2))
+    double = np.exp(2j * values.astype(np.float64)).mean(axis=2)
+    return np.asarray(np.mod(0.5 * np.angle(double), np.pi), dtype=np.float32)

@@ -1,0 +1,29 @@
+"""Distance to the nearest wall or frontier, which every map has as a layer already.
+
+Source: the oldest rule of thumb for where a range sensor sees much: stay near walls (Roy, Burgard,
+Fox, Thrun 1999, "Coastal navigation", take it as the name of what they improve on). It is here so
+that it can be judged beside the other layers; far from every wall counts as badly localized.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.registry import Layer
+
+
+def clearance(ground: Ground) -> dict[str, NDArray[np.float32]]:
+    """Distance from each free cell's centre to the nearest segment, metres."""
+    return {"clearance": ground.spread(ground.lattice.clearance(np.inf))}
+
+
+LAYER = Layer(
+    name="clearance",
+    title="distance to the nearest wall or frontier",
+    unit="m",
+    source="rule of thumb; see Roy, Burgard, Fox, Thrun 1999, Coastal navigation (ICRA)",
+    worse="high",
+    compute=clearance,
+)

@@ -1,0 +1,199 @@
+"""Localizability after Wang and Chen: how the expected ranges on a probabilistic grid change.
+
+Source: Y. Wang, W. Chen, J. Wang, W. Wang, "Localizability estimation for mobile robots based on
+probabilistic grid map and its applications to localization", MFI 2012, and "Active global
+localization based on localizability for mobile robots", Robotica 2014. The static localizability
+matrix is the Fisher information of the scan with each beam's change of range taken by finite
+differences of its expected range on the grid, over the variance of its range, which comes from the
+sensor and from the occupancy of the cells that it may end in: sum_i d_i d_i^T / s_i^2, d_i the
+differences by x, y and theta. Its determinant is the index, its weak axis the direction.
+
+Our own reading: the grid is made from the walls, and rays are followed smoothly through it
+(`occupancy`); differences are central; the index is the determinant about x, y and theta; the
+direction is the weak axis of the xy block of the inverse, theta marginalised, under the prior that
+`fisher` has, and localizability_radius is its radius in metres. A beam that more likely than not
+ends in unknown space tells nothing. A beam with a cone reads the smallest of its rays' expected
+ranges; that oblique surfaces return no echo to it is not in the grid.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
+from ambinav.ambiguity.layers.occupancy import Occupancy, grid_range, occupancy
+from ambinav.ambiguity.layers.registry import Layer
+from ambinav.errors import InputError
+from ambinav.localization.information import TABLE, BeamNoise, beam_noise
+from ambinav.sensing.fields import as_number
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+
+# Cells of the grid are as wide as the walls are uncertain, within these limits (metres), and wider
+# where there would be more of them than this.
+FINEST, COARSEST = 0.02, 0.1
+MOST_CELLS = 25_000_000
+# Half of what ranges are compared over: metres, radians.
+STEP, TURN = 0.05, 0.02
+# Poses whose matrices are held at a time.
+POSES_AT_ONCE = 100_000
+
+
+def localizability_matrices(
+    grid: Occupancy,
+    scanner: RangeScanner,
+    noise: BeamNoise,
+    poses: Floats,
+    step: float = STEP,
+    turn: float = TURN,
+) -> Floats:
+    """Static localizability matrix at each pose.
+
+    Args:
+        grid: The probabilistic grid map.
+        scanner: The scanner.
+        noise: Its beams (`beam_noise` with a map_std of 0: the grid holds the map's).
+        poses: x, y, theta, shape (N, 3).
+        step: Half the difference in x and in y, metres.
+        turn: Half the difference in heading, radians.
+
+    Returns:
+        Shape (N, 3, 3), about x, y (1 / square metres) and theta (1 / square radians), map frame.
+    """
+    rays = scanner.rays()
+    look = np.column_stack([np.cos(rays.angle), np.sin(rays.angle)])
+    out = np.empty((len(poses), 3, 3))
+    _matrices(
+        poses, grid, rays.origin, look, rays.start, noise.near, noise.far, noise.variance,
+        step, turn, out,
+    )  # fmt: skip
+    return out
+
+
+def localizability(
+    ground: Ground,
+    *,
+    cell: float | None = None,
+    step: float = STEP,
+    turn: float = TURN,
+    odometry_std: float | None = None,
+    heading_std: float | None = None,
+) -> dict[str, NDArray[np.float32]]:
+    """Determinant of the localizability matrix, and radius and direction of what it leaves.
+
+    Args:
+        ground: What the map was made of.
+        cell: Edge of a cell of the probabilistic grid, metres; None: the deviation of the map's
+            walls, from 2 to 10 cm.
+        step: Half the difference in x and in y that ranges are compared over, metres.
+        turn: Half that in heading, radians.
+        odometry_std: As for `fisher`.
+        heading_std: As for `fisher`.
+
+    Returns:
+        localizability (1 / (m^4 rad^2)), localizability_radius (metres) and
+        localizability_direction (radians).
+
+    Raises:
+        InputError: a number is out of its range.
+    """
+    place, heading = prior_deviations(ground, odometry_std, heading_std)
+    cell = _usual_cell(ground) if cell is None else as_number(cell, "cell")
+    step, turn = as_number(step, "step"), as_number(turn, "turn")
+    if not step > 0.0:
+        raise InputError(f"step is {step}; give a positive number of metres.")
+    if not 0.0 < turn < 1.0:
+        raise InputError(f"turn is {turn}; give more than 0 and less than 1 radian.")
+    grid = occupancy(ground.environment, cell, ground.map_std)
+    noise = beam_noise(ground.environment, ground.scanner, 0.0)
+    found = np.empty((3, len(ground.points[0]), len(ground.headings)))
+    for h in range(len(ground.headings)):
+        poses = ground.poses(h)
+        for first in range(0, len(poses), POSES_AT_ONCE):
+            part = slice(first, first + POSES_AT_ONCE)
+            matrices = localizability_matrices(grid, ground.scanner, noise, poses[part], step, turn)
+            # Rounding may bring that of a singular matrix below 0.
+            found[0, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
+            radius, _, direction = marginal_radii(matrices, place, heading)
+            found[1, part, h], found[2, part, h] = radius, direction
+    names = ("localizability", "localizability_radius", "localizability_direction")
+    return {name: ground.spread(values) for name, values in zip(names, found, strict=True)}
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
+    """Each beam's expected range at a pose; its variance is added to `spread`, nan if unknown."""
+    co, si = math.cos(theta), math.sin(theta)
+    for b in range(near.size):
+        mean[b] = math.inf
+        told = 0.0
+        for r in range(start[b], start[b + 1]):
+            px = x + co * origin[r, 0] - si * origin[r, 1]
+            py = y + si * origin[r, 0] + co * origin[r, 1]
+            ux, uy = co * look[r, 0] - si * look[r, 1], si * look[r, 0] + co * look[r, 1]
+            d, variance, unknown = grid_range(px, py, ux, uy, far[b], grid, mean[b])
+            if d < mean[b]:
+                mean[b] = d
+                told = math.nan if unknown > 0.5 else variance
+        mean[b] = max(mean[b], near[b])
+        spread[b] += told
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _matrices(poses, grid, origin, look, start, near, far, variance, step, turn, out):
+    beams = near.size
+    for p in prange(poses.shape[0]):
+        # A range and its variance are those of the six poses around, in the mean.
+        ahead, behind = np.empty(beams), np.empty(beams)
+        mean, spread = np.zeros(beams), np.zeros(beams)
+        change = np.empty((beams, 3))
+        x, y, theta = poses[p, 0], poses[p, 1], poses[p, 2]
+        for axis in range(3):
+            dx = step if axis == 0 else 0.0
+            dy = step if axis == 1 else 0.0
+            dt = turn if axis == 2 else 0.0
+            _expect(x + dx, y + dy, theta + dt, grid, origin, look, start, near, far, ahead, spread)
+            _expect(
+                x - dx, y - dy, theta - dt, grid, origin, look, start, near, far, behind, spread
+            )
+            for b in range(beams):
+                mean[b] += (ahead[b] + behind[b]) / 6.0
+                change[b, axis] = (ahead[b] - behind[b]) / (2.0 * (dx + dy + dt))
+        out[p] = 0.0
+        for b in range(beams):
+            if math.isnan(spread[b]):
+                continue
+            place = mean[b] / far[b] * (TABLE - 1)
+            low = min(int(place), TABLE - 2)
+            share = place - low
+            total = variance[b, low] * (1.0 - share) + variance[b, low + 1] * share
+            total += spread[b] / 6.0
+            for i in range(3):
+                for j in range(3):
+                    out[p, i, j] += change[b, i] * change[b, j] / total
+
+
+def _usual_cell(ground: Ground) -> float:
+    xmin, ymin, xmax, ymax = ground.environment.bounds
+    least = math.sqrt((xmax - xmin) * (ymax - ymin) / MOST_CELLS)
+    return max(min(max(ground.map_std, FINEST), COARSEST), least)
+
+
+LAYER = Layer(
+    name="localizability",
+    title="determinant of the localizability matrix",
+    unit="1/(m^4 rad^2)",
+    source="Wang, Chen, Wang, Wang 2012, Localizability estimation for mobile robots (MFI)",
+    worse="low",
+    compute=localizability,
+    companions={
+        "localizability_radius": ("localizability, major radius", "m"),
+        "localizability_direction": ("localizability, axis of the major radius", "rad"),
+    },
+)

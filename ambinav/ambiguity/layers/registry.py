@@ -1,0 +1,171 @@
+"""The registry of layers that can be added to an ambiguity map."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.maps import schema
+from ambinav.sensing.scanner import RangeScanner
+
+ALL: Final = "all"
+"""Stands for every layer that the scanner can have, but those that are slow."""
+
+# Each of these modules holds its layer as `LAYER`; it is imported when the layer is asked for.
+_SHIPPED: Final = {
+    name: f"{__package__}.{name}"
+    for name in (
+        "fisher",
+        "localizability",
+        "coastal_entropy",
+        "gfm",
+        "wall_normals",
+        "clearance",
+        "perturbation",
+        "aliasing",
+    )
+}
+_NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
+
+
+def any_scanner(scanner: RangeScanner) -> None:
+    """The `why_not` of a layer that every scanner can have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """A measure of how well a robot is localized at a pose, computed for a whole map.
+
+    Attributes:
+        name: Lower-case letters, digits and underscores; the variable in the map's dataset.
+        title: What legends call it, without the unit.
+        unit: "m", "1", "bits" ...
+        source: Paper and equation, in a line.
+        worse: Which end means badly localized.
+        compute: From the `Ground` and the layer's own keyword options to arrays, the layer under
+            its name and each companion under its own; float32, shape (ny, nx), or (ny, nx, K)
+            for K headings; NaN where the lattice is not free (`Ground.spread` makes them).
+        why_not: Why a scanner cannot have it, as a sentence, or None.
+        companions: Title and unit of each further array that `compute` gives. Their names begin
+            with the layer's and an underscore; one that ends in "_direction" is an axis
+            (radians, period pi).
+        slow: Left out of `ALL`; it has to be named.
+    """
+
+    name: str
+    title: str
+    unit: str
+    source: str
+    worse: Literal["high", "low"]
+    compute: Callable[..., Mapping[str, NDArray[np.float32]]]
+    why_not: Callable[[RangeScanner], str | None] = any_scanner
+    companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    slow: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the names, for they become variables of the dataset.
+
+        Raises:
+            InputError: a name cannot be used.
+        """
+        if not _NAME.fullmatch(self.name):
+            raise InputError(
+                f"layer {self.name!r}: give a name of lower-case letters, digits and underscores."
+            )
+        for name in (self.name, *self.companions):
+            if schema.base_name(name) != name:
+                raise InputError(
+                    f"layer {name!r}: _{name.rpartition('_')[2]} is kept for summaries over "
+                    "heading; give another name."
+                )
+            if name in schema.CORE:
+                raise InputError(f"layer {name!r}: every map has a layer of that name; rename it.")
+        if self.worse not in ("high", "low"):
+            raise InputError(f"layer {self.name!r}: worse is {self.worse!r}; give high or low.")
+        for name in self.companions:
+            if not name.startswith(f"{self.name}_"):
+                raise InputError(
+                    f"layer {self.name!r}: its companion {name!r} must begin with {self.name}_."
+                )
+
+
+_registered: dict[str, Layer] = {}
+
+
+def register(layer: Layer) -> Layer:
+    """Add a layer of your own; `with_layers`, `build_map` and the plots then know it.
+
+    Raises:
+        InputError: another layer has the name already.
+    """
+    if _registered.get(layer.name, layer) is not layer or layer.name in _SHIPPED:
+        raise InputError(f"layer {layer.name!r}: there is one of that name; choose another.")
+    _registered[layer.name] = layer
+    return layer
+
+
+def layers() -> tuple[str, ...]:
+    """Names of all layers: those that come with ambinav, then those that were registered."""
+    return (*_SHIPPED, *_registered)
+
+
+def layer(name: str) -> Layer:
+    """The layer of this name.
+
+    Raises:
+        InputError: there is none; the nearest names are offered.
+    """
+    if name in _SHIPPED:
+        found: Any = importlib.import_module(_SHIPPED[name]).LAYER
+        return _checked(found, name)
+    if name in _registered:
+        return _registered[name]
+    close = difflib.get_close_matches(str(name), (*layers(), ALL), n=3, cutoff=0.4)
+    offer = f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(layers())}."
+    raise InputError(f"layers: {name!r} is no layer that can be added; {offer}")
+
+
+def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> tuple[Layer, ...]:
+    """The layers of these names, each once.
+
+    Args:
+        names: Names, or one of them; `ALL` stands for every layer that the scanner can have.
+        scanner: What the map is for; None: only the names are checked.
+
+    Raises:
+        InputError: there is no such layer, or the scanner cannot have it.
+    """
+    found: dict[str, Layer] = {}
+    for name in (names,) if isinstance(names, str) else names:
+        if name == ALL:
+            every = (layer(other) for other in layers())
+            found |= {
+                one.name: one
+                for one in every
+                if not one.slow and (scanner is None or one.why_not(scanner) is None)
+            }
+            continue
+        one = layer(name)
+        reason = None if scanner is None else one.why_not(scanner)
+        if reason is not None:
+            raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
+        found[name] = one
+    return tuple(found.values())
+
+
+def _called(scanner: RangeScanner | None) -> str:
+    return repr(scanner.name) if scanner is not None else "?"
+
+
+def _checked(found: Any, name: str) -> Layer:
+    if not isinstance(found, Layer) or found.name != name:
+        raise TypeError(f"{_SHIPPED[name]}.LAYER is not the layer {name}")
+    return found

@@ -1,0 +1,101 @@
+"""Look-alikes of a building for its audit: regions linked with those that give the same scans."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambinav.ambiguity.layers.aliasing import look_alikes
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.audit.links import Link, find_links
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN
+
+SPACING = 0.25
+"""Metres between the poses that are compared; finer maps are sampled. Pairs grow with its -4th
+power, and what lies between is found by the offset within a cell."""
+MOST_POSES = 6000
+"""Poses up to which look-alikes are sought without being asked for: about half a minute."""
+COUNT = 6
+"""Look-alikes that each pose may be linked with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alikes:
+    """What an audit says of look-alikes.
+
+    Attributes:
+        poses: Poses of the lattice they were or would have been sought on.
+        spacing: Of that lattice, metres.
+        sought: Whether they were sought.
+        share: Mean of `aliasing` over the floor; NaN if they were not sought.
+        area: Square metres of floor from which a scan more probably places the robot elsewhere.
+        links: The strongest first.
+    """
+
+    poses: int
+    spacing: float
+    sought: bool
+    share: float = math.nan
+    area: float = math.nan
+    links: tuple[Link, ...] = ()
+
+
+def find_alikes(
+    amap: AmbiguityMap,
+    environment: Environment,
+    wanted: bool | None = None,
+    *,
+    letters: int = 6,
+    report: Callable[[float], None] | None = None,
+) -> Alikes:
+    """Seek the look-alikes of a map.
+
+    Those in the pose's own corridor or hall are left out of the links, for there the map itself
+    says that the robot can slide; the share counts them.
+
+    Args:
+        amap: The map.
+        environment: What it was built of.
+        wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
+        letters: How many regions to list with their look-alikes, at most.
+        report: Called with the share done.
+    """
+    ground = Ground.of(amap, environment)
+    spacing = max(amap.spacing, min(SPACING, ground.radius))
+    if spacing > amap.spacing:
+        lattice = Lattice.over(environment, spacing)
+        ground = dataclasses.replace(ground, lattice=lattice)
+    poses = len(ground.points[0]) * (1 if ground.scanner.looks_all_around else len(ground.headings))
+    if not (poses <= MOST_POSES if wanted is None else wanted):
+        return Alikes(poses, spacing, False)
+    found = look_alikes(ground, count=COUNT, place=own_places(amap, *ground.points), report=report)
+    share = found.share.mean(axis=1)
+    return Alikes(
+        poses,
+        spacing,
+        True,
+        float(share.mean()),
+        float((share >= 0.5).sum()) * spacing**2,
+        find_links(ground, found, letters),
+    )
+
+
+def own_places(
+    amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """Number of the corridor or hall that each point lies in, 0 for none; int32, shape (N,)."""
+    zone = amap.floor("zone", "mean").values
+    labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
+    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
+    column = np.clip(np.rint((x - grid_x[0]) / amap.spacing).astype(int), 0, len(grid_x) - 1)
+    row = np.clip(np.rint((y - grid_y[0]) / amap.spacing).astype(int), 0, len(grid_y) - 1)
+    return np.asarray(labels[row, column], dtype=np.int32)

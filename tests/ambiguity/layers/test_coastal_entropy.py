@@ -1,0 +1,198 @@
+"""Expected entropy: sampled scans, closed forms in a corridor and a hall, symmetries."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers import bands as banding
+from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.reference import reachable
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.sensing import RangeScanner, RangeSensor
+from tests.geometry import scenes
+
+Floats = NDArray[np.float64]
+
+LASER = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.03, resolution=0.001), 60, 2 * math.pi)
+MANY = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.05, resolution=0.001), 60, 2 * math.pi)
+
+
+def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> Ground:
+    return Ground.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
+
+
+def sampled(ground: Ground, x: float, y: float, people: float, rng: np.random.Generator) -> float:
+    """Expected entropy in bits by the definition: sampled scans, poses and people, exact casts."""
+    h, model = ground.spacing, ground.model
+    cells = sorted(reachable(ground.environment, x, y, h, model.radius))
+    limit = ground.scanner.max_range
+    # Poses anywhere in each cell.
+    count, scans = 150, 80
+    place = rng.uniform(-h / 2, h / 2, (len(cells), count, 2)) + h * np.array(cells)[:, None]
+    theta = rng.normal(0.0, model.sigma_theta, (len(cells), count))
+    there = ground.scanner.scan(ground.environment, x + place[..., 0], y + place[..., 1], theta)
+    there = np.minimum(there, limit)
+    # Outside of the walls there is no pose.
+    outside = np.isnan(there).any(axis=-1)
+    here = np.minimum(ground.scanner.scan(ground.environment, x, y, 0.0), limit)
+    std = math.hypot(0.05, model.map_std)
+    cap = -math.log(model.outlier_share)
+    found = []
+    for _ in range(scans):
+        # As many neighbouring beams as tau says share what is wrong with them.
+        noise = np.repeat(rng.normal(0.0, std, len(here)), round(model.tau))[: len(here)]
+        scan = np.where(here < limit, np.minimum(here + noise, limit), limit)
+        seen = rng.random(len(here)) < np.exp(-people * here)
+        told = (scan - there) ** 2 / (4.0 * std**2)
+        told = 2.0 * told / np.sqrt(1.0 + (told / cap) ** 2)
+        likely = np.exp(-(told * seen).sum(axis=-1) / model.tau)
+        b = np.where(outside, 0.0, likely).mean(axis=1)
+        b = b[b > 0.0] / b.sum()
+        found.append(-(b * np.log2(b)).sum())
+    return float(np.mean(found))
+
+
+@pytest.mark.parametrize("people", [0.0, 0.1])
+@pytest.mark.parametrize(
+    ("env", "x", "y"),
+    [
+        (scenes.room(3.0, 2.4), 1.25, 1.05),
+        (scenes.room(3.0, 2.4), 0.25, 0.35),
+        (scenes.room(12.0, 2.0), 6.05, 0.75),
+        (scenes.room(12.0, 12.0), 3.55, 6.05),
+        (scenes.room(5.0, 4.0, np.array([2.0, 0.0, 2.5, 2.2])), 2.75, 2.35),
+    ],
+    ids=["room", "corner", "corridor", "wall", "edge"],
+)
+def test_is_what_sampled_scans_leave(env: Environment, x: float, y: float, people: float) -> None:
+    ground = ground_of(env, MANY, radius=0.3)
+    layer = coastal_entropy(ground, people=people)["coastal_entropy"]
+    i = np.abs(ground.lattice.y - y).argmin(), np.abs(ground.lattice.x - x).argmin()
+    expected = sampled(ground, x, y, people, np.random.default_rng(5))
+    assert float(layer[i]) == pytest.approx(expected, abs=0.35)
+
+
+def enumerated(ground: Ground, x: float, y: float, rng: np.random.Generator) -> float:
+    """Expected entropy in bits, by every scan that a scanner of wide bins can return."""
+    h, sensor = ground.spacing, ground.scanner.sensors[0]
+    cells = sorted(reachable(ground.environment, x, y, h, ground.radius))
+    place = rng.uniform(-h / 2, h / 2, (len(cells), 30, 2)) + h * np.array(cells)[:, None]
+    theta = rng.normal(0.0, ground.model.sigma_theta, (len(cells), 30))
+    there = ground.scanner.scan(ground.environment, x + place[..., 0], y + place[..., 1], theta)
+    likely = np.moveaxis(sensor.reading_probabilities(there), (2, 3), (0, 1)).copy()
+    # Beams, readings, cells, poses. The robot stands anywhere in its cell, so its ranges lie
+    # anywhere in their bins; readings that it has next to never are left out.
+    mine = likely[:, :, cells.index((0, 0))]
+    total, weight = 0.0, 0.0
+    for scan in itertools.product(*(np.flatnonzero(one.mean(axis=1) > 1e-3) for one in mine)):
+        all_beams = np.prod([likely[b, k] for b, k in enumerate(scan)], axis=0).mean(axis=1)
+        b = all_beams[all_beams > 0.0] / all_beams.sum()
+        share = all_beams[cells.index((0, 0))]
+        total -= share * (b * np.log2(b)).sum()
+        weight += share
+    assert weight > 0.98
+    return float(total / weight)
+
+
+def test_wide_bins_leave_what_enumeration_says() -> None:
+    sensor = RangeSensor(max_range=4.0, std=0.05, resolution=0.4)
+    scanner = RangeScanner.planar(sensor, 4, 2 * math.pi)
+    ground = ground_of(
+        scenes.room(3.13, 2.37), scanner, radius=0.3, tau=1.0, map_std=0.0, outlier_share=1e-6,
+        headings=1,
+    )  # fmt: skip
+    layer = coastal_entropy(ground, people=0.0)["coastal_entropy"][ground.free][:, 0]
+    rng = np.random.default_rng(3)
+    x, y = ground.points
+    inner = np.flatnonzero((np.abs(x - 1.56) < 1.1) & (np.abs(y - 1.18) < 0.7))
+    chosen = rng.choice(inner, 20, replace=False)
+    expected = [enumerated(ground, x[p], y[p], rng) for p in chosen]
+    # The layer averages over where ranges lie in their bins, so it is right in the mean.
+    assert layer[chosen].mean() == pytest.approx(float(np.mean(expected)), abs=0.5)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 45.0])
+def test_corridor_leaves_the_cells_along_it(degrees: float) -> None:
+    angle = math.radians(degrees)
+    ground = ground_of(scenes.room(16.0, 2.0).transformed(angle))
+    found = coastal_entropy(ground, people=0.0)
+    x, y = ground.points
+    along = math.cos(angle) * x + math.sin(angle) * y
+    across = -math.sin(angle) * x + math.cos(angle) * y
+    middle = (np.abs(along - 8.0) < 1.0) & (np.abs(across - 1.0) < 0.3)
+    bits = found["coastal_entropy"][ground.free][middle]
+    # One cell in 0.1 m along an axis of the lattice, within 0.5 m to either side; on the diagonal
+    # the line meets one in 0.14 m, less or more of the next rows.
+    expected = math.log2(11.0) if degrees == 0.0 else math.log2(2 * 0.5 / (0.1 * math.sqrt(2)))
+    assert bits.min() > expected - 0.05
+    assert bits.max() < expected + (0.1 if degrees == 0.0 else 0.8)
+
+
+def test_where_nothing_is_in_range_every_cell_is_as_probable() -> None:
+    ground = ground_of(scenes.room(14.0, 14.0))
+    found = coastal_entropy(ground)
+    x, y = ground.points
+    middle = np.hypot(x - 7.0, y - 7.0) < 1.0
+    cells = len(reachable(ground.environment, 7.05, 7.05, 0.1, 0.5))
+    assert found["coastal_entropy"][ground.free][middle] == pytest.approx(math.log2(cells), 1e-6)
+    assert found["coastal_entropy_gain"][ground.free][middle] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_crowd_of_no_end_leaves_nothing_to_see() -> None:
+    ground = ground_of(scenes.room(3.0, 2.0))
+    found = coastal_entropy(ground, people=1000.0)
+    assert np.nanmax(found["coastal_entropy_gain"]) < 0.01
+
+
+@settings(max_examples=10, deadline=None)
+@given(width=st.floats(0.8, 6.0), depth=st.floats(0.8, 6.0), people=st.floats(0.0, 0.5))
+def test_bounds_and_what_people_take(width: float, depth: float, people: float) -> None:
+    ground = ground_of(scenes.room(width, depth), radius=0.3)
+    quiet, busy = coastal_entropy(ground, people=0.0), coastal_entropy(ground, people=people)
+    for found in (quiet, busy):
+        for values in found.values():
+            assert (np.isnan(values) == ~ground.free).all()
+            assert np.nanmin(values) >= 0.0
+    before = quiet["coastal_entropy"] + quiet["coastal_entropy_gain"]
+    after = busy["coastal_entropy"] + busy["coastal_entropy_gain"]
+    np.testing.assert_allclose(after, before, atol=1e-5)
+    assert (busy["coastal_entropy"] - quiet["coastal_entropy"])[ground.free].mean() > -1e-3
+
+
+def test_quarter_turn_turns_the_layer() -> None:
+    env = scenes.environment(shapely.Polygon(
+        [(-1.97, -0.97), (1.97, -0.97), (1.97, 0.43), (0.63, 0.43), (0.63, 1.77), (-1.97, 1.77)]
+    ))  # fmt: skip
+    found = coastal_entropy(ground_of(env))["coastal_entropy"]
+    turned = coastal_entropy(ground_of(env.transformed(math.pi / 2)))["coastal_entropy"]
+    np.testing.assert_allclose(turned, np.rot90(found, -1), atol=0.02)
+
+
+def test_headings_and_bands_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = scenes.room(3.0, 2.0)
+    ground = ground_of(env, headings=2)
+    whole = coastal_entropy(ground)["coastal_entropy"]
+    assert whole.shape == (*ground.free.shape, 2)
+    # Half a turn maps the beams onto themselves.
+    np.testing.assert_allclose(whole[..., 0], whole[..., 1], atol=0.01)
+    monkeypatch.setattr(banding, "BAND_BYTES", 200_000)
+    assert len(list(banding.bands(ground, 5))) > 2
+    np.testing.assert_array_equal(coastal_entropy(ground)["coastal_entropy"], whole)
+
+
+@pytest.mark.parametrize("people", [-0.1, math.nan, math.inf, "many"])
+def test_refuses_what_is_no_number_of_people(people: float) -> None:
+    ground = ground_of(scenes.room(1.0, 1.0))
+    with pytest.raises(InputError, match="people"):
+        coastal_entropy(ground, people=people)

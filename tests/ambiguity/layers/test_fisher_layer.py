@@ -1,0 +1,163 @@
+"""The Fisher bound against finite differences of the ray caster and against Censi's formula."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.build import with_layers
+from ambinav.ambiguity.layers.fisher import ray_information
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.marginal import marginal_radii
+from ambinav.errors import InputError
+from ambinav.geometry.segments import FRONTIER, Segments
+from ambinav.localization.information import scan_information
+from ambinav.sensing import RangeScanner, RangeSensor
+from tests.geometry import scenes
+
+# Shifted, so that no beam meets a corner exactly.
+ROOM = scenes.room(5.0, 3.5).transformed(0.13, 0.011, 0.007)
+VARIANCE = 0.03**2 + 0.001**2 / 12 + 0.02**2
+POSES = np.array([[1.3, 1.1, 0.2], [2.6, 2.2, -1.0], [3.9, 1.2, 2.5]])
+
+
+def fan(mount: tuple[float, float, float] = (0.0, 0.0, 0.0), reach: float = 2.2) -> RangeScanner:
+    sensor = RangeSensor(max_range=reach, std=0.03, resolution=0.001)
+    return RangeScanner.planar(sensor, 24, 2 * math.pi, mount=mount)
+
+
+def differences(scanner: RangeScanner, pose: np.ndarray) -> np.ndarray:
+    """Change of each beam's true range by x, y, theta, (B, 3), by casting beside the pose."""
+    h = 1e-5
+    out = np.empty((scanner.beams, 3))
+    for axis in range(3):
+        ends = []
+        for sign in (1.0, -1.0):
+            x, y, theta = pose + sign * h * np.eye(3)[axis]
+            c, s = math.cos(theta), math.sin(theta)
+            mx, my, yaw = scanner.mounts.T
+            ends.append(
+                np.asarray(ROOM.cast(x + c * mx - s * my, y + s * mx + c * my, theta + yaw, 100.0))
+            )
+        out[:, axis] = (ends[0] - ends[1]) / (2 * h)
+    return out
+
+
+@pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.2, -0.1, 0.4)])
+def test_each_ray_against_finite_differences(mount: tuple[float, float, float]) -> None:
+    scanner = fan(mount)
+    found = ray_information(ROOM, scanner, POSES, 0.02)
+    for pose, rays in zip(POSES, found, strict=True):
+        told = np.isfinite(scanner.scan(ROOM, *pose))
+        g = differences(scanner, pose)
+        expected = g[:, :, None] * g[:, None, :] / VARIANCE * told[:, None, None]
+        np.testing.assert_allclose(rays, expected, rtol=1e-4, atol=1e-3)
+        assert 0 < told.sum() < len(told)
+
+
+def censi(pose: np.ndarray, *, incidence: bool) -> np.ndarray:
+    """Sum of g g^T / sigma^2 by the paper's formula, with its angles, (3, 3)."""
+    look = pose[2] - math.pi + 2 * math.pi * np.arange(24) / 24
+    r, hit = scenes.cast_slowly(ROOM.segments.xy, np.full(24, pose[0]), np.full(24, pose[1]), look)
+    wall = ROOM.segments.xy[hit]
+    a = np.arctan2(wall[:, 3] - wall[:, 1], wall[:, 2] - wall[:, 0]) + math.pi / 2
+    b = a - look
+    g = np.stack([np.cos(a) / np.cos(b), np.sin(a) / np.cos(b), r * np.tan(b)])
+    if not incidence:
+        g = np.stack([np.cos(a), np.sin(a), r * np.sin(b)])
+    g = g[:, r < 2.2]
+    return np.asarray(g @ g.T / VARIANCE)
+
+
+@pytest.mark.parametrize("incidence", [True, False])
+def test_whole_scan_against_the_formula(incidence: bool) -> None:
+    whole = ray_information(ROOM, fan(), POSES, 0.02, incidence=incidence).sum(axis=1)
+    for pose, found in zip(POSES, whole, strict=True):
+        np.testing.assert_allclose(found, censi(pose, incidence=incidence), rtol=1e-6, atol=1e-6)
+
+
+def test_rays_add_up_to_the_information_of_the_localizers() -> None:
+    whole = ray_information(ROOM, fan(), POSES, 0.02).sum(axis=1)
+    np.testing.assert_allclose(whole, scan_information(ROOM, fan(), POSES, 0.02), rtol=1e-12)
+
+
+@pytest.mark.parametrize("incidence", [True, False])
+def test_the_layer_is_the_marginal_covariance(incidence: bool) -> None:
+    amap = build_map(ROOM, fan(), 0.5, map_std=0.02, tau=1.0)
+    options = {"odometry_std": 0.3, "heading_std": 0.02, "incidence": incidence}
+    found = with_layers(amap, "fisher", fisher=options)
+    for name in ("fisher", "fisher_minor", "fisher_direction"):
+        assert np.isnan(found.dataset[name].values).sum() == (~amap.dataset["free"].values).sum()
+    x, y = Ground.of(amap).points
+    for k in range(0, len(x), 3):
+        pose = np.array([x[k], y[k], 0.0])
+        prior = np.diag([0.3**-2, 0.3**-2, 0.02**-2])
+        covariance = np.linalg.inv(censi(pose, incidence=incidence) + prior)[:2, :2]
+        values, vectors = np.linalg.eigh(covariance)
+        at = {"x": x[k], "y": y[k]}
+        told = {n: float(found.dataset[n].sel(at, method="nearest")) for n in found.layers}
+        if np.abs(differences(fan(), pose)).max() > 15.0:
+            continue  # a beam grazes: the layer holds 1 / cos b
+        assert told["fisher"] == pytest.approx(math.sqrt(values[1]), rel=1e-4)
+        assert told["fisher_minor"] == pytest.approx(math.sqrt(values[0]), rel=1e-4)
+        axis = math.atan2(vectors[1, 1], vectors[0, 1])
+        off = math.remainder(told["fisher_direction"] - axis, math.pi)
+        assert abs(off) * (values[1] / values[0] - 1.0) < 1e-3
+
+
+def test_a_corridor_leaves_the_prior_along_it() -> None:
+    angle = 0.3
+    corridor = scenes.room(40.0, 2.0).transformed(angle)
+    amap = with_layers(build_map(corridor, fan(reach=5.0), 0.5), "fisher")
+    x, y = 20 * math.cos(angle) - math.sin(angle), 20 * math.sin(angle) + math.cos(angle)
+    assert amap.sample("fisher", x, y) == pytest.approx(0.25, rel=1e-3)
+    assert amap.sample("fisher_direction", x, y) == pytest.approx(angle, abs=0.01)
+    assert amap.sample("fisher_minor", x, y) < 0.02
+
+
+def test_a_frontier_tells_nothing() -> None:
+    room = scenes.room(2.0, 2.0)
+    room.segments = Segments(room.segments.xy, np.full(4, FRONTIER))
+    assert not ray_information(room, fan(), [[1.0, 1.0, 0.1]], 0.02).any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.01, 1.0), st.floats(0.01, 1.0), st.floats(-3.0, 3.0))
+def test_marginal_radii_are_those_of_the_inverse(
+    seed: int, place: float, turn: float, angle: float
+) -> None:
+    root = np.random.default_rng(seed).normal(scale=5.0, size=(2, 3, 3))
+    information = root @ root.transpose(0, 2, 1)
+    major, minor, direction = marginal_radii(information, place, turn)
+    inverse = np.linalg.inv(information + np.diag([place**-2, place**-2, turn**-2]))
+    values = np.linalg.eigvalsh(inverse[:, :2, :2])
+    np.testing.assert_allclose(major, np.sqrt(values[:, 1]), rtol=1e-6)
+    np.testing.assert_allclose(minor, np.sqrt(values[:, 0]), rtol=1e-6)
+    assert (major <= place * (1 + 1e-9)).all()
+    # Turning the map turns the axis and nothing else.
+    c, s = math.cos(angle), math.sin(angle)
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    again = marginal_radii(turned @ information @ turned.T, place, turn)
+    np.testing.assert_allclose(again[0], major, rtol=1e-6)
+    off = np.abs(np.sin(again[2] - direction - angle))
+    assert (off * (major / minor - 1.0) < 1e-4).all()
+
+
+def test_beams_that_share_evidence_tell_less() -> None:
+    amap = build_map(ROOM, fan(), 0.5)
+    one, four = (
+        with_layers(amap, "fisher", fisher={"tau": tau, "odometry_std": 1e3, "heading_std": 1e3})
+        for tau in (1.0, 4.0)
+    )
+    told = one.dataset["fisher"].values < 1.0
+    assert told.sum() > 50
+    np.testing.assert_allclose(
+        four.dataset["fisher"].values[told], 2 * one.dataset["fisher"].values[told], rtol=1e-3
+    )
+    with pytest.raises(InputError, match=r"tau is 0\.5"):
+        with_layers(amap, "fisher", fisher={"tau": 0.5})

@@ -1,0 +1,193 @@
+"""What is left of a displacement: closed forms, a plain match by exact casts, symmetries."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers import bands as banding
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.perturbation import perturbation
+from ambinav.ambiguity.reference import beams
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.sensing import RangeScanner, RangeSensor
+from tests.geometry import scenes
+
+Floats = NDArray[np.float64]
+
+SIZE = 0.25
+LASER = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.03, resolution=0.001), 60, 2 * math.pi)
+
+
+def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> Ground:
+    return Ground.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
+
+
+def at(ground: Ground, values: NDArray[np.float32], x: float, y: float) -> float:
+    """The value of the cell nearest to (x, y)."""
+    px, py = ground.points
+    return float(values[ground.free][np.argmin(np.hypot(px - x, py - y))])
+
+
+def linear(ground: Ground, x: float, y: float) -> tuple[float, float]:
+    """Errors of the worst and the best displacement where the match comes to its end.
+
+    The residual is then nil, and what pulls the estimate off is only what was believed.
+    """
+    _, gradient, variance, _ = beams(
+        ground.environment, ground.scanner, ground.model, x, y, float(ground.headings[0])
+    )
+    ranges = ground.scanner.scan(ground.environment, x, y, 0.0)
+    weight = np.isfinite(ranges) / variance
+    prior = np.diag([SIZE**-2, SIZE**-2, ground.model.sigma_theta**-2])
+    total = (gradient * weight[:, None]).T @ gradient + prior
+    left = np.linalg.solve(total, prior)[:2, :2] * SIZE
+    worst, best = np.linalg.svd(left, compute_uv=False)
+    return float(worst), float(best)
+
+
+@pytest.mark.parametrize("degrees", [0, 17, 45, 90, 130])
+def test_along_a_straight_corridor_nothing_is_recovered(degrees: float) -> None:
+    angle = math.radians(degrees)
+    ground = ground_of(scenes.room(16.0, 2.4).transformed(angle))
+    found = perturbation(ground)
+    x, y = ground.points
+    along = math.cos(angle) * x + math.sin(angle) * y
+    across = -math.sin(angle) * x + math.cos(angle) * y
+    middle = (np.abs(along - 8.0) < 2.0) & (np.abs(across - 1.2) < 0.9)
+    values = {name: layer[ground.free][middle] for name, layer in found.items()}
+    assert values["perturbation"] == pytest.approx(SIZE, rel=0.01)
+    assert values["perturbation_minor"].max() < 0.005
+    apart = np.remainder(values["perturbation_direction"] - angle + math.pi / 2, math.pi)
+    assert np.abs(apart - math.pi / 2).max() < math.radians(1.0)
+
+
+def test_in_the_open_nothing_is_recovered_either_way() -> None:
+    ground = ground_of(scenes.room(14.0, 14.0))
+    for name in ("perturbation", "perturbation_minor"):
+        assert at(ground, perturbation(ground)[name], 7.0, 7.0) == pytest.approx(SIZE, rel=1e-5)
+
+
+def test_in_a_square_room_it_is_recovered() -> None:
+    ground = ground_of(scenes.room(4.0, 4.0))
+    found = perturbation(ground, iterations=10)
+    x, y = ground.points
+    inner = (np.abs(x - 2.0) < 1.5) & (np.abs(y - 2.0) < 1.5)
+    assert found["perturbation"][ground.free][inner].max() < 0.005
+
+
+@pytest.mark.parametrize(
+    ("env", "x", "y"),
+    [
+        (scenes.room(4.0, 4.0), 1.35, 2.25),
+        (scenes.room(16.0, 2.4), 8.05, 0.75),
+        (scenes.room(16.0, 2.4).transformed(0.4), 6.5, 4.3),
+        (scenes.room(9.0, 9.0), 2.05, 4.55),
+    ],
+    ids=["room", "corridor", "turned corridor", "wall"],
+)
+def test_ends_where_only_what_was_believed_pulls(env: Environment, x: float, y: float) -> None:
+    ground = ground_of(env)
+    px, py = ground.points
+    near = np.argmin(np.hypot(px - x, py - y))
+    worst, best = linear(ground, float(px[near]), float(py[near]))
+    found = perturbation(ground, iterations=12)
+    assert at(ground, found["perturbation"], x, y) == pytest.approx(worst, rel=0.02)
+    assert at(ground, found["perturbation_minor"], x, y) == pytest.approx(best, rel=0.02)
+
+
+def test_one_step_is_the_regularised_least_squares_step() -> None:
+    """One step from a free cell, without outliers: numpy's solution with exact casts."""
+    ground = ground_of(scenes.room(4.0, 3.0), outlier_share=1e-9)
+    x, y = 1.55, 1.35
+    here = beams(ground.environment, ground.scanner, ground.model, x, y, 0.0)
+    errors = []
+    for way in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+        # Two cells of 0.1 m off, the third is farther than the displacement.
+        step = 0.2 * np.array(way)
+        qx, qy = x + step[0], y + step[1]
+        there = beams(ground.environment, ground.scanner, ground.model, qx, qy, 0.0)
+        weight = 2.0 / (here[2] + there[2])
+        prior = np.diag([SIZE**-2, SIZE**-2, ground.model.sigma_theta**-2])
+        believed = np.append(SIZE * np.array(way) - step, 0.0)
+        total = (there[1] * weight[:, None]).T @ there[1] + prior
+        pull = there[1].T @ (weight * (here[0] - there[0])) + prior @ believed
+        errors.append(np.linalg.solve(total, pull)[:2] + step)
+    expected = np.linalg.svd(np.array(errors), compute_uv=False) / math.sqrt(2)
+    found = perturbation(ground, iterations=1)
+    values = [at(ground, found[name], x, y) for name in ("perturbation", "perturbation_minor")]
+    # The caps are wide, not infinite.
+    np.testing.assert_allclose(values, expected, rtol=0.25)
+
+
+def test_quarter_turn_turns_the_layer() -> None:
+    env = scenes.environment(shapely.Polygon(
+        [(-1.97, -0.97), (1.97, -0.97), (1.97, 0.43), (0.63, 0.43), (0.63, 1.77), (-1.97, 1.77)]
+    ))  # fmt: skip
+    found = perturbation(ground_of(env))["perturbation"]
+    turned = perturbation(ground_of(env.transformed(math.pi / 2)))["perturbation"]
+    # Rays to a corner fall to either side, and a match that such a ray tips ends elsewhere.
+    apart = np.abs(turned - np.rot90(found, -1))
+    assert np.nanquantile(apart, 0.95) < 0.002
+    np.testing.assert_array_equal(np.isnan(turned), np.isnan(np.rot90(found, -1)))
+
+
+@settings(max_examples=10, deadline=None)
+@given(width=st.floats(0.5, 7.0), depth=st.floats(0.5, 7.0), displacement=st.floats(0.02, 0.4))
+def test_bounds(width: float, depth: float, displacement: float) -> None:
+    ground = ground_of(scenes.room(width, depth), spacing=0.2, radius=0.4)
+    found = perturbation(ground, displacement=displacement)
+    major, minor = found["perturbation"], found["perturbation_minor"]
+    for values in found.values():
+        assert (np.isnan(values) == ~ground.free).all()
+    assert np.nanmin(minor) >= 0.0
+    assert (minor <= major)[ground.free].all()
+    # The window is two displacements about where the robot believes to be.
+    assert np.nanmax(major) <= 3.0 * displacement * math.sqrt(2) + 1e-6
+
+
+def test_a_fan_has_an_error_for_each_heading() -> None:
+    fan = RangeScanner.planar(
+        RangeSensor(max_range=4.0, std=0.03, resolution=0.001), 30, math.radians(120)
+    )
+    ground = ground_of(scenes.room(9.0, 3.0), fan, headings=4)
+    layer = perturbation(ground, iterations=10)["perturbation"]
+    assert layer.shape == (*ground.free.shape, 4)
+    # Facing the near end both walls' ends are seen, facing along the corridor only the sides.
+    x, y = ground.points
+    p = int(np.argmin(np.hypot(x - 1.5, y - 1.5)))
+    values = layer[ground.free][p]
+    assert values[2] < 0.01
+    assert values[0] == pytest.approx(SIZE, rel=0.02)
+
+
+def test_bands_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ground = ground_of(scenes.room(4.0, 3.0, np.array([1.0, 0.0, 1.5, 1.8])))
+    whole = perturbation(ground)
+    monkeypatch.setattr(banding, "BAND_BYTES", 200_000)
+    assert len(list(banding.bands(ground, 5))) > 2
+    for name, values in perturbation(ground).items():
+        np.testing.assert_array_equal(values, whole[name])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"displacement": 0.0}, "displacement is 0"),
+        ({"displacement": math.nan}, "displacement"),
+        ({"iterations": 0}, "iterations"),
+        ({"tau": 0.5}, "tau is 0.5"),
+    ],
+)
+def test_refuses_what_makes_no_sense(options: dict[str, float], message: str) -> None:
+    ground = ground_of(scenes.room(1.0, 1.0))
+    with pytest.raises(InputError, match=message):
+        perturbation(ground, **options)  # type: ignore[arg-type]

@@ -1,0 +1,115 @@
+"""Look-alikes in an audit: linked where symmetry says, reported, and never slow unasked."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+
+import ambinav as an
+from ambinav.audit import alikes as module
+from ambinav.audit.alikes import Alikes, find_alikes, own_places
+from ambinav.audit.audit import audit
+from ambinav.audit.document import Document
+from ambinav.audit.report import write_report
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from tests.maps import synthetic
+
+PERIOD = 4.0
+
+
+@pytest.fixture(scope="module")
+def rooms() -> an.Environment:
+    """Three equal rooms, each with its door to a corridor that has a bend at one end."""
+    parts = [shapely.box(-3, 0, 3 * PERIOD, 1.5), shapely.box(-3, -2, -1, 0.1)]
+    for i in range(3):
+        parts.append(shapely.Polygon(
+            [(x + i * PERIOD, y) for x, y in ((0.2, 1.8), (3.8, 1.8), (3.8, 4.6), (1.2, 5.2))]
+        ))  # fmt: skip
+        parts.append(shapely.box(i * PERIOD + 1.5, 1.4, i * PERIOD + 2.4, 1.9))
+    return an.environment_from_shapes([shapely.union_all(parts)])
+
+
+@pytest.fixture(scope="module")
+def found(rooms, laser) -> tuple[AmbiguityMap, Alikes]:
+    amap = an.build_map(rooms, laser, spacing=0.2)
+    return amap, find_alikes(amap, rooms)
+
+
+def test_equal_rooms_are_linked(found):
+    amap, alikes = found
+    assert alikes.sought
+    assert alikes.spacing == 0.25
+    assert 0.2 < alikes.share < 0.9
+    first = [link for link in alikes.links if link.letter == "A"]
+    assert len(first) == 2
+    for link in first:
+        assert abs(link.turn) < 0.05
+        assert link.other_y == pytest.approx(link.y, abs=0.05)
+        shift = (link.other_x - link.x) / PERIOD
+        assert shift == pytest.approx(round(shift), abs=0.02)
+        assert abs(link.distance - abs(shift) * PERIOD) < 0.05
+        assert link.area > 5.0
+        assert link.likeness > 0.3
+        offsets = link.images - link.cells
+        assert np.abs(offsets - offsets[0]).max() < 0.2
+    assert round((first[0].other_x - first[1].other_x) / PERIOD) != 0
+    assert [link.letter for link in alikes.links] == sorted(link.letter for link in alikes.links)
+    area = sum({link.letter: link.area for link in alikes.links}.values())
+    assert area < amap.free_area
+
+
+def test_report_shows_them(found, rooms, laser, tmp_path):
+    amap, alikes = found
+    report = write_report(audit(amap, rooms, laser, places=0, alikes=alikes), tmp_path / "out")
+    assert report.alikes is not None and report.alikes.picture == "floor-alikes.png"
+    with Image.open(tmp_path / "out" / "floor-alikes.png") as picture:
+        assert min(picture.size) > 500
+    data = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert Document.model_validate(data) == report
+    link = data["alikes"]["links"][0]
+    assert (link["letter"], link["turn_deg"] % 360) == ("A", pytest.approx(0.0, abs=3.0))
+    for name in ("report.md", "report.html"):
+        text = (tmp_path / "out" / name).read_text()
+        assert "Look-alikes" in text
+        assert f"{link['other_x_m']:.1f}, {link['other_y_m']:.1f}" in text
+    # A second report replaces the first, picture and all.
+    write_report(audit(amap, rooms, laser, places=0), tmp_path / "out")
+    assert not (tmp_path / "out" / "floor-alikes.png").exists()
+
+
+def test_not_sought_unasked_in_a_large_building(found, rooms, laser, tmp_path, monkeypatch):
+    amap, alikes = found
+    monkeypatch.setattr(module, "MOST_POSES", alikes.poses - 1)
+    left = find_alikes(amap, rooms)
+    assert (left.sought, left.links, left.poses) == (False, (), alikes.poses)
+    assert math.isnan(left.share)
+    report = write_report(audit(amap, rooms, laser, places=0, alikes=left), tmp_path / "out")
+    assert report.alikes is not None and report.alikes.share is None
+    assert "--aliasing" in (tmp_path / "out" / "report.md").read_text()
+    assert "--aliasing" in (tmp_path / "out" / "report.html").read_text()
+    assert not find_alikes(amap, rooms, False).sought
+
+
+def test_own_places_are_corridors_and_halls():
+    amap = AmbiguityMap(synthetic.dataset())
+    x = np.array([2.0, 8.0, 12.0, 21.0, 17.0, -3.0])
+    room, left, right, hall, rim, outside = own_places(amap, x, np.array([2.0, 2, 2, 5, 5, 2.0]))
+    assert room == outside == 0
+    assert left == right > 0
+    assert hall == rim > 0
+    assert hall != left
+
+
+def test_a_building_without_look_alikes_says_so(laser, tmp_path):
+    env = an.environment_from_shapes([shapely.Polygon([(0, 0), (3, 0), (3.5, 1.2), (1.2, 2.6)])])
+    amap = an.build_map(env, laser, spacing=0.2)
+    alikes = find_alikes(amap, env)
+    assert alikes.sought and alikes.links == ()
+    report = write_report(audit(amap, env, laser, places=0, alikes=alikes), tmp_path / "out")
+    assert "floor-alikes.png" not in report.pictures
+    assert "No region looks like another." in (tmp_path / "out" / "report.md").read_text()
