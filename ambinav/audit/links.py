@@ -18,7 +18,8 @@ Floats = NDArray[np.float64]
 LEAST_LIKENESS = 0.3
 """Likeness from which two poses are linked."""
 LEAST_DISTANCE = 1.5
-"""Metres from which two poses are linked: nearer ones the map itself tells of."""
+"""Metres from which two poses are linked: nearer ones the map itself tells of. Links of one letter
+end at least so far apart."""
 LEAST_AREA = 0.5
 """Square metres of a region that is worth a link."""
 SAME_TURN = 0.2
@@ -100,11 +101,16 @@ def find_links(ground: Ground, found: LookAlikes, letters: int) -> tuple[Link, .
             continue
         start = _start(x, y, apart, regions[i])
         own = {r for r in region_of[start].tolist() if r >= 0 and len(regions[r][0]) >= least}
+        places: list[tuple[float, float]] = []
         for r in sorted(own, key=lambda r: (r != i, -weight[r])):
-            entry = int(np.flatnonzero(region_of[start] == r)[0])
-            link = _link(ground, chr(ord("A") + letter), start, entries[start, entry],
-                         entries[regions[r]], regions[r][0])  # fmt: skip
-            links.append(link)
+            there = entries[start, int(np.flatnonzero(region_of[start] == r)[0])]
+            link = _link(ground, chr(ord("A") + letter), start, there, entries[regions[r]],
+                         regions[r][0])  # fmt: skip
+            # Where a region looks like itself along a wall, one link stands for its neighbours.
+            place = link.other_x, link.other_y
+            if all(math.dist(place, other) >= LEAST_DISTANCE for other in places):
+                places.append(place)
+                links.append(link)
             shown[regions[r][0]] = True
             shown[points.query(link.images)[1]] = True
         letter += 1
