@@ -59,7 +59,9 @@ Pair = dict[str, Any]
 def main() -> None:
     """Run what is not there yet, then report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--folder", type=Path, required=True, help="keeps what has been driven")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/claim"), help="keeps what has been driven"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--localizer", default="tuned", choices=("tuned", "amcl"))
     parser.add_argument("--open-loop", action="store_true")
