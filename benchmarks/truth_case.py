@@ -1,0 +1,185 @@
+"""One environment and scanner of `bench_truth.py`: poses, short drives; one line of JSON a pose.
+
+It runs in a process of its own, on one thread, so that two of them run at a time on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from typing import Any
+
+import numba
+import numpy as np
+from claim_case import localizer
+from harness import environment_path
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.build import with_layers
+from ambinav.drive.clutter import scattered_boxes, with_obstacles
+from ambinav.drive.drive import drive
+from ambinav.drive.drives import Drives
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.steering import Steering
+from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.route import Route
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav.service.service import AmbiguityService
+
+ROBOT = Robot(radius=0.105)
+NOISE = OdometryNoise(scale=0.5)
+"""Poor odometry, 9 degrees and 12 cm in a metre, so that 12 m of it are worse than 0.3 m."""
+REACH = 0.4
+"""The robot stays within this distance of its pose, metres: inside the map's neighbourhood."""
+WAY = 12.0
+"""Metres that it drives there."""
+RATE = 5.0
+START_STD = (0.05, 0.05, 0.03)
+BOXES_PER_AREA = 0.04
+"""Of the second pass: boxes that the map does not know, per square metre."""
+
+PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
+PRESETS = {"sonar-ring": "polaroid-6500-ring", "mixed": "pioneer-sonar-laser"}
+
+Floats = NDArray[np.float64]
+
+
+def main() -> None:
+    """Choose poses, drive about them, and print one line of JSON for each."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("environment")
+    parser.add_argument("scanner", choices=(*PLANAR, *PRESETS))
+    parser.add_argument("--poses", type=int, default=400)
+    parser.add_argument("--runs", type=int, default=4)
+    parser.add_argument("--seed", type=int, default=23)
+    parser.add_argument("--aged", action="store_true", help="furniture that the map does not know")
+    args = parser.parse_args()
+    rng = np.random.default_rng(args.seed)
+    mapped = load_environment(environment_path(args.environment))
+    scanner = scanner_of(args.scanner)
+    amap = with_layers(build_map(mapped, scanner), "all")
+    numba.set_num_threads(1)
+    world = aged(mapped, rng) if args.aged else mapped
+    checker = CollisionChecker(world, ROBOT.footprint, Steering())
+    service = AmbiguityService(amap)
+    guide = MonteCarloLocalizer(
+        mapped, scanner, localizer("tuned", scanner, NOISE), runs=args.runs, rng=rng
+    )
+    done = 0
+    for place in places(amap, checker, rng):
+        way = wander(place, amap, checker, rng)
+        if way is None:
+            continue
+        route = evaluate_route(service, way, Steering(), planner="wander")
+        drives = driven(mapped, scanner, route, guide, world, rng, args.runs)
+        told = {"x": float(place[0]), "y": float(place[1]), **measured(drives), **read(amap, place)}
+        print(json.dumps(told), flush=True)
+        done += 1
+        if done == args.poses:
+            return
+    print(f"{done} poses of {args.poses} found room", file=sys.stderr)
+
+
+def scanner_of(name: str) -> RangeScanner:
+    """60 beams all around, or a preset."""
+    if name in PRESETS:
+        return RangeScanner.from_preset(PRESETS[name])
+    sensor = RangeSensor(max_range=PLANAR[name], std=0.02, resolution=0.001)
+    return RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi, name=name)
+
+
+def aged(mapped: Environment, rng: np.random.Generator) -> Environment:
+    """The building with furniture that came after its map."""
+    count = round(BOXES_PER_AREA * mapped.free.area)
+    return with_obstacles(mapped, scattered_boxes(mapped, count, rng))
+
+
+def places(amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generator) -> Floats:
+    """Explored cells where the robot fits, in random order, shape (N, 3)."""
+    rows, columns = np.nonzero(amap.dataset["free"].values & ~amap.unexplored)
+    x, y = amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]
+    poses = np.column_stack([x, y, np.zeros(len(x))])
+    return rng.permutation(poses[checker.poses_free(poses)])
+
+
+def wander(
+    place: Floats, amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generator
+) -> Floats | None:
+    """Straight strokes about a place, 12 m in all; None where there is no room for them."""
+    spots = place + np.column_stack([rng.uniform(-REACH, REACH, (200, 2)), np.zeros(200)])
+    spots = spots[np.hypot(*(spots - place)[:, :2].T) <= REACH]
+    spots = spots[checker.poses_free(spots)]
+    if len(spots) < 10:
+        return None
+    spots = spots[checker.motions_free(np.broadcast_to(place, spots.shape), spots)]
+    if len(spots) < 10 or np.ptp(spots[:, :2], axis=0).max() < REACH:
+        return None
+    way, length = [place], 0.0
+    while length < WAY:
+        here = way[-1]
+        few = spots[rng.integers(len(spots), size=6)]
+        few = few[checker.motions_free(np.broadcast_to(here, few.shape), few)]
+        far = np.hypot(*(few - here)[:, :2].T)
+        if not len(few) or far.max() < 0.05:
+            return None if length == 0.0 else np.array(way)
+        way.append(few[far.argmax()])
+        length += float(far.max())
+    return np.array(way)
+
+
+def driven(
+    mapped: Environment,
+    scanner: RangeScanner,
+    route: Route,
+    guide: MonteCarloLocalizer,
+    world: Environment,
+    rng: np.random.Generator,
+    runs: int,
+) -> Drives:
+    """The robot keeps to the way, whatever it believes."""
+    return drive(
+        mapped, scanner, ROBOT, route, guide, rng, runs,
+        world=world, noise=NOISE, open_loop=True, rate=RATE, start_std=START_STD,
+    )  # fmt: skip
+
+
+def measured(drives: Drives) -> dict[str, Any]:
+    """Errors of the second half of all runs: size, and the axis of the largest.
+
+    The second moment about the truth, so that a bias counts.
+    """
+    errors = drives.errors()[:, drives.truth.shape[1] // 2 :]
+    xy = errors[..., :2].reshape(-1, 2)
+    values, vectors = np.linalg.eigh(xy.T @ xy / len(xy))
+    return {
+        "error": float(np.sqrt(values.sum())),
+        "error_major": float(np.sqrt(values[1])),
+        "error_minor": float(np.sqrt(max(values[0], 0.0))),
+        "error_axis": float(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi),
+        "error_heading": float(np.sqrt(np.mean(errors[..., 2] ** 2))),
+    }
+
+
+def read(amap: AmbiguityMap, place: Floats) -> dict[str, float]:
+    """All layers at the place; with headings, their means."""
+    x, y = float(place[0]), float(place[1])
+    plain = [name for name in amap.layers if not name.endswith(("_mean", "_best", "_worst"))]
+    out: dict[str, float] = {}
+    for name in plain:
+        if "heading" in name:
+            continue
+        out[name] = float(amap.sample(name, x, y))
+    return out
+
+
+if __name__ == "__main__":
+    main()
