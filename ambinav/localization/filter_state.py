@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.bins import table_size
+from ambinav.localization.information import beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
 from ambinav.localization.range_table import empty_range_table, range_table
@@ -51,6 +52,13 @@ class FilterModel(NamedTuple):
         smooth: Whether to interpolate between them.
         areas: Cumulated areas of the free space's triangles, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
+        trust: localizability_weighting.
+        noise_near: See `BeamNoise`, of the beams used, as are the next three; empty where `trust`
+            is 0.
+        noise_far: See there.
+        noise_bias: See there.
+        noise_variance: See there.
+        noise_frontier: See there, of all edges.
         table_ranges: See `RangeTable`, as are those that follow; no sensors where rays are cast.
     """
 
@@ -86,8 +94,14 @@ class FilterModel(NamedTuple):
     smooth: bool
     areas: Floats
     corner: Floats
+    trust: float
+    noise_near: Floats
+    noise_far: Floats
+    noise_bias: Floats
+    noise_variance: Floats
+    noise_frontier: NDArray[np.bool_]
     table_ranges: NDArray[np.float32]
-    table_index: NDArray[np.int32]
+    table_cells: NDArray[np.int32]
     table_x: float
     table_y: float
     table_inverse: float
@@ -181,6 +195,8 @@ def filter_model(
     lookup = empty_range_table()
     if kind == BEAM_MODEL and p.beam_table_resolution > 0.0:
         lookup = range_table(environment, scanner, beam, p.beam_table_resolution)
+    noise = beam_noise(environment, scanner, environment.map_std)
+    heard = beam if p.localizability_weighting > 0.0 else beam[:0]
     x, y, yaw = scanner.mounts[beam].T
     corner = environment.triangulation.corner
     (ax, ay), (bx, by), (cx, cy) = corner.reshape(-1, 3, 2).transpose(1, 2, 0)
@@ -190,8 +206,10 @@ def filter_model(
         p.lambda_short, p.importance_factor, p.min_particles, p.max_particles, p.pf_err, p.pf_z,
         p.update_min_d, p.update_min_a, p.resample_interval, p.recovery_alpha_slow,
         p.recovery_alpha_fast, p.recovery_reset, CODES[p.resampling], p.estimate == "mean", beam,
-        np.column_stack((x, y, np.cos(yaw), np.sin(yaw))), near, far, hits, *origin, inverse,
-        p.likelihood_interpolation == "bilinear", areas, corner, *lookup,
+        np.column_stack((x, y, np.cos(yaw), np.sin(yaw))), near, far, hits, origin[0], origin[1],
+        inverse, p.likelihood_interpolation == "bilinear", areas, corner,
+        p.localizability_weighting, noise.near[heard], noise.far[heard], noise.bias[heard],
+        noise.variance[heard], noise.frontier, *lookup,
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.bins import estimate, fill_bins
 from ambinav.localization.casting import CastTables, cast_tables
+from ambinav.localization.damping import damped
 from ambinav.localization.filter_state import (
     BEAM_MODEL,
     FIELD_PRODUCT,
@@ -260,7 +261,7 @@ def weigh(particles, count, ranges, model, cast, scratch):
             some |= not math.isnan(z)
         # Tuples within tuples cannot be shared among threads.
         lookup = RangeTable(
-            model.table_ranges, model.table_index, model.table_x, model.table_y,
+            model.table_ranges, model.table_cells, model.table_x, model.table_y,
             model.table_inverse, model.table_sensor, model.table_mount,
         )  # fmt: skip
         beam_factors(
@@ -318,7 +319,15 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
     prior = 0.0
     for i in range(count):
         prior += particles[i, 3] * (1.0 - particles[i, 4])
-    scale = weigh(particles, count, ranges, model, cast, state.sums[r])
+    # `spare` is free until the particles are drawn anew.
+    places, heard, damp = particles, ranges, False
+    if model.trust > 0.0:
+        heard = np.empty_like(ranges)
+        damp = damped(particles, count, ranges, model, cast, state.spare[r], heard)
+        places, heard = (state.spare[r], heard) if damp else (particles, ranges)
+    scale = weigh(places, count, heard, model, cast, state.sums[r])
+    if damp:
+        particles[:count, 3] = places[:count, 3]
     total = kept = 0.0
     for i in range(count):
         total += particles[i, 3]

@@ -27,7 +27,10 @@ POSITIVE = (
     "pf_err", "sigma_hit", "lambda_short", "laser_likelihood_max_dist", "likelihood_resolution",
     "importance_factor",
 )  # fmt: skip
-SHARES = ("z_hit", "z_short", "z_max", "z_rand", "recovery_alpha_slow", "recovery_alpha_fast")
+SHARES = (
+    "z_hit", "z_short", "z_max", "z_rand", "recovery_alpha_slow", "recovery_alpha_fast",
+    "localizability_weighting",
+)  # fmt: skip
 AT_LEAST_ZERO = (
     "pf_z", "update_min_d", "update_min_a", "initial_cov_xx", "initial_cov_yy", "initial_cov_aa",
     "beam_table_resolution",
@@ -94,6 +97,10 @@ class MclParameters:
         beam_table_resolution: Spacing of a table of expected ranges for the ray model, metres,
             with which cones cost no more than lasers (see `range_table`); 0: every ray is cast.
         likelihood_interpolation: "nearest" point of the field, as in AMCL, or "bilinear".
+        localizability_weighting: How far to leave to odometry what the scan cannot tell, from 0,
+            not at all, to 1; true and false stand for 1 and 0. Above 0 readings that are not of
+            the map are left out, whatever the number; z_hit, z_short, z_rand and lambda_short say
+            which. See `damping`, and docs/localizability.md for where it helps.
 
     Raises:
         InputError: a value makes no sense; one sentence names the parameter and the remedy.
@@ -135,6 +142,7 @@ class MclParameters:
     likelihood_resolution: float = 0.025
     likelihood_interpolation: str = "nearest"
     beam_table_resolution: float = 0.0
+    localizability_weighting: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every parameter and bring it to its type."""
@@ -144,6 +152,10 @@ class MclParameters:
                 raise InputError(f"{key} is {value!r}; {nearest(str(value), choices)}.")
         if not isinstance(self.recovery_reset, bool):
             raise InputError(f"recovery_reset is {self.recovery_reset!r}; give true or false.")
+        if isinstance(self.localizability_weighting, bool):
+            object.__setattr__(
+                self, "localizability_weighting", float(self.localizability_weighting)
+            )
         for key in COUNTS:
             object.__setattr__(self, key, as_count(getattr(self, key), key))
         numbers = ("laser_max_range", "laser_min_range")

@@ -34,7 +34,7 @@ class RangeTable(NamedTuple):
     Attributes:
         ranges: float32, shape (S, N, D), metres; inf without an echo. Direction k is
             2 pi k / D, map frame.
-        index: Number of each lattice point, int32, shape (rows, columns); -1 if it is not free.
+        cells: Number of each lattice point, int32, shape (rows, columns); -1 if it is not free.
         x: Of the point in column 0, metres.
         y: Of the point in row 0, metres.
         inverse: Points per metre.
@@ -43,7 +43,7 @@ class RangeTable(NamedTuple):
     """
 
     ranges: NDArray[np.float32]
-    index: NDArray[np.int32]
+    cells: NDArray[np.int32]
     x: float
     y: float
     inverse: float
@@ -129,7 +129,7 @@ def looked_up(x, y, theta, table, ranges):
         ranges: Written, shape (U,), metres: inf without an echo, nan where the nearest point to
             the sensor is not free.
     """
-    rows, columns = table.index.shape
+    rows, columns = table.cells.shape
     directions = table.ranges.shape[2]
     scale = directions / (2.0 * math.pi)
     co, si = math.cos(theta), math.sin(theta)
@@ -139,7 +139,7 @@ def looked_up(x, y, theta, table, ranges):
         v = (y + si * mx + co * my - table.y) * table.inverse + 0.5
         ranges[b] = math.nan
         if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-            point = table.index[int(v), int(u)]
+            point = table.cells[int(v), int(u)]
             if point >= 0:
                 k = int(math.floor((theta + yaw) * scale + 0.5)) % directions
                 ranges[b] = table.ranges[table.sensor[b], point, k]

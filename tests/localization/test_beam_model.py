@@ -91,7 +91,7 @@ def test_a_table_holds_the_ranges_of_its_points_and_directions(scanner: RangeSca
         b = rng.integers(len(beams))
         mx, my, yaw = table.mount[b]
         theta = 2.0 * math.pi * rng.integers(directions) / directions - yaw
-        row, column = rng.integers(np.array(table.index.shape))
+        row, column = rng.integers(np.array(table.cells.shape))
         x = table.x + 0.1 * column - math.cos(theta) * mx + math.sin(theta) * my
         y = table.y + 0.1 * row - math.sin(theta) * mx - math.cos(theta) * my
         got = np.empty(len(beams))

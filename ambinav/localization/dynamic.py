@@ -1,0 +1,106 @@
+"""Kernels of online localizability: which readings are of the map, and what those tell.
+
+See `online` for the sources and the formulas.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from ambinav.localization.casting import work_space
+from ambinav.localization.information import beam_lines
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
+    """Probability that a reading z is of the wall that is expected, by the beam model's mixture.
+
+    Args:
+        z: The reading, metres, below `far`.
+        mean: What is expected, metres.
+        variance: Of the reading about it, square metres.
+        far: Maximum range, metres.
+        z_hit: Prior share of readings of the map.
+        z_short: Of readings of what stands before it.
+        z_rand: Of readings that are just anything.
+        decay: lambda_short, 1 / metres.
+    """
+    off = z - mean
+    hit = z_hit * math.exp(-0.5 * off * off / variance) / math.sqrt(2.0 * math.pi * variance)
+    other = z_rand / far
+    if off < 0.0:
+        other += z_short * decay * math.exp(-decay * z) / -math.expm1(-decay * mean)
+    total = hit + other
+    return hit / total if total > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def weighted_information(
+    x, y, theta, reading, spread, z_hit, z_short, z_rand, decay, least, cast, noise, work, ranges,
+    ray, edge, line, weight, told,
+):  # fmt: skip
+    """Information of one scan about the pose, each beam by the probability that it met the map.
+
+    Args:
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        reading: Of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
+        spread: Covariance of the pose, shape (3, 3): it makes the expected range uncertain.
+        z_hit: See `share_of_map`, as the next three.
+        z_short: See there.
+        z_rand: See there.
+        decay: See there.
+        least: Beams of a lower probability are left out of the information.
+        cast: See `casting.CastTables`.
+        noise: See `information.BeamNoise`.
+        work: See `casting.work_space`.
+        ranges: Work space, as for `information.beam_lines`, as the next three.
+        ray: Likewise.
+        edge: Likewise.
+        line: Likewise.
+        weight: Written, shape (B,): the probabilities; 0 where an echo is missing, nan where
+            there is no reading or the map tells of no echo.
+        told: Written, shape (3, 3).
+    """
+    beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line)
+    told[:] = 0.0
+    for b in range(reading.size):
+        z, variance = reading[b], line[b, 4]
+        weight[b] = math.nan
+        if not variance < math.inf or math.isnan(z) or z == -math.inf:
+            continue
+        weight[b] = 0.0
+        if z >= noise.far[b]:
+            continue
+        total = variance
+        for i in range(3):
+            for j in range(3):
+                total += line[b, 1 + i] * spread[i, j] * line[b, 1 + j]
+        weight[b] = share_of_map(z, line[b, 0], total, noise.far[b], z_hit, z_short, z_rand, decay)
+        if weight[b] < least:
+            continue
+        for i in range(3):
+            for j in range(3):
+                told[i, j] += weight[b] * line[b, 1 + i] * line[b, 1 + j] / variance
+
+
+@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def weighted_informations(
+    poses, readings, spreads, z_hit, z_short, z_rand, decay, cast, noise, weights, told
+):
+    """`weighted_information` of N scans; `spreads` has the shape (N, 3, 3)."""
+    beams = noise.far.size
+    for p in prange(poses.shape[0]):
+        ranges = np.empty(beams)
+        ray = np.empty(beams, dtype=np.int32)
+        edge = np.empty(beams, dtype=np.int32)
+        line = np.empty((beams, 5))
+        work = work_space(cast.cosine.size)
+        weighted_information(
+            poses[p, 0], poses[p, 1], poses[p, 2], readings[p], spreads[p], z_hit, z_short,
+            z_rand, decay, 0.0, cast, noise, work, ranges, ray, edge, line, weights[p], told[p],
+        )  # fmt: skip

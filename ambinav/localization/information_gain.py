@@ -1,0 +1,116 @@
+"""How much a drive's scans will tell of its poses: expected information gain on a map.
+
+Kollar & Roy (2008, "Trajectory optimization using reinforcement learning for map exploration",
+IJRR 27), Makarenko, Williams, Bourgault & Durrant-Whyte (2002, "An experiment in integrated
+exploration", IROS) and Stachniss, Grisetti & Burgard (2005, "Information gain-based exploration
+using Rao-Blackwellized particle filters", RSS) choose where a robot goes by the entropy that a
+trajectory is expected to take away. They are about mapping and exploration; here the map is known
+and the entropy is that of the pose, after Kollar and Roy of a normal distribution that a Kalman
+filter carries along the trajectory, with the expected information of its scans:
+
+    H(P) = 1/2 ln det(2 pi e P),    gain of scan k = H(P_k before) - H(P_k after)
+
+Summed over the scans that is the mutual information between all of them and the whole trajectory,
+since a scan depends on no other pose than its own (the chain rule of mutual information).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.expected import place_and_scanner
+from ambinav.localization.information import as_poses
+from ambinav.localization.odometry import OdometryModel
+from ambinav.localization.online import as_covariances
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.fields import nearest
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+
+UNITS = {"bits": math.log(2.0), "nats": 1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class InformationGain:
+    """What the scans of a trajectory of N poses are expected to tell.
+
+    Attributes:
+        gain: Of each scan, given those before it, shape (N,), in `unit`; at least 0.
+        covariance: Of each pose after its scan, shape (N, 3, 3), square metres and radians.
+        without: Of each pose had no scan been made, by odometry alone, shape (N, 3, 3).
+        unit: "bits" or "nats".
+    """
+
+    gain: Floats
+    covariance: Floats
+    without: Floats
+    unit: str
+
+    @property
+    def total(self) -> float:
+        """Mutual information of all scans and the whole trajectory, in `unit`."""
+        return float(self.gain.sum())
+
+    @property
+    def at_goal(self) -> float:
+        """By how much the last pose is known better than without any scan, in `unit`."""
+        difference = np.linalg.slogdet(self.without[-1])[1]
+        difference -= np.linalg.slogdet(self.covariance[-1])[1]
+        return float(difference) / 2.0 / UNITS[self.unit]
+
+
+def information_gain(
+    place: AmbiguityMap | Environment,
+    scanner: RangeScanner | None,
+    poses: ArrayLike,
+    prior: ArrayLike,
+    odometry: OdometryModel | None = None,
+    *,
+    seen: ArrayLike | None = None,
+    map_std: float | None = None,
+    unit: str = "bits",
+) -> InformationGain:
+    """Expected information gain of a trajectory.
+
+    Args:
+        place: An environment, or a map of ambiguity, of which the environment is taken.
+        scanner: The scanner; None: the map's own.
+        poses: Along the trajectory, as far apart as the scans: x, y, theta, shape (N, 3).
+        prior: Covariance of the first pose before its scan, shape (3, 3), positive definite.
+        odometry: How odometry errs between the poses; None: AMCL's defaults.
+        seen: At which poses a scan is made, bool, shape (N,); None: at all.
+        map_std: As for `information.scan_information`.
+        unit: "bits" or "nats".
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+    if unit not in UNITS:
+        raise InputError(f"unit is {unit!r}; {nearest(str(unit), tuple(UNITS))}.")
+    rows = as_poses(poses, "poses")
+    if not len(rows):
+        raise InputError("poses is empty; give at least one.")
+    first = as_covariances(prior, "prior", 1)[0]
+    least = np.linalg.eigvalsh(first)[0]
+    if not least > 0.0:
+        raise InputError(
+            f"prior has the eigenvalue {least:g}, so that its entropy is not finite; give more "
+            "than 0."
+        )
+    environment, scanner = place_and_scanner(place, scanner)
+    ekf = ExtendedKalmanFilter(environment, scanner, odometry, map_std=map_std)
+    after = ekf.predicted_covariances(rows, first, seen)
+    without = ekf.predicted_covariances(rows, first, np.zeros(len(rows), dtype=np.bool_))
+    # Before each scan: one motion on from after the scan before.
+    ahead = ekf.odometry.covariances(rows[:-1], after[:-1], rows[:-1], rows[1:])
+    before = np.concatenate([first[np.newaxis], ahead])
+    gain = (np.linalg.slogdet(before)[1] - np.linalg.slogdet(after)[1]) / 2.0 / UNITS[unit]
+    return InformationGain(np.maximum(gain, 0.0), after, without, unit)
