@@ -32,12 +32,12 @@ any route: hence the choice of pairs, and the second odometry.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,9 @@ from ambinav.compare.criterion import GOAL
 ENVIRONMENTS = ("demo", "willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")
 SHORT = ("hokuyo-urg-04lx", "polaroid-6500-ring", "turtlebot3-lds")
 LONG = "hokuyo-utm-30lx"
+CONES = "polaroid-6500-ring"
+LIMITS = (0.0, 4.0, 8.0, np.inf)
+STRETCHES = "Looked at after the run; no part of the criterion."
 EASY = ("demo", "willow_full_005", "freiburg-079")
 DRAWS = 4000
 
@@ -72,7 +75,7 @@ def main() -> None:
     args.folder.mkdir(parents=True, exist_ok=True)
     cases = [
         (environment, scanner)
-        for scanner, environment in product(args.scanners, args.environments)
+        for scanner, environment in itertools.product(args.scanners, args.environments)
         if scanner != LONG or environment in EASY
     ]
     with ThreadPoolExecutor(args.jobs) as pool:
@@ -226,6 +229,8 @@ def tables(cases: list[tuple[tuple[str, str], list[Pair]]]) -> list[str]:
         parts.append("### Where it offers none")
         rest = [line(case, [pair for pair in pairs if not offered(pair)]) for case, pairs in short]
         parts.append(table(("environment", "scanner", *HEADER), rest, words=2))
+        parts += ["### By the longest bad stretch of the shortest way", STRETCHES]
+        parts.append(table(("scanners", "longest stretch", *HEADER, "claim"), stretches(short), 2))
         parts += ["### Where the claim fails, pair by pair", failures(everywhere)]
     easy = [(case, pairs) for case, pairs in cases if case[1] == LONG]
     if easy:
@@ -233,6 +238,18 @@ def tables(cases: list[tuple[tuple[str, str], list[Pair]]]) -> list[str]:
         rows = [[*line(case, pairs), outcome(pairs)] for case, pairs in easy]
         parts.append(table(("environment", "scanner", *HEADER, "claim"), rows, words=2))
     return parts
+
+
+def stretches(cases: list[tuple[tuple[str, str], list[Pair]]]) -> list[list[object]]:
+    """The offered pairs sorted by how far the robot has to go without help."""
+    rows = []
+    for name, cones in (("lasers", False), ("sonar ring", True)):
+        some = [p for case, ps in cases if (case[1] == CONES) is cones for p in ps if offered(p)]
+        for low, high in itertools.pairwise(LIMITS):
+            part = [p for p in some if low <= p["shortest"]["longest_bad"] < high]
+            words = f"{low:g} m and more" if high == np.inf else f"{low:g} to {high:g} m"
+            rows.append([*line((name, words), part), outcome(part) if part else ""])
+    return rows
 
 
 def failures(pairs: Sequence[Pair]) -> str:
