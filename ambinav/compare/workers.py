@@ -124,7 +124,10 @@ def in_workers(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(pieces)), context, _begin, (setup,)) as pool:
         try:
-            pending = {pool.submit(_call, function, piece): piece for piece in pieces}
+            # The first piece goes alone: after an installation it compiles the kernels, which
+            # the other processes then only have to load.
+            yield pieces[0], pool.submit(_call, function, pieces[0]).result()
+            pending = {pool.submit(_call, function, piece): piece for piece in pieces[1:]}
             for future in as_completed(pending):
                 yield pending[future], future.result()
         except BrokenProcessPool as error:

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import get_num_threads, njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
@@ -157,7 +157,9 @@ class MonteCarloLocalizer:
                 f"scanner {self.scanner.name!r} for each of {self.runs} runs."
             )
         updated = np.empty(self.runs, dtype=np.bool_)
-        kernel = _update_serial if self.runs < PARALLEL_FROM else _update_parallel
+        # The parallel kernel takes twice as long to compile: not where there is one thread only.
+        alone = self.runs < PARALLEL_FROM or get_num_threads() == 1
+        kernel = _update_serial if alone else _update_parallel
         kernel(poses, readings.reshape(shape), self.model, self.cast, self.state, updated)
         return updated
 

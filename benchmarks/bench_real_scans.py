@@ -1,0 +1,256 @@
+"""Ambiguity predicted from maps against ambiguity measured by the scans of real robots.
+
+The path of a log is parted into stretches of 5 m that go to two parts (or more) in turn. For each
+part a map is made of the other stretches at the log's corrected poses, and judged by the part's
+scans. What is measured, and how, is in docs/real-scans.md. No parameter of the model is fitted; how
+a scan's surfaces are read was chosen on the logs of `CHOSEN_ON`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from harness import add_out, report, table
+
+from ambinav.errors import InputWarning
+from ambinav.logs.carmen import read_carmen
+from ambinav.logs.log import Log
+from ambinav.maps.drawing import save_figure
+from ambinav.validation.plot_real_log import plot_real_log
+from ambinav.validation.rank_agreement import (
+    RankAgreement,
+    floor_squares,
+    rank_agreement,
+    spearman,
+)
+from ambinav.validation.real_log import PAIR_RADIUS, STRETCH, RealLog, study_log
+
+LIBRARIES = ("ambinav", "numba", "numpy", "scipy")
+LOGS = ("intel", "aces", "freiburg-079", "infinite-corridor", "belgioioso", "edmonton")
+CHOSEN_ON = ("intel", "aces")
+RANGES = (None, 4.0)
+TARGET = 0.6
+# Logs with more scans are thinned.
+MOST_SCANS = 2000
+# Draws of the bootstrap over pairs, which are many.
+PAIR_DRAWS = 200
+# Side of the squares of floor that the bootstrap draws, metres.
+SQUARE = 5.0
+SEED = 0
+# Where the scan shows a weak direction: major less minor is at least this.
+WEAK = 0.3
+
+
+def read(name: str) -> Log:
+    """Read a log; ends with status 2 if the data is not there."""
+    folder = os.environ.get("AMBINAV_DATA", "")
+    path = Path(folder) / "logs" / f"{name}-corrected.log.gz"
+    if not folder or not path.is_file():
+        print(
+            f"bench_real_scans.py: {path}: no such file; set AMBINAV_DATA to the folder that holds "
+            "logs/.",
+            file=sys.stderr,
+        )
+        raise SystemExit(2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        log = read_carmen(path)
+    return log.thinned(math.ceil(log.scans / MOST_SCANS))
+
+
+def label(name: str) -> str:
+    """The log's name, marked where choices were made on it."""
+    return f"{name} *" if name in CHOSEN_ON else name
+
+
+def far(max_range: float | None) -> str:
+    """The range in words."""
+    return "full" if max_range is None else f"{max_range:g} m"
+
+
+def same_pairs(study: RealLog) -> dict[str, RankAgreement]:
+    """Predicted against measured over the same pairs."""
+    rng = np.random.default_rng(SEED)
+    pairs = study.pairs
+    of_pair = floor_squares(*study.place(pairs.first), SQUARE)
+    of_scan = floor_squares(*study.place(study.scans), SQUARE)
+    scans, measured_rank = pairs.mean_by_scan(pairs.measured_rank)
+    _, predicted_rank = pairs.mean_by_scan(pairs.predicted_rank)
+    of_rank = floor_squares(*study.place(scans), SQUARE)
+    return {
+        "pairs": rank_agreement(pairs.predicted, pairs.measured, of_pair, rng, draws=PAIR_DRAWS),
+        "pairs, equal": rank_agreement(
+            pairs.predicted_rank, pairs.measured_rank, of_pair, rng, draws=PAIR_DRAWS
+        ),
+        "ambiguity": rank_agreement(
+            study.predicted["ambiguity"], study.measured["ambiguity"], of_scan, rng
+        ),
+        "level": rank_agreement(study.predicted["level"], study.measured["level"], of_scan, rng),
+        "equal": rank_agreement(predicted_rank, measured_rank, of_rank, rng),
+    }
+
+
+def own_map(study: RealLog) -> dict[str, RankAgreement]:
+    """The map's own figures at the pose against the scan's own, and against the pairs."""
+    rng = np.random.default_rng(SEED)
+    square = floor_squares(*study.place(study.alone), SQUARE)
+    found = {
+        name: rank_agreement(study.map_says[name], study.scan_says[name], square, rng)
+        for name in ("level", "major", "minor", "ambiguity")
+    }
+    scans, rank = study.pairs.mean_by_scan(study.pairs.measured_rank)
+    at = {int(k): i for i, k in enumerate(study.alone)}
+    row = np.array([at[int(k)] for k in scans])
+    found["pairs"] = rank_agreement(
+        study.map_says["level"][row],
+        rank,
+        floor_squares(*study.place(scans), SQUARE),
+        rng,
+    )
+    return found
+
+
+def direction_error(study: RealLog) -> tuple[float, int]:
+    """Median angle between the map's weak direction and the scan's, degrees, and of how many."""
+    said, seen = study.map_says, study.scan_says
+    weak = (seen["major"] - seen["minor"] >= WEAK) & np.isfinite(said["direction"])
+    if not weak.any():
+        return math.nan, 0
+    apart = np.mod(said["direction"] - seen["direction"] + 0.5 * math.pi, math.pi) - 0.5 * math.pi
+    return math.degrees(float(np.median(np.abs(apart[weak])))), int(weak.sum())
+
+
+def distance_alone(study: RealLog) -> float:
+    """How well the distance of the pairs alone, without any map, would order them."""
+    return spearman(-study.pairs.distance, study.pairs.measured)
+
+
+def main() -> None:
+    """Run and report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--logs", nargs="+", choices=LOGS, default=LOGS)
+    parser.add_argument("--spacing", type=float, default=0.2, help="of the maps, metres")
+    parser.add_argument("--parts", type=int, default=2, help="of the path")
+    parser.add_argument("--full", action="store_true", help="leave out the shorter range")
+    parser.add_argument("--images", type=Path, help="folder for the pictures")
+    add_out(parser)
+    asked = parser.parse_args()
+    first_rows, second_rows, log_rows, missed = [], [], [], []
+    for name in asked.logs:
+        log = read(name)
+        for max_range in RANGES[:1] if asked.full else RANGES:
+            begin = time.perf_counter()
+            study = study_log(log, max_range, spacing=asked.spacing, parts=asked.parts)
+            seconds = time.perf_counter() - begin
+            same, own = same_pairs(study), own_map(study)
+            angle, weak = direction_error(study)
+            key = (label(name), far(max_range))
+            first_rows.append(
+                (*key, len(study.pairs.first) // 2, len(study.scans),
+                 same["ambiguity"], same["level"], same["pairs"],
+                 f"{distance_alone(study):.2f}", same["pairs, equal"], same["equal"])
+            )  # fmt: skip
+            said, seen = study.map_says["level"], study.scan_says["level"]
+            good = np.isfinite(said)
+            second_rows.append(
+                (*key, own["level"].count, own["level"], own["major"], own["minor"],
+                 f"{np.median(said[good]):.2f} / {np.median(seen[good]):.2f}",
+                 f"{angle:.1f} ({weak})", own["pairs"])
+            )  # fmt: skip
+            missed += [
+                f"{name}, {far(max_range)}: {what} {found}"
+                for what, found in (
+                    ("same pairs, ambiguity", same["ambiguity"]),
+                    ("same pairs at equal distance", same["equal"]),
+                    ("map's level against the scan's", own["level"]),
+                )
+                if not found.value >= TARGET
+            ]
+            print(name, far(max_range), f"{seconds:.0f} s", file=sys.stderr)
+            if max_range is None:
+                poses = log.required_poses()
+                steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+                log_rows.append(
+                    (label(name), log.scans, f"{steps.sum():.0f}", f"{np.median(steps):.2f}",
+                     f"{np.isposinf(log.ranges).mean():.1%}",
+                     " / ".join(str(len(m.segments)) for m in study.maps),
+                     log.scans - len(study.alone))
+                )  # fmt: skip
+            if asked.images is not None and max_range == RANGES[-1]:
+                asked.images.mkdir(parents=True, exist_ok=True)
+                save_figure(plot_real_log(study), asked.images / f"real-scans-{name}.png")
+    body = f"""
+Stretches of {STRETCH:g} m of the path in {asked.parts} parts, each judging a map of all the others;
+ambiguity maps of {asked.spacing:g} m. Rank correlations (Spearman) with intervals of 95 % from
+{SQUARE:g} m squares of floor drawn with replacement. * how scans are read was chosen on this log.
+What each column means is in docs/real-scans.md.
+
+## The same pairs: real scans, and the scans that the map predicts at the same poses
+
+Pairs within {PAIR_RADIUS:g} m and 60 degrees of heading, no wall between them, neither scan in the
+map that predicts.
+
+{
+        table(
+            (
+                "log",
+                "range",
+                "pairs",
+                "poses",
+                "ambiguity of a pose",
+                "level of a pose",
+                "pairs",
+                "pairs, by distance alone",
+                "pairs at equal distance",
+                "poses at equal distance",
+            ),
+            first_rows,
+            2,
+        )
+    }
+
+## The map's own figures at the pose, against those of the scan alone
+
+{
+        table(
+            (
+                "log",
+                "range",
+                "poses",
+                "level",
+                "major",
+                "minor",
+                "median level map / scan",
+                "weak direction off by, degrees (poses)",
+                "map's level, pairs at equal distance",
+            ),
+            second_rows,
+            2,
+        )
+    }
+
+## Below {TARGET:g}
+
+{chr(10).join(f"- {line}" for line in missed) or "None of the three main comparisons."}
+
+## The logs
+
+{
+        table(
+            ("log", "scans", "path m", "median step m", "no return", "segments", "scans not free"),
+            log_rows,
+        )
+    }
+"""
+    report("Real scans: predicted against measured ambiguity", LIBRARIES, body, asked.out)
+
+
+if __name__ == "__main__":
+    main()
