@@ -12,7 +12,9 @@ PYTEST_ARGS ?= -n 2
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check --no-input -c constraints.txt
-BENCHMARKS = $(sort $(wildcard benchmarks/bench_*.py))
+# The studies take an hour and more, and are run by hand.
+STUDIES := $(addprefix benchmarks/bench_,claim.py real_scans.py replay.py truth.py)
+BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -60,7 +62,7 @@ format: $(VENV)/.installed-dev  ## lay the sources out and mend what ruff can me
 	$(BIN)/python -m ruff check --fix .
 	$(BIN)/python -m ruff format .
 
-bench: $(VENV)/.installed-dev  ## run the benchmarks, one after the other
+bench: $(VENV)/.installed-dev  ## run the benchmarks but the long studies, one after the other
 	@set -e; for script in $(BENCHMARKS); do \
 		printf '\n== %s\n' "$$script"; $(BIN)/python "$$script"; done
 
