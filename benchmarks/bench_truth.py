@@ -69,7 +69,9 @@ def main() -> None:
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--poses", type=int, default=400)
-    parser.add_argument("--aged", action="store_true", help="furniture that the map does not know")
+    parser.add_argument("--world", choices=("map", "aged"), default="map")
+    parser.add_argument("--start", choices=("known", "unknown"), default="known")
+    parser.add_argument("--layers", nargs="+", default=["all"])
     parser.add_argument("--environments", nargs="+", default=(*SIMULATED, *RECORDED))
     parser.add_argument("--scanners", nargs="+", default=SCANNERS)
     add_out(parser)
@@ -77,24 +79,33 @@ def main() -> None:
     args.folder.mkdir(parents=True, exist_ok=True)
     cases = [(e, s) for s, e in product(args.scanners, args.environments)]
     with ThreadPoolExecutor(args.jobs) as pool:
-        found = dict(zip(cases, pool.map(lambda case: driven(case, args), cases), strict=True))
+        found = dict(zip(cases, pool.map(lambda case: seen(case, args), cases), strict=True))
     report("Which layer tells where a localizer errs", ["numpy", "scipy"], body(found), args.out)
 
 
-def driven(case: Case, args: argparse.Namespace) -> list[Place]:
-    """The places of an environment and scanner, driven now or before."""
-    how = [*case, "--poses", str(args.poses), *(["--aged"] if args.aged else [])]
-    path = args.folder / ("_".join(word.strip("-") for word in how) + ".jsonl")
+def seen(case: Case, args: argparse.Namespace) -> list[Place]:
+    """The places of an environment and scanner with their layers, from now or from before."""
+    how = ["--poses", str(args.poses), "--world", args.world, "--start", args.start]
+    name = "_".join([*case, args.world, args.start, str(args.poses)])
+    driven = step(args.folder / f"{name}_drives.jsonl", ["truth_case.py", *case, *how])
+    told = ["truth_layers.py", *case, "--layers", *args.layers]
+    known = step(args.folder / f"{name}_layers.jsonl", told, driven)
+    return [json.loads(line) for line in known.splitlines()]
+
+
+def step(path: Path, words: list[str], given: str = "") -> str:
+    """What a script prints, kept in a file; it is not run where that is there."""
     if not path.is_file():
-        script = Path(__file__).with_name("truth_case.py")
+        script = str(Path(__file__).with_name(words[0]))
         done = subprocess.run(
-            [sys.executable, str(script), *how], capture_output=True, text=True, check=False
-        )
+            [sys.executable, script, *words[1:]],
+            input=given, capture_output=True, text=True, check=False,
+        )  # fmt: skip
         if done.returncode:
-            raise SystemExit(f"{' '.join(how)}: {done.stderr}")
+            raise SystemExit(f"{' '.join(words)}: {done.stderr}")
         path.write_text(done.stdout, encoding="utf-8")
-        print(f"driven: {' '.join(how)}", file=sys.stderr, flush=True)
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        print(f"done: {path.stem}", file=sys.stderr, flush=True)
+    return path.read_text(encoding="utf-8")
 
 
 def column(places: Sequence[Place], name: str) -> Floats:

@@ -1,4 +1,6 @@
-"""One environment and scanner of `bench_truth.py`: poses, short drives; one line of JSON a pose.
+"""One environment and scanner of `bench_truth.py`: poses and short drives about them.
+
+One line of JSON a pose, on standard output.
 
 It runs in a process of its own, on one thread, so that two of them run at a time on two cores.
 """
@@ -9,16 +11,16 @@ import argparse
 import json
 import math
 import sys
+from dataclasses import replace
 from typing import Any
 
 import numba
 import numpy as np
 from claim_case import localizer
 from harness import environment_path
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.build import with_layers
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
@@ -45,7 +47,10 @@ WAY = 12.0
 RATE = 5.0
 START_STD = (0.05, 0.05, 0.03)
 BOXES_PER_AREA = 0.04
-"""Of the second pass: boxes that the map does not know, per square metre."""
+"""In the aged world: boxes that the map does not know, per square metre."""
+PARTICLES_PER_AREA = 20.0
+"""With an unknown start, a square metre of free floor; within these limits:"""
+PARTICLES = (4000, 20000)
 
 PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
 PRESETS = {"sonar-ring": "polaroid-6500-ring", "mixed": "pioneer-sonar-laser"}
@@ -61,19 +66,23 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=400)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--seed", type=int, default=23)
-    parser.add_argument("--aged", action="store_true", help="furniture that the map does not know")
+    parser.add_argument("--world", choices=("map", "aged"), default="map")
+    parser.add_argument("--start", choices=("known", "unknown"), default="known")
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     mapped = load_environment(environment_path(args.environment))
     scanner = scanner_of(args.scanner)
-    amap = with_layers(build_map(mapped, scanner), "all")
+    amap = build_map(mapped, scanner)
     numba.set_num_threads(1)
-    world = aged(mapped, rng) if args.aged else mapped
+    world = aged(mapped, rng) if args.world == "aged" else mapped
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
     service = AmbiguityService(amap)
-    guide = MonteCarloLocalizer(
-        mapped, scanner, localizer("tuned", scanner, NOISE), runs=args.runs, rng=rng
-    )
+    parameters = localizer("tuned", scanner, NOISE)
+    if args.start == "unknown":
+        many = PARTICLES_PER_AREA * mapped.free.area
+        parameters = replace(parameters, max_particles=int(np.clip(many, *PARTICLES)))
+    kind = Unstarted if args.start == "unknown" else MonteCarloLocalizer
+    guide = kind(mapped, scanner, parameters, runs=args.runs, rng=rng)
     done = 0
     for place in places(amap, checker, rng):
         way = wander(place, amap, checker, rng)
@@ -81,12 +90,20 @@ def main() -> None:
             continue
         route = evaluate_route(service, way, Steering(), planner="wander")
         drives = driven(mapped, scanner, route, guide, world, rng, args.runs)
-        told = {"x": float(place[0]), "y": float(place[1]), **measured(drives), **read(amap, place)}
+        told = {"x": float(place[0]), "y": float(place[1]), **measured(drives)}
         print(json.dumps(told), flush=True)
         done += 1
         if done == args.poses:
             return
     print(f"{done} poses of {args.poses} found room", file=sys.stderr)
+
+
+class Unstarted(MonteCarloLocalizer):
+    """A localizer that is told nothing of where it starts."""
+
+    def start(self, poses: ArrayLike, covariance: ArrayLike | None = None) -> None:
+        """Begin anywhere in the map, whatever the pose."""
+        self.start_globally()
 
 
 def scanner_of(name: str) -> RangeScanner:
@@ -167,18 +184,6 @@ def measured(drives: Drives) -> dict[str, Any]:
         "error_axis": float(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi),
         "error_heading": float(np.sqrt(np.mean(errors[..., 2] ** 2))),
     }
-
-
-def read(amap: AmbiguityMap, place: Floats) -> dict[str, float]:
-    """All layers at the place; with headings, their means."""
-    x, y = float(place[0]), float(place[1])
-    plain = [name for name in amap.layers if not name.endswith(("_mean", "_best", "_worst"))]
-    out: dict[str, float] = {}
-    for name in plain:
-        if "heading" in name:
-            continue
-        out[name] = float(amap.sample(name, x, y))
-    return out
 
 
 if __name__ == "__main__":
