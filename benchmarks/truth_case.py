@@ -45,6 +45,8 @@ REACH = 0.4
 WAY = 12.0
 """Metres that it drives there."""
 RATE = 5.0
+FOUND = 0.5
+"""A robot within this distance of where it believes to be has found itself, metres."""
 START_STD = (0.05, 0.05, 0.03)
 BOXES_PER_AREA = 0.04
 """In the aged world: boxes that the map does not know, per square metre."""
@@ -172,7 +174,8 @@ def driven(
 def measured(drives: Drives) -> dict[str, Any]:
     """Errors of the second half of all runs: size, and the axis of the largest.
 
-    The second moment about the truth, so that a bias counts.
+    The second moment about the truth, so that a bias counts. And the share of runs that end
+    farther than FOUND from the truth.
     """
     errors = drives.errors()[:, drives.truth.shape[1] // 2 :]
     xy = errors[..., :2].reshape(-1, 2)
@@ -183,6 +186,7 @@ def measured(drives: Drives) -> dict[str, Any]:
         "error_minor": float(np.sqrt(max(values[0], 0.0))),
         "error_axis": float(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi),
         "error_heading": float(np.sqrt(np.mean(errors[..., 2] ** 2))),
+        "missed": float(np.mean(np.hypot(*errors[:, -1, :2].T) > FOUND)),
     }
 
 
