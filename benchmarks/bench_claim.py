@@ -42,7 +42,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from claim_case import HALF, LEAST_BAD
+from claim_case import HALF, LEAST_BAD, LOCALIZERS
 from harness import add_out, report, table
 
 from ambinav.compare.criterion import GOAL
@@ -66,7 +66,7 @@ def main() -> None:
         "--folder", type=Path, default=Path("out/claim"), help="keeps what has been driven"
     )
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--localizer", default="tuned", choices=("tuned", "amcl"))
+    parser.add_argument("--localizer", default="tuned", choices=LOCALIZERS)
     parser.add_argument("--open-loop", action="store_true")
     parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
     parser.add_argument("--scanners", nargs="+", default=(*SHORT, LONG))

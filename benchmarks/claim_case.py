@@ -45,6 +45,13 @@ CONES = {
     "laser_model_type": "beam", "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05,
     "beam_table_resolution": 0.1,
 }  # fmt: skip
+# The same with the beams multiplied, as the book has it: a robot with sonars is three times as
+# well localized. Found after the claim was driven, and used by the study of truth.
+PRODUCT = {
+    **CONES, "laser_model_type": "beam_prob", "importance_factor": 0.3, "sigma_hit": 0.1,
+}  # fmt: skip
+LOCALIZERS = ("tuned", "amcl", "product")
+"""Tuned; as AMCL has it; tuned, with the product for cones."""
 KEPT = (
     "arrived",
     "collided",
@@ -61,7 +68,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner")
-    parser.add_argument("--localizer", choices=("tuned", "amcl"), default="tuned")
+    parser.add_argument("--localizer", choices=LOCALIZERS, default="tuned")
     parser.add_argument("--open-loop", action="store_true")
     parser.add_argument("--odometry", type=float, nargs="+", default=[0.25, 0.5])
     parser.add_argument("--drawn", type=int, default=60)
@@ -105,12 +112,13 @@ def main() -> None:
 
 
 def localizer(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
-    """Monte Carlo localization that is told how odometry errs; else tuned, or as AMCL has it."""
+    """Monte Carlo localization that is told how odometry errs; else one of `LOCALIZERS`."""
     told = {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
     if name == "amcl":
         return MclParameters.from_dict(told)
     cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
-    return MclParameters.from_dict({**(CONES if cones else TUNED), **told})
+    for_cones = PRODUCT if name == "product" else CONES
+    return MclParameters.from_dict({**(for_cones if cones else TUNED), **told})
 
 
 def chosen(robot: RoutePlanner, args: argparse.Namespace) -> list[tuple[int, Route, Route]]:

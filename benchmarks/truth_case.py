@@ -55,7 +55,13 @@ PARTICLES_PER_AREA = 20.0
 PARTICLES = (4000, 20000)
 
 PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
-PRESETS = {"sonar-ring": "polaroid-6500-ring", "mixed": "pioneer-sonar-laser"}
+SONAR = RangeSensor(
+    name="sonar", aperture=math.radians(30.0), min_range=0.15, max_range=3.0, resolution=0.01,
+    std=0.02, max_incidence=math.radians(25.0), random_share=0.05,
+)  # fmt: skip
+"""Of a small robot that listens for 3 m."""
+CAMERA = RangeSensor(name="depth camera", min_range=0.45, max_range=4.0, resolution=0.005, std=0.02)
+MIXED = ("sonar-ring", "mixed")
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +70,7 @@ def main() -> None:
     """Choose poses, drive about them, and print one line of JSON for each."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
-    parser.add_argument("scanner", choices=(*PLANAR, *PRESETS))
+    parser.add_argument("scanner", choices=(*PLANAR, *MIXED))
     parser.add_argument("--poses", type=int, default=400)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--seed", type=int, default=23)
@@ -79,7 +85,7 @@ def main() -> None:
     world = aged(mapped, rng) if args.world == "aged" else mapped
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
     service = AmbiguityService(amap)
-    parameters = localizer("tuned", scanner, NOISE)
+    parameters = localizer("product", scanner, NOISE)
     if args.start == "unknown":
         many = PARTICLES_PER_AREA * mapped.free.area
         parameters = replace(parameters, max_particles=int(np.clip(many, *PARTICLES)))
@@ -109,11 +115,17 @@ class Unstarted(MonteCarloLocalizer):
 
 
 def scanner_of(name: str) -> RangeScanner:
-    """60 beams all around, or a preset."""
-    if name in PRESETS:
-        return RangeScanner.from_preset(PRESETS[name])
-    sensor = RangeSensor(max_range=PLANAR[name], std=0.02, resolution=0.001)
-    return RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi, name=name)
+    """60 beams all around; 8 sonars; or these and a depth camera that looks ahead."""
+    if name in PLANAR:
+        sensor = RangeSensor(max_range=PLANAR[name], std=0.02, resolution=0.001)
+        return RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi, name=name)
+    ring = RangeScanner.ring(SONAR, 8, 0.1, name=name)
+    if name == "sonar-ring":
+        return ring
+    camera = RangeScanner.planar(
+        sensor=CAMERA, beams=32, aperture=math.radians(57.0), mount=(0.1, 0.0, 0.0)
+    )
+    return RangeScanner.mixed(ring, camera, name=name)
 
 
 def aged(mapped: Environment, rng: np.random.Generator) -> Environment:

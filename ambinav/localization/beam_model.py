@@ -6,9 +6,10 @@ nav2 (nav2_amcl, beam_model.cpp): a reading z where z* is expected has the likel
     p = z_hit exp(-(z - z*)^2 / (2 sigma_hit^2)) + z_short lambda exp(-lambda z) [z < z*]
         + z_max [z out of range] + z_rand / max_range [z in range]
 
-and the beams together 1 + sum p^3. AMCL walks through the cells of its map; here z* is exact: the
-nearest echo of the beam's rays among the wall segments, so that cones and incidence limits count;
-or looked up in a table of such ranges.
+and the beams together 1 + sum p^3, or, as in the book (section 6.1), the product of all p, to a
+power below 1 where neighbouring beams err together. AMCL walks through the cells of its map; here
+z* is exact: the nearest echo of the beam's rays among the wall segments, so that cones and
+incidence limits count; or looked up in a table of such ranges.
 """
 
 from __future__ import annotations
@@ -19,20 +20,23 @@ import numpy as np
 from numba import njit
 
 from ambinav.localization.casting import expected_ranges, work_space
+from ambinav.localization.likelihood_field import apply_factors
 from ambinav.localization.range_table import looked_up
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def beam_factors(
-    particles, count, reading, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables, lookup
-):
-    """Multiply the weights by what the ray model says of one scan.
+    particles, count, reading, near, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables,
+    lookup, log, power, scratch,
+):  # fmt: skip
+    """Multiply the weights by what the ray model says of one scan; return their factors' base.
 
     Args:
         particles: x, y, theta and weight, float64, shape (M, ...); the weights are written.
         count: How many of them there are.
         reading: Of each beam, shape (B,), metres; `far` where it is out of range, nan where
             there is none.
+        near: What is expected nearer than this is expected to read this, shape (B,), metres.
         far: Maximum range of each beam, shape (B,), metres.
         z_hit: See the module, as the next three.
         z_short: See there.
@@ -43,6 +47,13 @@ def beam_factors(
         tables: The beams, see `casting.CastTables`. Where a pose puts a sensor outside of the
             free space, its beams are expected to read 0.
         lookup: A `RangeTable` to take the ranges from; one without sensors is not looked at.
+        log: Product instead of the sum of cubes.
+        power: Exponent of the product.
+        scratch: Work space, float64, shape (M,).
+
+    Returns:
+        The logarithm that all factors were divided by (0 for the sum), so that products of many
+        beams do not vanish.
     """
     beams = far.size
     work = work_space(tables.cosine.size)
@@ -62,14 +73,15 @@ def beam_factors(
             expected_ranges(
                 particles[i, 0], particles[i, 1], particles[i, 2], tables, work, ranges, ray, edge
             )
-        total = 1.0
+        total = 0.0 if log else 1.0
         for b in range(beams):
             if math.isnan(reading[b]):
                 continue
-            expected = 0.0 if math.isnan(ranges[b]) else min(ranges[b], far[b])
+            expected = 0.0 if math.isnan(ranges[b]) else min(max(ranges[b], near[b]), far[b])
             off = reading[b] - expected
             p = z_hit * math.exp(off * off * per_square) + rand[b]
             if off < 0.0:
                 p += short[b]
-            total += p * p * p
-        particles[i, 3] *= total
+            total += math.log(p) if log else p * p * p
+        scratch[i] = power * total if log else total
+    return apply_factors(particles, count, scratch, log)

@@ -18,7 +18,7 @@ from ambinav.localization.resampling import CODES
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
-FIELD_SUM, FIELD_PRODUCT, BEAM_MODEL = range(3)
+FIELD_SUM, FIELD_PRODUCT, BEAM_SUM, BEAM_PRODUCT = range(4)
 
 
 class FilterModel(NamedTuple):
@@ -26,7 +26,7 @@ class FilterModel(NamedTuple):
 
     Attributes:
         alpha: alpha1 to alpha4.
-        kind: `FIELD_SUM`, `FIELD_PRODUCT` or `BEAM_MODEL`.
+        kind: `FIELD_SUM`, `FIELD_PRODUCT`, `BEAM_SUM` or `BEAM_PRODUCT`.
         z_hit: As in `MclParameters`, as are those that follow.
         power: importance_factor.
         least: min_particles.
@@ -185,7 +185,7 @@ def filter_model(
             "apart."
         )
     kind = LASER_MODELS.index(p.laser_model_type)
-    if kind == BEAM_MODEL:
+    if kind >= BEAM_SUM:
         hits, origin, inverse = np.zeros((1, 1), dtype=np.float32), (0.0, 0.0), 1.0
     else:
         if field is None:
@@ -193,7 +193,7 @@ def filter_model(
             field = LikelihoodField.of(environment, p.likelihood_resolution, reach)
         hits, origin, inverse = field.hits(p.sigma_hit), field.origin, 1.0 / field.resolution
     lookup = empty_range_table()
-    if kind == BEAM_MODEL and p.beam_table_resolution > 0.0:
+    if kind >= BEAM_SUM and p.beam_table_resolution > 0.0:
         lookup = range_table(environment, scanner, beam, p.beam_table_resolution)
     noise = beam_noise(environment, scanner, environment.map_std)
     heard = beam if p.localizability_weighting > 0.0 else beam[:0]

@@ -178,7 +178,6 @@ def field_factors(
         The logarithm that all factors were divided by (0 for the sum), so that products of many
         beams do not vanish.
     """
-    top = -math.inf
     for i in range(count):
         px, py = (particles[i, 0] - x0) * inverse, (particles[i, 1] - y0) * inverse
         c, s = math.cos(particles[i, 2]) * inverse, math.sin(particles[i, 2]) * inverse
@@ -188,14 +187,23 @@ def field_factors(
             v = py + s * end[b, 0] + c * end[b, 1]
             p = z_hit * hit_at(u, v, hits, smooth) + floor[b]
             total += math.log(p) if log else p * p * p
-        if log:
-            total *= power
-            top = max(top, total)
-            scratch[i] = total
-        else:
-            particles[i, 3] *= total
+        scratch[i] = power * total if log else total
+    return apply_factors(particles, count, scratch, log)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apply_factors(particles, count, factors, log):
+    """Multiply weights by factors, or by the exponentials of their logarithms less the largest.
+
+    Returns that largest logarithm; 0 for plain factors.
+    """
     if not log:
+        for i in range(count):
+            particles[i, 3] *= factors[i]
         return 0.0
+    top = -math.inf
     for i in range(count):
-        particles[i, 3] *= math.exp(scratch[i] - top)
+        top = max(top, factors[i])
+    for i in range(count):
+        particles[i, 3] *= math.exp(factors[i] - top)
     return top

@@ -36,7 +36,8 @@ from ambinav.localization.bins import estimate, fill_bins
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.damping import damped
 from ambinav.localization.filter_state import (
-    BEAM_MODEL,
+    BEAM_PRODUCT,
+    BEAM_SUM,
     FIELD_PRODUCT,
     FilterModel,
     FilterState,
@@ -251,13 +252,16 @@ def weigh(particles, count, ranges, model, cast, scratch):
     """
     beams = model.beam.size
     far = model.far
-    if model.kind == BEAM_MODEL:
-        reading = np.empty(beams)
-        some = False
+    if model.kind >= BEAM_SUM:
+        reading, least, some = np.empty(beams), np.zeros(beams), False
         for b in range(beams):
             z = ranges[model.beam[b]]
-            # As AMCL, which knows no smallest range: what is too near counts as out of range.
-            reading[b] = far[b] if z <= model.near[b] else min(z, far[b])
+            if model.kind == BEAM_PRODUCT:
+                least[b] = max(model.near[b], 0.0)
+            elif z <= model.near[b]:
+                # AMCL knows no smallest range: what is too near counts as out of range.
+                z = far[b]
+            reading[b] = min(max(z, least[b]), far[b])
             if math.isnan(z):
                 reading[b] = math.nan
             some |= not math.isnan(z)
@@ -266,11 +270,12 @@ def weigh(particles, count, ranges, model, cast, scratch):
             model.table_ranges, model.table_cells, model.table_x, model.table_y,
             model.table_inverse, model.table_sensor, model.table_mount,
         )  # fmt: skip
-        beam_factors(
-            particles, count, reading, far, model.z_hit, model.z_short, model.z_max, model.z_rand,
-            model.sigma_hit, model.lambda_short, cast, lookup,
+        base = beam_factors(
+            particles, count, reading, least, far, model.z_hit, model.z_short, model.z_max,
+            model.z_rand, model.sigma_hit, model.lambda_short, cast, lookup,
+            model.kind == BEAM_PRODUCT, model.power, scratch,
         )  # fmt: skip
-        return 0.0 if some else math.nan
+        return base if some else math.nan
     end, floor = np.empty((beams, 2)), np.empty(beams)
     used = 0
     for b in range(beams):

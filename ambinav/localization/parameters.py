@@ -11,7 +11,7 @@ from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel
 from ambinav.sensing.fields import as_count, as_number, nearest
 
-LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
+LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam", "beam_prob")
 RESAMPLING = ("systematic", "low_variance", "multinomial")
 ESTIMATES = ("cluster", "mean")
 INTERPOLATIONS = ("nearest", "bilinear")
@@ -52,7 +52,8 @@ class MclParameters:
         alpha4: See there.
         alpha5: See there; a differential drive does not use it.
         laser_model_type: "likelihood_field" adds the cubes of the beams' likelihoods,
-            "likelihood_field_prob" multiplies them, "beam" adds the cubes of the ray model's.
+            "likelihood_field_prob" multiplies them; "beam" adds the cubes of the ray model's,
+            "beam_prob" multiplies those (our own; AMCL has none).
         max_beams: Every (B - 1) // (max_beams - 1)-th of B beams is used, at least each.
         laser_max_range: Readings from here on are out of range; -1: the sensors' own limit.
         laser_min_range: Readings up to here are too near, and count as out of range; -1: the
@@ -77,8 +78,8 @@ class MclParameters:
         initial_cov_xx: Variance of the initial pose along x, square metres.
         initial_cov_yy: Along y.
         initial_cov_aa: Of its heading, square radians.
-        importance_factor: Exponent of the product in "likelihood_field_prob": below 1 because
-            neighbouring beams err together.
+        importance_factor: Exponent of the product in "likelihood_field_prob" and "beam_prob":
+            below 1 because neighbouring beams err together.
         resampling: "multinomial" draws each particle by itself, as AMCL does. The other two lay
             one comb of even teeth over the weights, shifted by one random number (Probabilistic
             Robotics, table 4.4), and differ in how they come to KLD's count: "low_variance"

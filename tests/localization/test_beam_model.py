@@ -37,30 +37,34 @@ def test_expected_ranges_are_the_scanners(scanner: RangeScanner, step: int) -> N
     assert np.allclose(got, expected, atol=1e-5, equal_nan=True)
 
 
-def likelihood(reading: np.ndarray, expected: np.ndarray, far: np.ndarray) -> np.ndarray:
-    """1 + sum of the cubes of nav2's ray model, in NumPy; (N, B) -> (N,)."""
+def likelihoods(reading: np.ndarray, expected: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """Of each beam by nav2's ray model, in NumPy; (N, B)."""
     p = 0.5 * np.exp(-((reading - expected) ** 2) / (2 * 0.2**2))
     p += np.where(reading < expected, 0.1 * 0.7 * np.exp(-0.7 * reading), 0.0)
     p += np.where(reading >= far, 0.15, 0.25 / far)
-    return np.asarray(1.0 + np.nansum(p**3, axis=1))
+    return np.asarray(p)
 
 
+@pytest.mark.parametrize("product", [False, True])
 @scanners
-def test_factors_are_those_of_the_ray_model(scanner: RangeScanner) -> None:
+def test_factors_are_those_of_the_ray_model(scanner: RangeScanner, product: bool) -> None:
     env = worlds.room()
     poses = worlds.free_poses(env, 100, seed=2)
     far = np.array([scanner.sensors[k].max_range for k in scanner.sensor_of_beam])
     reading = scanner.read(env, *poses[0], np.random.default_rng(3)).astype(float)
     reading = np.minimum(reading, far)
     reading[:2] = np.nan, 0.3
+    near = np.full(scanner.beams, 0.8 if product else 0.0)
     particles = np.zeros((100, 5))
     particles[:, :3], particles[:, 3] = poses, 0.25
     tables = cast_tables(env, scanner, np.arange(scanner.beams))
-    beam_factors(
-        particles, 100, reading, far, 0.5, 0.1, 0.15, 0.25, 0.2, 0.7, tables, empty_range_table()
-    )
-    expected = np.minimum(scanner.scan(env, *poses.T), far)
-    assert np.allclose(particles[:, 3] / 0.25, likelihood(reading, expected, far), rtol=1e-4)
+    base = beam_factors(
+        particles, 100, reading, near, far, 0.5, 0.1, 0.15, 0.25, 0.2, 0.7, tables,
+        empty_range_table(), product, 0.4, np.empty(100),
+    )  # fmt: skip
+    p = likelihoods(reading, np.clip(scanner.scan(env, *poses.T), near, far), far)
+    wanted = np.nanprod(p, axis=1) ** 0.4 if product else 1.0 + np.nansum(p**3, axis=1)
+    assert np.allclose(particles[:, 3] / 0.25 * math.exp(base), wanted, rtol=1e-4)
     # The pose that the scan was made at is among the likeliest.
     assert (particles[:, 3] > particles[0, 3]).sum() <= 2
 
@@ -72,8 +76,9 @@ def test_outside_the_free_space_nothing_fits() -> None:
     far = np.full(60, 12.0)
     tables = cast_tables(env, scanner, np.arange(60))
     beam_factors(
-        particles, 2, reading, far, 0.5, 0.05, 0.05, 0.5, 0.2, 0.1, tables, empty_range_table()
-    )
+        particles, 2, reading, np.zeros(60), far, 0.5, 0.05, 0.05, 0.5, 0.2, 0.1, tables,
+        empty_range_table(), False, 1.0, np.empty(2),
+    )  # fmt: skip
     assert particles[0, 3] > 5.0 and particles[1, 3] == pytest.approx(1.0, abs=0.01)
     assert math.isfinite(particles[1, 3])
 

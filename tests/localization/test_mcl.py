@@ -13,7 +13,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer, update_run
 from ambinav.localization.odometry import OdometryModel
-from ambinav.localization.parameters import MclParameters
+from ambinav.localization.parameters import LASER_MODELS, MclParameters
 from ambinav.localization.random import states
 from ambinav.sensing.scanner import RangeScanner
 from tests.localization import worlds
@@ -144,7 +144,7 @@ def test_runs_are_their_own() -> None:
 
 def test_a_scan_that_says_nothing_changes_nothing() -> None:
     env, scanner = worlds.room(), worlds.laser()
-    for model in ("likelihood_field", "likelihood_field_prob", "beam"):
+    for model in LASER_MODELS:
         loc = localizer(env, scanner, laser_model_type=model, resample_interval=2)
         loc.start([2.0, 3.0, 0.0])
         loc.update([0.0, 0.0, 0.0], np.full(60, np.nan))
@@ -155,7 +155,7 @@ def test_a_scan_that_says_nothing_changes_nothing() -> None:
 # -- drives ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", ["likelihood_field", "likelihood_field_prob", "beam"])
+@pytest.mark.parametrize("model", LASER_MODELS)
 @pytest.mark.parametrize("name", SCANNERS)
 def test_tracks_with_every_model_and_scanner(model: str, name: str) -> None:
     env, scanner = worlds.room(), SCANNERS[name]
