@@ -8,16 +8,29 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
+from collections.abc import Sequence
+from itertools import product
 
 import numba
+import numpy as np
 from harness import environment_path
 from truth_case import scanner_of
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
+from ambinav.ambiguity.layers.registry import chosen_layers
+from ambinav.ambiguity.radius import position_radius
 from ambinav.geometry.environment import load_environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+
+# Layers of each pose by itself.
+POINTWISE = ("fisher", "localizability", "gfm", "clearance")
+RADIUS = 0.5
+"""Of a pose's neighbourhood, metres."""
+
+Place = dict[str, float]
 
 
 def main() -> None:
@@ -30,16 +43,47 @@ def main() -> None:
     numba.set_num_threads(1)
     places = [json.loads(line) for line in sys.stdin]
     scanner = scanner_of(args.scanner)
-    amap = build_map(load_environment(environment_path(args.environment)), scanner)
-    amap = with_layers(amap, args.layers)
-    for place in places:
-        print(json.dumps(place | read(amap, place["x"], place["y"])), flush=True)
+    amap = build_map(load_environment(environment_path(args.environment)), scanner, radius=RADIUS)
+    radius = position_radius(amap).astype(np.float32)
+    amap = AmbiguityMap(amap.dataset.assign(position_radius=(("y", "x"), radius)))
+    names = [layer.name for layer in chosen_layers(args.layers, scanner)]
+    pointwise = [name for name in names if name in POINTWISE]
+    told = [read(with_layers(about(amap, places, 1), pointwise), places)]
+    # The others compare a pose with its neighbours.
+    reach = math.ceil(RADIUS / amap.spacing) + 2
+    others = [name for name in names if name not in POINTWISE]
+    told.append(read(with_layers(about(amap, places, reach), others), places))
+    for values in zip(places, *told, strict=True):
+        print(json.dumps({key: value for part in values for key, value in part.items()}))
 
 
-def read(amap: AmbiguityMap, x: float, y: float) -> dict[str, float]:
-    """All layers at a place; with headings, their means."""
-    plain = [name for name in amap.layers if not name.endswith(("_mean", "_best", "_worst"))]
-    return {name: float(amap.sample(name, x, y)) for name in plain if "heading" not in name}
+def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityMap:
+    """The map with the cells up to `reach` around the places alone."""
+    free = amap.dataset["free"]
+    near = np.zeros(free.shape, dtype=np.bool_)
+    rows = np.searchsorted(amap.dataset["y"].values, [place["y"] for place in places])
+    columns = np.searchsorted(amap.dataset["x"].values, [place["x"] for place in places])
+    for dy, dx in product(range(-reach, reach + 1), repeat=2):
+        near[
+            np.clip(rows + dy, 0, near.shape[0] - 1), np.clip(columns + dx, 0, near.shape[1] - 1)
+        ] = True
+    return AmbiguityMap(amap.dataset.assign(free=free & near))
+
+
+def read(amap: AmbiguityMap, places: Sequence[Place]) -> list[Place]:
+    """All layers at the places; with headings, their means."""
+    columns = {}
+    x = np.array([place["x"] for place in places])
+    y = np.array([place["y"] for place in places])
+    for name in amap.layers:
+        mean = f"{name}_mean"
+        if name.endswith(("_mean", "_best", "_worst", "heading")):
+            continue
+        if mean in amap.layers or "theta" not in amap.dataset[name].dims:
+            columns[name] = np.asarray(amap.sample(mean if mean in amap.layers else name, x, y))
+    return [
+        {name: float(values[k]) for name, values in columns.items()} for k in range(len(places))
+    ]
 
 
 if __name__ == "__main__":

@@ -118,9 +118,11 @@ class OdometryNoise:
         move = after - before
         trans = np.hypot(move[:, 0], move[:, 1])
         turn = np.abs((move[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-        way = np.arctan2(move[:, 1], move[:, 0]) - before[:, 2] + poses[:, 2]
-        c, s = np.cos(way), np.sin(way)
         moving = trans > 0.0
+        # Turning on the spot it slips along its heading, as `report` has it.
+        turned = np.where(moving, np.arctan2(move[:, 1], move[:, 0]) - before[:, 2], 0.0)
+        way = poses[:, 2] + turned
+        c, s = np.cos(way), np.sin(way)
         one = noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_way * trans
         both = noise.turn_turn * turn + 2.0 * noise.turn_way * trans
         along = noise.way_way * trans + noise.way_turn * turn
@@ -166,3 +168,42 @@ def report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
     gone = trans * (1.0 + noise.bias_distance) + along
     turned = turn + first + second + noise.bias_turn * trans
     return ox + gone * math.cos(way), oy + gone * math.sin(way), wrapped(ot + turned)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reckon(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
+    """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
+
+    `OdometryNoise.spread` for one pose; biases are not known to who reckons.
+
+    Args:
+        mean: x, y, theta, written.
+        cov: Written.
+        ox0: Odometry pose before, metres, odometry frame.
+        oy0: The same.
+        ot0: The same, radians.
+        ox1: Odometry pose now.
+        oy1: The same.
+        ot1: The same.
+        noise: `OdometryNoise.packed`.
+    """
+    dx, dy, turned = ox1 - ox0, oy1 - oy0, wrapped(ot1 - ot0)
+    trans, turn = math.sqrt(dx * dx + dy * dy), abs(turned)
+    way = mean[2] + (math.atan2(dy, dx) - ot0 if trans > 0.0 else 0.0)
+    c, s = math.cos(way), math.sin(way)
+    one = noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_way * trans
+    both = noise.turn_turn * turn + 2.0 * noise.turn_way * trans
+    along = noise.way_way * trans + noise.way_turn * turn
+    # How the place moves with the heading; G adds the heading's row to x and y.
+    gx, gy = -trans * s, trans * c
+    xt, yt, tt = cov[0, 2], cov[1, 2], cov[2, 2]
+    cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + one) + along * c * c
+    cov[1, 1] += 2.0 * gy * yt + gy * gy * (tt + one) + along * s * s
+    cov[0, 1] += gx * yt + gy * xt + gx * gy * (tt + one) + along * c * s
+    cov[0, 2] = xt + gx * (tt + one)
+    cov[1, 2] = yt + gy * (tt + one)
+    cov[2, 2] = tt + both
+    cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
+    mean[0] += trans * c
+    mean[1] += trans * s
+    mean[2] = wrapped(mean[2] + turned)

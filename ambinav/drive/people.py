@@ -127,19 +127,38 @@ def _place(bounds, poses, apart, table, bound, forbidden, states, places):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _walk(places, poses, apart, length, radius, table, bound, states):
-    reach = radius - ROUNDING
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
             x, y, t = places[r, k]
             # Drawn whether it is needed or not, so that the draws do not depend on the robot.
             other = 2.0 * math.pi * uniform(states[r])
-            dx, dy = x - poses[r, 0], y - poses[r, 1]
-            if dx * dx + dy * dy < apart * apart:
-                t = math.atan2(dy, dx)
-            ux, uy = math.cos(t), math.sin(t)
-            clear, _ = clear_along(x, y, ux, uy, 0.0, length, reach, table, bound)
-            if clear:
-                places[r, k, 0], places[r, k, 1] = x + length * ux, y + length * uy
-            else:
-                t = other
-            places[r, k, 2] = t
+            places[r, k] = strolled(
+                x, y, t, poses[r, 0], poses[r, 1], apart, length, radius, other, table, bound
+            )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bound):
+    """Where a person is after `length` metres, and its heading.
+
+    Args:
+        x: The person, metres, map frame.
+        y: The same.
+        t: Its heading, radians.
+        robot_x: The robot, metres, map frame.
+        robot_y: The same.
+        apart: Nearer than this to it, the person walks away from it, metres.
+        length: How far it walks, metres.
+        radius: Of the person, metres.
+        other: Heading to turn to if a wall is in the way, radians.
+        table: The first of `CollisionChecker.arrays`.
+        bound: The second.
+    """
+    dx, dy = x - robot_x, y - robot_y
+    if dx * dx + dy * dy < apart * apart:
+        t = math.atan2(dy, dx)
+    ux, uy = math.cos(t), math.sin(t)
+    clear, _ = clear_along(x, y, ux, uy, 0.0, length, radius - ROUNDING, table, bound)
+    if clear:
+        return x + length * ux, y + length * uy, t
+    return x, y, other

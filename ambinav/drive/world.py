@@ -52,27 +52,44 @@ def moved(x, y, t, speed, rate, dt, reach, table, bound):
     Returns:
         x, y, heading, and whether the disc touches a wall there.
     """
+    length, ux, uy, bend = path(t, speed, rate, dt)
+    share = free_share(x, y, ux, uy, bend, length, reach, table, bound)
+    x, y, t = unicycle(x, y, t, speed, rate, share * dt)
+    return x, y, t, share < 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def path(t, speed, rate, dt):
+    """Length (metres), direction of travel (x, y) and curvature (1/m) of a motion in `dt`.
+
+    A motion counts as straight that strays from its chord by less than rounding.
+    """
     length = abs(speed) * dt
-    if length == 0.0:
-        x, y, t = unicycle(x, y, t, speed, rate, dt)
-        return x, y, t, False
     way = 1.0 if speed > 0.0 else -1.0
-    ux, uy, bend = way * math.cos(t), way * math.sin(t), rate / abs(speed)
     if length < SHORT or abs(rate) * dt * length < 8.0 * STRAY:
         middle = t + 0.5 * rate * dt
-        ux, uy, bend = way * math.cos(middle), way * math.sin(middle), 0.0
+        return length, way * math.cos(middle), way * math.sin(middle), 0.0
+    return length, way * math.cos(t), way * math.sin(t), rate / abs(speed)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def free_share(x, y, ux, uy, bend, length, reach, table, bound):
+    """How much of a path (see `path`) a disc gets along before it touches a wall; 1 for all.
+
+    Arguments x, y, reach, table and bound as in `moved`.
+    """
+    if length == 0.0:
+        return 1.0
     reach = max(reach - ROUNDING, ROUNDING)
     clear, _ = clear_along(x, y, ux, uy, bend, length, reach, table, bound)
-    share = 1.0
-    if not clear:
-        low, high = 0.0, 1.0
-        for _ in range(BISECTIONS):
-            share = 0.5 * (low + high)
-            some, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
-            low, high = (share, high) if some else (low, share)
-        share = low
-    x, y, t = unicycle(x, y, t, speed, rate, share * dt)
-    return x, y, t, not clear
+    if clear:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        share = 0.5 * (low + high)
+        some, _ = clear_along(x, y, ux, uy, bend, share * length, reach, table, bound)
+        low, high = (share, high) if some else (low, share)
+    return low
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

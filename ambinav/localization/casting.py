@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
-from ambinav.geometry.triangulation import locate
+from ambinav.geometry.triangulation import border_distance, locate
 from ambinav.sensing.scanner import RangeScanner
 
 
@@ -103,7 +103,7 @@ def work_space(rays):
     return np.empty(rays), np.empty(rays), np.empty(rays), np.empty(rays, dtype=np.int32), stack
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
     """True range of each beam at one pose, as `RangeScanner.scan` gives it.
 
@@ -118,12 +118,19 @@ def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
         ray: Written, int32, shape (B,): the ray that the range is of, -1 for none.
         edge: Written, int32, shape (B,): the border edge that it meets, -1 for none.
     """
+    cast_rays(x, y, theta, tables, work)
+    nearest_echoes(tables, work, ranges, ray, edge)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def cast_rays(x, y, theta, tables, work):
+    """The first half of `expected_ranges`: where each ray meets the border, echo or none.
+
+    Written to `work`: directions, shape (R,) each; distances, shape (R,), metres, nan where the
+    ray starts outside of the free space; border edges, int32, shape (R,).
+    """
     ux, uy, distance, hit, stack = work
-    border = tables.border
     co, si = math.cos(theta), math.sin(theta)
-    ranges[:] = math.inf
-    ray[:] = -1
-    edge[:] = -1
     for g in range(tables.origin.shape[0]):
         px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
         py = y + si * tables.origin[g, 0] + co * tables.origin[g, 1]
@@ -132,28 +139,73 @@ def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
             px, py, tables.grid_x, tables.grid_y, tables.cell, tables.rows, tables.columns,
             tables.grid_start, tables.item, tables.triangle,
         )  # fmt: skip
+        for j in range(low, high):
+            ux[j] = co * tables.cosine[j] - si * tables.sine[j]
+            uy[j] = si * tables.cosine[j] + co * tables.sine[j]
         if t < 0:
-            for j in range(low, high):
-                ranges[tables.beam[j]] = math.nan
+            distance[low:high] = math.nan
+            hit[low:high] = -1
             continue
-        for j in range(low, high):
-            ux[j - low] = co * tables.cosine[j] - si * tables.sine[j]
-            uy[j - low] = si * tables.cosine[j] + co * tables.sine[j]
         cast_fan(
-            px, py, ux, uy, high - low, t, tables.corner, tables.twin, tables.node, tables.hops,
-            border, stack, distance, hit,
+            px, py, ux[low:high], uy[low:high], high - low, t, tables.corner, tables.twin,
+            tables.node, tables.hops, tables.border, stack, distance[low:high], hit[low:high],
         )  # fmt: skip
-        for j in range(low, high):
-            b, d, k = tables.beam[j], distance[j - low], hit[j - low]
-            # A range of nan stays: no comparison with it is true.
-            if d > tables.limit[j] or not d < ranges[b]:
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def nearest_echoes(tables, work, ranges, ray, edge):
+    """The second half of `expected_ranges`: the nearest echo of each beam among its rays.
+
+    A ray without an edge (-1) has met something else than a wall, which returns an echo at any
+    angle.
+    """
+    ux, uy, distance, hit, _ = work
+    border = tables.border
+    ranges[:] = math.inf
+    ray[:] = -1
+    edge[:] = -1
+    for j in range(distance.size):
+        b, d, k = tables.beam[j], distance[j], hit[j]
+        if math.isnan(d):
+            ranges[b] = math.nan
+            continue
+        # A range of nan stays: no comparison with it is true.
+        if d > tables.limit[j] or not d < ranges[b]:
+            continue
+        if tables.incidence[j] < math.inf and k >= 0:
+            ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
+            along = abs(ux[j] * ex + uy[j] * ey)
+            across = abs(ux[j] * ey - uy[j] * ex)
+            if math.atan2(along, across) > tables.incidence[j]:
                 continue
-            if tables.incidence[j] < math.inf:
-                ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
-                along = abs(ux[j - low] * ex + uy[j - low] * ey)
-                across = abs(ux[j - low] * ey - uy[j - low] * ex)
-                if math.atan2(along, across) > tables.incidence[j]:
-                    continue
+        ranges[b] = d
+        ray[b] = j
+        edge[b] = k
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def ranges_on_lines(x, y, theta, tables, ranges, ray, edge, line):
+    """Ranges from a pose nearby, were each beam's ray to meet the line of the same wall.
+
+    Args:
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        tables: See `CastTables`.
+        ranges: As `expected_ranges` gave them; written where there is a ray, metres, negative
+            where the line is behind it.
+        ray: As `expected_ranges` gave it.
+        edge: Likewise.
+        line: As `information.linear_readings` gave it; the readings move along with the ranges.
+    """
+    co, si = math.cos(theta), math.sin(theta)
+    for b in range(ranges.size):
+        j = ray[b]
+        if j >= 0:
+            px = x + co * tables.start[j, 0] - si * tables.start[j, 1]
+            py = y + si * tables.start[j, 0] + co * tables.start[j, 1]
+            ux = co * tables.cosine[j] - si * tables.sine[j]
+            uy = si * tables.cosine[j] + co * tables.sine[j]
+            d = border_distance(px, py, ux, uy, tables.border, edge[b])
+            line[b, 0] += d - ranges[b]
             ranges[b] = d
-            ray[b] = j
-            edge[b] = k

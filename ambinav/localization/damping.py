@@ -108,7 +108,7 @@ def damped(particles, count, ranges, model, cast, out, heard):
         return False
     noise = BeamNoise(
         model.noise_near, model.noise_far, model.noise_bias, model.noise_variance,
-        model.noise_frontier,
+        model.noise_frontier, np.arange(model.beam.size),
     )  # fmt: skip
     beams = model.beam.size
     reading, weight = np.empty(beams), np.empty(beams)

@@ -39,10 +39,12 @@ class BeamNoise(NamedTuple):
     Attributes:
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
-        bias: Mean of reading minus true range, shape (B, TABLE), metres.
+        bias: Mean of reading minus true range, shape (rows, TABLE), metres; one row a beam.
         variance: Of the reading about it, with that of the map and of the rounding to a bin,
-            shape (B, TABLE), square metres.
+            shape (rows, TABLE), square metres.
         frontier: Which border edges are the frontier to unknown space, shape (K,).
+        row: Which row of bias and variance each beam reads, shape (B,): a kernel that scans from
+            many places in turn does better with one row a sensor, which stays in the cache.
     """
 
     near: Floats
@@ -50,6 +52,7 @@ class BeamNoise(NamedTuple):
     bias: Floats
     variance: Floats
     frontier: NDArray[np.bool_]
+    row: NDArray[np.int64]
 
 
 def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) -> BeamNoise:
@@ -67,6 +70,7 @@ def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) 
         np.array(bias)[which],
         np.array(variance)[which],
         environment.segments.kind[environment.border_segment] == FRONTIER,
+        np.arange(scanner.beams),
     )
 
 
@@ -133,6 +137,12 @@ def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
             (metres per radian), and its variance; inf where the beam tells nothing.
     """
     expected_ranges(x, y, theta, cast, work, ranges, ray, edge)
+    linear_readings(theta, cast, noise, ranges, ray, edge, line)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def linear_readings(theta, cast, noise, ranges, ray, edge, line):
+    """As `beam_lines`, of beams whose ranges, rays and edges are known already."""
     co, si = math.cos(theta), math.sin(theta)
     for b in range(ranges.size):
         d, j, k = ranges[b], ray[b], edge[b]
@@ -152,13 +162,14 @@ def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
         place = d / noise.far[b] * (TABLE - 1)
         low = min(int(place), TABLE - 2)
         share = place - low
-        rise = (noise.bias[b, low + 1] - noise.bias[b, low]) * (TABLE - 1) / noise.far[b]
+        r = noise.row[b]
+        rise = (noise.bias[r, low + 1] - noise.bias[r, low]) * (TABLE - 1) / noise.far[b]
         scale = -(1.0 + rise) / facing
-        line[b, 0] = d + noise.bias[b, low] * (1.0 - share) + noise.bias[b, low + 1] * share
+        line[b, 0] = d + noise.bias[r, low] * (1.0 - share) + noise.bias[r, low + 1] * share
         line[b, 1] = nx * scale
         line[b, 2] = ny * scale
         line[b, 3] = (nx * sx + ny * sy) * scale
-        line[b, 4] = noise.variance[b, low] * (1.0 - share) + noise.variance[b, low + 1] * share
+        line[b, 4] = noise.variance[r, low] * (1.0 - share) + noise.variance[r, low + 1] * share
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

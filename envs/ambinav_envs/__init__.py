@@ -1,1 +1,15 @@
-"""Gymnasium plug-in of ambinav: navigation environments rewarded by the ambiguity map."""
+"""Gymnasium plug-in of ambinav: navigation environments rewarded by the ambiguity map.
+
+Importing it makes the ids known::
+
+    import gymnasium as gym
+    import ambinav_envs
+
+    gym.register_envs(ambinav_envs)  # says to readers and linters that the import is of use
+    env = gym.make("ambinav/Office-v0")
+"""
+
+from ambinav_envs.registration import IDS as IDS
+from ambinav_envs.registration import register_envs as register_envs
+
+register_envs()

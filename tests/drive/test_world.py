@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.localizers import carried
+from ambinav.drive.noise import OdometryNoise, reckon
 from ambinav.drive.world import moved, report_all, unicycle
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
@@ -185,6 +186,21 @@ def test_the_spread_is_that_of_the_reports() -> None:
         truth = mean = after
     found = np.cov(odometry.T)
     assert found == pytest.approx(covariance[0], rel=0.06, abs=2e-4)
+
+
+def test_reckoning_in_a_kernel_is_the_spread() -> None:
+    noise = OdometryNoise(alpha1=0.3, alpha2=0.1, alpha3=0.4, alpha4=0.2)
+    rng = np.random.default_rng(8)
+    for still in (False, True):
+        for _ in range(50):
+            before, step = rng.uniform(-3.0, 3.0, (2, 3))
+            after = before + step * (0.0 if still else 0.1, 0.0 if still else 0.1, 0.3)
+            mean, root = rng.uniform(-2.0, 2.0, 3), rng.normal(size=(3, 3))
+            cov = root @ root.T
+            spread = noise.spread(mean[None], cov[None], before[None], after[None])[0]
+            place = carried(mean[None], before[None], after[None])[0]
+            reckon(mean, cov, *before, *after, noise.packed)
+            assert np.allclose(cov, spread, atol=1e-12) and np.allclose(mean, place, atol=1e-12)
 
 
 @pytest.mark.parametrize(

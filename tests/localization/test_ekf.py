@@ -11,7 +11,7 @@ from scipy import stats
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.errors import InputError
-from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.ekf import ExtendedKalmanFilter, posterior
 from ambinav.localization.information import beam_noise, scan_information
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.random import states
@@ -159,6 +159,31 @@ def test_certain_filters_stay_certain() -> None:
     ekf.start([2.0, 3.0, 0.0], np.zeros((3, 3)))
     ekf.update([0.0, 0.0, 0.0], scanner.scan(env, 2.0, 3.0, 0.0))
     assert (ekf.covariance == 0.0).all()
+
+
+def test_posterior_adds_information() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        sizes = 10.0 ** rng.uniform(-2.0, 1.0, (2, 3))
+        A, B = rng.normal(size=(2, 3, 3)) * sizes[:, None, :]
+        prior, told = A @ A.T, B @ B.T
+        got = prior.copy()
+        posterior(got, told)
+        wanted = np.linalg.inv(np.linalg.inv(prior) + told)
+        assert np.allclose(got, wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
+        assert (got == got.T).all() and np.linalg.eigvalsh(got)[0] > -1e-12 * np.abs(got).max()
+
+
+@pytest.mark.parametrize("known", [(0,), (1,), (2,), (0, 1), (0, 2), (0, 1, 2)])
+def test_posterior_leaves_alone_what_is_known_exactly(known: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(6)
+    A, B = rng.normal(size=(2, 3, 3))
+    A[list(known)] = 0.0
+    got, told = A @ A.T, B @ B.T
+    wanted = got @ np.linalg.inv(np.eye(3) + told @ got)
+    posterior(got, told)
+    assert np.allclose(got, wanted, rtol=1e-9, atol=1e-12)
+    assert (got[list(known)] == 0.0).all()
 
 
 def test_bad_input_is_refused() -> None:

@@ -1,0 +1,101 @@
+"""A building as a robot with a scanner meets it: geometry, ambiguity map, places to stand at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+from ambinav.errors import InputError
+from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.buildings.cache import map_of
+from ambinav_envs.buildings.places import Places
+
+LAYERS: Final = ("fisher",)
+"""Layers of a building's map beside those of every map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """A building, and what is worked out from it when it is first asked for.
+
+    Made by `Building.of`.
+
+    Attributes:
+        key: What it is called among others.
+        environment: Its geometry.
+        scanner: What the robot sees with.
+        robot_radius: Of the robot's disc, metres.
+        spacing: Of the ambiguity map's lattice, metres.
+        keep: Whether its map is kept on disk (`ambinav_envs.buildings.cache`).
+    """
+
+    key: str
+    environment: Environment
+    scanner: RangeScanner
+    robot_radius: float
+    spacing: float
+    keep: bool
+
+    @classmethod
+    def of(
+        cls,
+        environment: Environment,
+        scanner: RangeScanner,
+        robot_radius: float,
+        spacing: float = 0.2,
+        *,
+        key: str | None = None,
+        keep: bool = True,
+    ) -> Building:
+        """Take a building; nothing is worked out yet.
+
+        Args:
+            environment: Its geometry.
+            scanner: What the robot sees with.
+            robot_radius: Of the robot's disc, metres.
+            spacing: Of the ambiguity map's lattice, metres.
+            key: What it is called; None: the environment's name.
+            keep: Whether its map is kept on disk.
+
+        Raises:
+            InputError: a number makes no sense.
+        """
+        for name, value, least in (("robot_radius", robot_radius, 0.0), ("spacing", spacing, 0.01)):
+            if not (math.isfinite(value) and value >= least):
+                raise InputError(f"{name} is {value}; give metres from {least:g} on.")
+        return cls(
+            environment.name if key is None else key,
+            environment, scanner, float(robot_radius), float(spacing), keep,
+        )  # fmt: skip
+
+    @cached_property
+    def amap(self) -> AmbiguityMap:
+        """Its ambiguity map with the layers `LAYERS`, read from disk if it is kept there.
+
+        Raises:
+            InputError: the scanner cannot have these layers, or the map cannot be written.
+        """
+        return map_of(
+            self.environment, self.scanner, spacing=self.spacing, layers=LAYERS, keep=self.keep
+        )
+
+    @cached_property
+    def checker(self) -> CollisionChecker:
+        """Where the robot's disc collides, for straight motions (r2)."""
+        return CollisionChecker(self.environment, Footprint.disc(self.robot_radius), Steering("r2"))
+
+    @cached_property
+    def places(self) -> Places:
+        """Where the robot can stand, and the ways from there.
+
+        Raises:
+            InputError: there is no room for the robot.
+        """
+        return Places.of(self.checker)

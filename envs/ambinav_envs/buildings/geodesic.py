@@ -1,0 +1,172 @@
+"""Shortest ways over a lattice to one place, and the distance to it from anywhere in between.
+
+The cells of a lattice are joined in 16 directions, so a way is at most 2.8 % longer than the
+straight one. Every step is at least one cell long, so with buckets of that width what stands in
+the first bucket is final (Dinitz 1978; Denardo & Fox 1979, "Shortest-route methods: 1. reaching,
+pruning, and buckets", Operations Research 27(1)): Dijkstra's algorithm without a heap.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ambinav.geometry import lattice
+
+STEPS = np.vstack(
+    [lattice.STEPS, [[2, 1], [1, 2], [-1, 2], [-2, 1], [-2, -1], [-1, -2], [1, -2], [2, -1]]]
+).astype(np.int64)
+"""Column and row steps to 16 neighbours; the first eight are those of `lattice.STEPS`."""
+LENGTHS = np.hypot(STEPS[:, 0], STEPS[:, 1])
+SIDES = 8
+"""How many of the steps lead to a cell that touches."""
+# Width of a bucket, in cells: a little less than a step, for rounding; and how many the longest
+# step reaches over, or the seeds.
+_WIDTH = 0.999
+_BUCKETS = 4
+_FAR = np.float32(np.inf)
+# Bits of `lattice.STEPS` towards a column step and a row step of -1 or 1, at [row > 0, column > 0].
+_SIDEWAYS = np.array([4, 0])
+_UPWARDS = np.array([6, 2])
+_SLANTING = np.array([[5, 7], [3, 1]])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def geodesic(seeds, first, moves, links, spacing, field):
+    """Write the length of the shortest way from each cell to the seeds.
+
+    Cells that no way leads to, but that no wall parts from one that a way leads to, get the
+    length of a way that may be too narrow: a robot that stands there is nearer to some cell of
+    the lattice than the lattice knows.
+
+    Args:
+        seeds: Running numbers (row * columns + column) of the cells next to the goal, int64, (K,).
+        first: Their distances to the goal, metres, float64, (K,); less than four cells apart.
+        moves: Bit k of a cell: a way leads to it from its neighbour at STEPS[k]; uint16, shape
+            (rows, columns). No step may leave the lattice.
+        links: Bit k of a cell: no wall parts it from its neighbour at STEPS[k], k < SIDES; uint8,
+            shape (rows, columns).
+        spacing: Distance between cells, metres.
+        field: Distances, float32, shape (rows, columns), metres; inf where nothing leads to.
+    """
+    columns = moves.shape[1]
+    flat, ways = field.ravel(), moves.ravel()
+    flat[:] = _FAR
+    offsets = STEPS[:, 1] * columns + STEPS[:, 0]
+    lengths = (LENGTHS * spacing).astype(np.float32)
+    per_metre = np.float32(1.0 / (_WIDTH * spacing))
+    # A cell stands at most once in a bucket; where it has moved to a nearer one, it is left
+    # behind and passed over.
+    stack = np.empty((_BUCKETS, flat.size), dtype=np.int32)
+    height = np.zeros(_BUCKETS, dtype=np.int64)
+    waiting, now = seeds.size, 0
+    for s in range(seeds.size):
+        flat[seeds[s]] = first[s]
+        bucket = int(flat[seeds[s]] * per_metre)
+        now = bucket if s == 0 else min(now, bucket)
+        stack[bucket % _BUCKETS, height[bucket % _BUCKETS]] = seeds[s]
+        height[bucket % _BUCKETS] += 1
+    while waiting > 0:
+        top = now % _BUCKETS
+        if height[top] == 0:
+            now += 1
+            continue
+        height[top] -= 1
+        waiting -= 1
+        cell = np.int64(stack[top, height[top]])
+        here = flat[cell]
+        if int(here * per_metre) != now:
+            continue
+        bits = np.int64(ways[cell])
+        for k in range(offsets.size):
+            if bits & (1 << k):
+                other = cell + offsets[k]
+                distance = here + lengths[k]
+                before = flat[other]
+                if distance < before:
+                    flat[other] = distance
+                    bucket = int(distance * per_metre)
+                    if before == _FAR or int(before * per_metre) != bucket:
+                        bucket %= _BUCKETS
+                        stack[bucket, height[bucket]] = other
+                        height[bucket] += 1
+                        waiting += 1
+    _fill(flat, links.ravel(), offsets, lengths)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(flat, links, offsets, lengths):
+    """Go on from the cells that have a distance into those that no wall parts from them.
+
+    These are few if any, so this is short rather than quick: a cell may be taken more than once.
+    """
+    known = flat != _FAR
+    waits = np.zeros(flat.size, dtype=np.bool_)
+    queue = np.empty(flat.size, dtype=np.int32)
+    head, count = 0, 0
+    for cell in range(flat.size):
+        if known[cell]:
+            for k in range(SIDES):
+                if links[cell] & (1 << k) and not known[cell + offsets[k]]:
+                    queue[count] = cell
+                    count += 1
+                    break
+    while count > 0:
+        cell = np.int64(queue[head])
+        head = (head + 1) % flat.size
+        count -= 1
+        waits[cell] = False
+        for k in range(SIDES):
+            if links[cell] & (1 << k):
+                other = cell + offsets[k]
+                distance = flat[cell] + lengths[k]
+                if distance < flat[other] and not known[other]:
+                    flat[other] = distance
+                    if not waits[other]:
+                        waits[other] = True
+                        queue[(head + count) % flat.size] = other
+                        count += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def distance_at(x, y, field, links, low_x, low_y, inverse):
+    """Length of the shortest way from a point, metres; inf where no way leads to the goal.
+
+    Linear between the cells around the point, as far as no wall parts them from the nearest one.
+    That one is on the point's side of any wall if a robot of at least 0.71 cells of radius fits
+    at the point.
+
+    Args:
+        x: Metres, map frame.
+        y: The same.
+        field: Of `geodesic`.
+        links: The same that it took.
+        low_x: x of the centre of cell (0, 0), metres.
+        low_y: y of it.
+        inverse: Cells per metre.
+    """
+    u, v = (x - low_x) * inverse, (y - low_y) * inverse
+    if not (u > -0.5 and v > -0.5 and u < field.shape[1] - 0.5 and v < field.shape[0] - 0.5):
+        return math.inf
+    column, row = int(u + 0.5), int(v + 0.5)
+    if field[row, column] == _FAR:
+        return math.inf
+    a, b = u - column, v - row
+    right, up = int(a > 0.0), int(b > 0.0)
+    over, above = column + 2 * right - 1, row + 2 * up - 1
+    a, b = abs(a), abs(b)
+    bits = links[row, column]
+    weight = (1.0 - a) * (1.0 - b)
+    total = weight * field[row, column]
+    if bits & (1 << _SIDEWAYS[right]):
+        weight += a * (1.0 - b)
+        total += a * (1.0 - b) * field[row, over]
+    if bits & (1 << _UPWARDS[up]):
+        weight += (1.0 - a) * b
+        total += (1.0 - a) * b * field[above, column]
+    if bits & (1 << _SLANTING[up, right]):
+        weight += a * b
+        total += a * b * field[above, over]
+    return total / weight

@@ -1,0 +1,137 @@
+"""Where an environment's buildings come from: a suite, or one map."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.sensing.fields import as_count
+from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.buildings.building import Building
+from ambinav_envs.buildings.suites import suite
+
+# Numbers of buildings end below this, so that each has one as a 32-bit integer.
+_END: Final = 2**31
+
+
+class BuildingSource:
+    """Buildings of a suite by number, or the building of one map.
+
+    Two sources of a suite share no building if their ranges of numbers do not meet: train on
+    `first=0, count=1000`, test on `first=1000, count=100`.
+
+    Args:
+        what: Name of a suite, an environment file, or an environment.
+        scanner: What the robot sees with.
+        robot_radius: Of the robot's disc, metres.
+        count: How many buildings of the suite there are; None: any number, so that hardly one is
+            met twice, and no map is kept on disk.
+        first: Number of the first one.
+        spacing: Of the ambiguity maps' lattices, metres.
+        held: How many buildings are held in memory, those used last; each takes some megabytes.
+
+    Attributes:
+        name: Of the suite or the map.
+
+    Raises:
+        InputError: there is no such suite or file, or a number makes no sense.
+    """
+
+    def __init__(
+        self,
+        what: str | Path | Environment,
+        scanner: RangeScanner,
+        robot_radius: float,
+        *,
+        count: int | None = None,
+        first: int = 0,
+        spacing: float = 0.2,
+        held: int = 64,
+    ) -> None:
+        self._scanner = scanner
+        self._radius = float(robot_radius)
+        self._spacing = float(spacing)
+        self._held = as_count(held, "held")
+        self._buildings: OrderedDict[int, Building] = OrderedDict()
+        self._map: Environment | None = None
+        if isinstance(what, str) and not Path(what).suffix and Path(what).name == what:
+            self.name = suite(what).name
+        else:
+            self._map = what if isinstance(what, Environment) else load_environment(what)
+            self.name = self._map.name
+        if self._map is not None and (count not in (None, 1) or first != 0):
+            raise InputError(
+                f"{self.name} is one building, but count is {count} and first {first}; leave them "
+                "out, or name a suite."
+            )
+        self.first = first
+        self.count = 1 if self._map is not None else count
+        if isinstance(first, bool) or not isinstance(first, int) or not 0 <= first < _END:
+            raise InputError(f"first is {first!r}; give the number of a building, from 0 on.")
+        if count is not None and first + as_count(count, "count") > _END:
+            raise InputError(f"count is {count} from {first} on; numbers end at {_END - 1}.")
+
+    def __repr__(self) -> str:
+        """Name and range."""
+        last = "" if self.count is None else self.first + self.count - 1
+        return f"BuildingSource({self.name!r}, {self.first}..{last})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Buildings are drawn again where they are needed."""
+        return self.__dict__ | {"_buildings": OrderedDict()}
+
+    def draw(self, rng: np.random.Generator) -> Building:
+        """Draw one of the buildings, each as likely as the others."""
+        count = _END - self.first if self.count is None else self.count
+        return self.get(self.first + int(rng.integers(count)))
+
+    def get(self, which: int | str) -> Building:
+        """The building of this number or key.
+
+        The same object is given out as long as it is held.
+
+        Args:
+            which: Its number, from `first` on, or its key: "office-3" is number 3 of the suite.
+
+        Raises:
+            InputError: there is none.
+        """
+        number = self._number(which)
+        if number in self._buildings:
+            self._buildings.move_to_end(number)
+            return self._buildings[number]
+        if self._map is None:
+            environment, keep = suite(self.name).building(number), self.count is not None
+        else:
+            environment, keep = self._map, True
+        building = Building.of(environment, self._scanner, self._radius, self._spacing, keep=keep)
+        self._buildings[number] = building
+        while len(self._buildings) > self._held:
+            self._buildings.popitem(last=False)
+        return building
+
+    def _number(self, which: int | str) -> int:
+        number: int | None = None
+        if isinstance(which, str):
+            name, _, digits = which.rpartition("-")
+            if self._map is not None:
+                number = 0 if which == self.name else None
+            elif name == self.name and digits.isascii() and digits.isdigit():
+                number = int(digits)
+        elif isinstance(which, int | np.integer) and not isinstance(which, bool):
+            number = int(which)
+        end = _END if self.count is None else self.first + self.count
+        if number is None or not self.first <= number < end:
+            keys = repr(self.name)
+            if self._map is None:
+                keys = f"'{self.name}-{self.first}' to '{self.name}-{end - 1}'"
+            raise InputError(
+                f"there is no building {which!r}; give a number from {self.first} to {end - 1}, or "
+                f"a key: {keys}."
+            )
+        return number

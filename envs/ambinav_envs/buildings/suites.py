@@ -1,0 +1,97 @@
+"""The suites: families of buildings by name, each building of a family by its number."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.sensing.fields import nearest
+from ambinav_envs.buildings import drawn
+from ambinav_envs.buildings.dice import Dice
+from ambinav_envs.buildings.plan import Plan
+from ambinav_envs.buildings.procedural import procedural_building
+
+# Buildings of the drawn families are turned by up to this, degrees, so that their walls do not lie
+# along the axes; the plain one is not.
+TURN = 20.0
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A family of buildings.
+
+    Attributes:
+        name: Lower-case.
+        title: What is hard in it, in a few words.
+        draw: The building of a number from 0 on and with a name; the same one in every process.
+            Of the drawn families number 0 is the plain building.
+    """
+
+    name: str
+    title: str
+    draw: Callable[[int, str], Environment]
+
+    def building(self, variant: int) -> Environment:
+        """The building of this number; it is called by suite and number."""
+        return self.draw(variant, f"{self.name}-{variant}")
+
+
+def suite(name: str) -> Suite:
+    """The suite of this name.
+
+    Raises:
+        InputError: there is none; the nearest names are offered.
+    """
+    if name not in _suites:
+        raise InputError(f"there is no suite {name!r} of buildings; {nearest(name, _suites)}.")
+    return _suites[name]
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of all suites."""
+    return tuple(_suites)
+
+
+def register_suite(new: Suite) -> Suite:
+    """Make a suite known.
+
+    Raises:
+        InputError: another one has the name.
+    """
+    if _suites.setdefault(new.name, new) is not new:
+        raise InputError(
+            f"there is a suite {new.name!r} of buildings already; choose another name."
+        )
+    return new
+
+
+def _rng(name: str, variant: int) -> np.random.Generator:
+    return np.random.default_rng([zlib.crc32(name.encode()), variant])
+
+
+def _family(name: str, title: str, draw: Callable[[Dice], Plan]) -> None:
+    def of_variant(variant: int, called: str) -> Environment:
+        dice = Dice(None if variant == 0 else _rng(name, variant))
+        return draw(dice).environment(called, dice.between(-TURN, TURN))
+
+    register_suite(Suite(name, title, of_variant))
+
+
+_suites: dict[str, Suite] = {}
+_family("hall", "a hall wider than the range, bare in its middle", drawn.hall)
+_family("corridor", "a long bare corridor beside a row of furnished rooms", drawn.corridor)
+_family("office", "furnished rooms on both sides of a corridor", drawn.office)
+_family("warehouse", "rows of equal racks", drawn.warehouse)
+_family("loop", "a ring of corridors, bare on some sides", drawn.loop)
+register_suite(
+    Suite(
+        "procedural",
+        "rooms, corridors at odd angles, halls and racks, drawn from a generator",
+        lambda variant, called: procedural_building(_rng("procedural", variant), name=called),
+    )
+)

@@ -1,0 +1,277 @@
+"""From where to where: a goal that is drawn, and a start at a given distance from it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.curves import FACING
+from ambinav.geometry.sweep import motion_free
+from ambinav.localization.random import uniform
+from ambinav_envs.buildings.geodesic import distance_at, geodesic
+from ambinav_envs.buildings.places import MARGIN, Places
+
+# How many goals are drawn before those at the far ends are tried, and how many of these.
+_DRAWN, _FAR_ENDS = 32, 8
+# A goal is joined to the cells within this many cells of it, fewer than `_SEEDS`, that the robot
+# gets to in a straight line: near a goal every direction is then as long as it is.
+_REACH = 2.5
+_SEEDS = 32
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A start and a goal.
+
+    Attributes:
+        start: x, y, theta, metres and radians, map frame, shape (3,).
+        goal: x, y, shape (2,).
+        distance: Length of the shortest way from start to goal, metres.
+        field: The same from every cell, see `Places`; float32, shape (rows, columns).
+    """
+
+    start: Floats
+    goal: Floats
+    distance: float
+    field: NDArray[np.float32]
+
+
+def draw_task(
+    places: Places,
+    state: NDArray[np.uint64],
+    shortest: float,
+    longest: float,
+    *,
+    start: ArrayLike | None = None,
+    goal: ArrayLike | None = None,
+) -> Task:
+    """Draw a start and a goal, or the one that is not given.
+
+    A goal is drawn evenly from where the robot can stand with `MARGIN` to spare, the start from
+    what of that lies at the right distance from it; its heading is any.
+
+    Args:
+        places: Where.
+        state: Of the random numbers, uint64, shape (4,); advanced in place.
+        shortest: Least length of the shortest way between the two, metres.
+        longest: Greatest length of it, metres; inf for any.
+        start: x, y, theta; None to draw it.
+        goal: x, y; None to draw it. If both are given, their distance is what it is.
+
+    Raises:
+        InputError: the robot does not fit at a place that is given, no way leads from the one to
+            the other, or there are no two places at such a distance.
+    """
+    if not 0.0 <= shortest < longest:
+        raise InputError(
+            f"the distance from start to goal is to be from {shortest:g} to {longest:g} m; give "
+            "two numbers from 0 on, the second the greater one."
+        )
+    table = places.table
+    field = np.empty(places.room.shape, dtype=np.float32)
+    task = np.empty(6)
+    if start is None and goal is None:
+        if not draw_into(state, float(shortest), float(longest), table, field, task):
+            raise InputError(_no_task(places, shortest, longest, "any place", float(task[5])))
+        return Task(task[:3].copy(), task[3:5].copy(), float(task[5]), field)
+    task[3:5] = (np.nan, np.nan) if goal is None else _place(places, goal, "goal", 2)
+    task[:3] = np.nan if start is None else _place(places, start, "start", 3)
+    end = task[:2] if goal is None else task[3:5]
+    label = spread_from(end[0], end[1], table, field)
+    if label < 0:
+        raise InputError(_in_a_corner(places, "start" if goal is None else "goal", end))
+    if start is None or goal is None:
+        cell, farthest, _ = _pick(state, float(shortest), float(longest), label, table, field)
+        if cell < 0:
+            named = f"({end[0]:g}, {end[1]:g})"
+            raise InputError(_no_task(places, shortest, longest, named, farthest))
+        if goal is None:
+            task[3:5] = _beside(state, cell, table)
+            spread_from(task[3], task[4], table, field)
+        else:
+            task[:2] = _beside(state, cell, table)
+            task[2] = math.pi * (2.0 * uniform(state) - 1.0)
+    elif not _same_part(places, task):
+        raise InputError(
+            f"no way leads a robot of {places.checker.footprint.outer:g} m of radius in "
+            f"{places.name} from the start ({task[0]:g}, {task[1]:g}) to the goal ({task[3]:g}, "
+            f"{task[4]:g}); move one of them."
+        )
+    task[5] = places.distance(field, float(task[0]), float(task[1]))
+    return Task(task[:3].copy(), task[3:5].copy(), float(task[5]), field)
+
+
+def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:
+    """Check a place that a user gave."""
+    try:
+        place = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} is {value!r}; give {size} numbers.") from error
+    if place.shape != (size,) or not np.isfinite(place).all():
+        raise InputError(
+            f"{what} is {value!r}; give {'x, y and theta' if size == 3 else 'x and y'}: {size} "
+            "finite numbers, metres and radians in the map frame."
+        )
+    why = places.checker.why_not(float(place[0]), float(place[1]))
+    if why is not None:
+        raise InputError(f"{what} ({place[0]:g}, {place[1]:g}) in {places.name} is {why}; move it.")
+    return place
+
+
+def _same_part(places: Places, task: Floats) -> bool:
+    """Whether the robot gets from a start that was given to a goal that was given."""
+    parts = []
+    for what, x, y in (("start", task[0], task[1]), ("goal", task[3], task[4])):
+        seeds, first = np.empty(_SEEDS, dtype=np.int64), np.empty(_SEEDS)
+        count = _joined(x, y, places.table, seeds, first)
+        if count == 0:
+            raise InputError(_in_a_corner(places, what, np.array([x, y])))
+        parts.append(places.labels.ravel()[seeds[:count]])
+    return bool(np.isin(parts[0], parts[1]).any())
+
+
+def _in_a_corner(places: Places, what: str, place: Floats) -> str:
+    """Why a place is of no use although the robot fits there."""
+    return (
+        f"{what} ({place[0]:g}, {place[1]:g}) in {places.name} is in a corner so tight that a "
+        f"lattice of {places.spacing:g} m shows no way out of it; move it."
+    )
+
+
+def _no_task(places: Places, shortest: float, longest: float, end: str, farthest: float) -> str:
+    """Why there is no task."""
+    reach = f"at most {farthest:.1f} m" if farthest > 0.0 else "nowhere"
+    return (
+        f"{places.name}: no start and goal are {shortest:g} to {longest:g} m apart for a robot of "
+        f"{places.checker.footprint.outer:g} m of radius, which gets from {end} {reach}; ask for "
+        "another distance, or take another map."
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw_into(state, shortest, longest, table, field, task):
+    """Draw a start and a goal.
+
+    Args:
+        state: Of the random numbers, uint64, shape (4,); advanced in place.
+        shortest: Least length of the shortest way between them, metres.
+        longest: Greatest length of it.
+        table: `Places.table`.
+        field: Becomes the distances to the goal, float32, shape (rows, columns).
+        task: Becomes start x, y, theta, goal x, y and their distance, shape (6,). If there is no
+            task, the last is the greatest distance that was met.
+
+    Returns:
+        Whether there is a task.
+    """
+    task[:] = 0.0
+    far_end = -1
+    for attempt in range(_DRAWN + _FAR_ENDS if table.standing.size > 0 else 0):
+        goal = table.standing[int(uniform(state) * table.standing.size)]
+        if attempt > _DRAWN and far_end >= 0:
+            goal = far_end
+        task[3], task[4] = _beside(state, goal, table)
+        label = spread_from(task[3], task[4], table, field)
+        start, away, far_end = _pick(state, shortest, longest, label, table, field)
+        task[5] = max(task[5], away)
+        if start >= 0:
+            task[0], task[1] = _beside(state, start, table)
+            task[5] = _read(task[0], task[1], table, field)
+            if not shortest <= task[5] <= longest:
+                task[0], task[1] = _centre(start, table)
+                task[5] = field.ravel()[start]
+            task[2] = math.pi * (2.0 * uniform(state) - 1.0)
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def spread_from(x, y, table, field):
+    """Write the distances to a place where the robot fits to `field`; see `geodesic`.
+
+    Returns:
+        Label of the cells that the place is joined to; -1 if it is joined to none, which can only
+        be in a corner hardly wider than the robot.
+    """
+    seeds = np.empty(_SEEDS, dtype=np.int64)
+    first = np.empty(_SEEDS)
+    count = _joined(x, y, table, seeds, first)
+    geodesic(seeds[:count], first[:count], table.moves, table.links, table.spacing, field)
+    return table.labels.ravel()[seeds[0]] if count > 0 else -1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _joined(x, y, table, seeds, first):
+    """Write the cells that a place is joined to and how far they are, metres; how many."""
+    rows, columns = table.room.shape
+    middle_column = int(round((x - table.low_x) / table.spacing))
+    middle_row = int(round((y - table.low_y) / table.spacing))
+    count = 0
+    for row in range(max(middle_row - 3, 0), min(middle_row + 4, rows)):
+        for column in range(max(middle_column - 3, 0), min(middle_column + 4, columns)):
+            cx, cy = table.low_x + column * table.spacing, table.low_y + row * table.spacing
+            away = math.hypot(cx - x, cy - y)
+            if (
+                away <= _REACH * table.spacing
+                and table.room[row, column] >= 0.0
+                and motion_free(
+                    FACING, 0.0, x, y, 0.0, cx, cy, 0.0, table.walls, table.bound, table.forbidden
+                )
+            ):
+                seeds[count], first[count] = row * columns + column, away
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pick(state, shortest, longest, label, table, field):
+    """Draw one of the cells to stand at with this label and within these distances.
+
+    Returns:
+        The cell or -1, the greatest distance of a cell with this label, and that cell or -1.
+    """
+    flat, labels = field.ravel(), table.labels.ravel()
+    count, farthest, far_end = 0, 0.0, -1
+    for cell in table.standing:
+        if labels[cell] == label:
+            count += shortest <= flat[cell] <= longest
+            if flat[cell] > farthest:
+                farthest, far_end = float(flat[cell]), cell
+    rank = int(uniform(state) * count) if count > 0 else -1
+    for cell in table.standing:
+        if labels[cell] == label and shortest <= flat[cell] <= longest:
+            if rank == 0:
+                return cell, farthest, far_end
+            rank -= 1
+    return -1, farthest, far_end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _beside(state, cell, table):
+    """A point drawn from the disc about a cell's centre that leaves the robot its margin."""
+    x, y = _centre(cell, table)
+    radius = min(0.5 * table.spacing, table.room.ravel()[cell] - MARGIN)
+    radius *= math.sqrt(uniform(state))
+    angle = 2.0 * math.pi * uniform(state)
+    return x + radius * math.cos(angle), y + radius * math.sin(angle)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _centre(cell, table):
+    columns = table.room.shape[1]
+    return (
+        table.low_x + cell % columns * table.spacing,
+        table.low_y + cell // columns * table.spacing,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _read(x, y, table, field):
+    return distance_at(x, y, field, table.links, table.low_x, table.low_y, 1.0 / table.spacing)

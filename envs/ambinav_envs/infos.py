@@ -1,0 +1,128 @@
+"""The `info` of a step, for one robot as plain values and for many as arrays with masks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_envs.simulation.layout import (
+    ARRIVED,
+    FIGURES,
+    FIRST_FIGURE,
+    OUTCOMES,
+    RUNNING,
+    TERMS,
+    TIMEOUT,
+    VALUES,
+    WEIGHTED,
+)
+from ambinav_envs.simulation.simulation import Outcome, Simulation
+
+Bools = NDArray[np.bool_]
+Info = dict[str, Any]
+
+_NAMES = np.array(OUTCOMES, dtype=object)
+_TERM_MASKS = tuple(f"_{term}" for term in TERMS)
+# Of what every step and reset tells.
+_MASKS = tuple(
+    f"_{key}"
+    for key in (
+        "terms", "reward_terms", *FIGURES, "lost", "was_lost", "true_pose", "estimate", "odometry",
+    )
+)  # fmt: skip
+
+
+def ends(simulation: Simulation, active: Bools | None = None) -> tuple[Bools, Bools]:
+    """Which robots' episodes have ended by themselves, and which were cut off; shape (N,)."""
+    outcome = simulation.state["outcome"]
+    terminated, truncated = (outcome != RUNNING) & (outcome != TIMEOUT), outcome == TIMEOUT
+    if active is not None:
+        terminated &= active
+        truncated &= active
+    return terminated, truncated
+
+
+def info_of_all(simulation: Simulation, out: Outcome, done: Bools) -> Info:
+    """Arrays with one entry a robot, each with its mask (`_key`), as Gymnasium wants them.
+
+    | key | meaning |
+    |---|---|
+    | terms | each term of the reward as it is, by name |
+    | reward_terms | the same times their weights: they sum to the reward |
+    | cost_collision, cost_lost, cost | 1 in a step that ends in a collision, or in which the \
+robot is lost; their sum |
+    | error | distance of the estimate from the truth, metres |
+    | exposure, travelled | so far, metres |
+    | shortest | length of the shortest way from start to goal, metres |
+    | lost, was_lost | now; ever in the episode |
+    | true_pose, estimate, odometry | x, y, theta |
+    | outcome, is_success | in the last step only |
+
+    Args:
+        simulation: After a step or a reset.
+        out: What that has made.
+        done: Whose episode has just ended, shape (N,).
+    """
+    state, figures = simulation.state, out.figures
+    everyone = np.ones(simulation.count, dtype=np.bool_)
+    info: Info = {
+        "terms": _named(figures[VALUES:], everyone),
+        "reward_terms": _named(figures[WEIGHTED:], everyone),
+        **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=True)),
+        "lost": state["lost"].copy(),
+        "was_lost": state["was_lost"].copy(),
+        "true_pose": state["truth"].copy(),
+        "estimate": state["mean"].copy(),
+        "odometry": state["odometry"].copy(),
+    }
+    info |= dict.fromkeys(_MASKS, everyone)
+    if done.any():
+        outcome = state["outcome"]
+        names = np.full(simulation.count, None, dtype=object)
+        names[done] = _NAMES[outcome[done]]
+        info |= {"outcome": names, "_outcome": done.copy()}
+        info |= {"is_success": (outcome == ARRIVED) & done, "_is_success": done.copy()}
+    return info
+
+
+def info_of_one(simulation: Simulation, out: Outcome, done: bool) -> Info:
+    """As `info_of_all` for the only robot, as plain values and poses of shape (3,)."""
+    state, figures = simulation.state[0], out.figures[:, 0].tolist()
+    info: Info = {
+        "terms": dict(zip(TERMS, figures[VALUES:], strict=False)),
+        "reward_terms": dict(zip(TERMS, figures[WEIGHTED:], strict=False)),
+        **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=True)),
+        "lost": bool(state["lost"]),
+        "was_lost": bool(state["was_lost"]),
+        "true_pose": state["truth"].copy(),
+        "estimate": state["mean"].copy(),
+        "odometry": state["odometry"].copy(),
+    }
+    if done:
+        info["outcome"] = OUTCOMES[int(state["outcome"])]
+        info["is_success"] = bool(state["outcome"] == ARRIVED)
+    return info
+
+
+def part_of(info: Info, mask: Bools) -> Info:
+    """A copy of an info of which only some robots have any: zeros (None, False) for the others."""
+    part: Info = {}
+    for key, value in info.items():
+        if isinstance(value, dict):
+            part[key] = part_of(value, mask)
+        elif key.startswith("_"):
+            part[key] = value & mask
+        else:
+            fresh = np.zeros_like(value)
+            if value.dtype == object:
+                fresh[:] = None
+            fresh[mask] = value[mask]
+            part[key] = fresh
+    return part
+
+
+def _named(rows: NDArray[np.float64], everyone: Bools) -> Info:
+    named: Info = dict(zip(TERMS, rows, strict=False))
+    return named | dict.fromkeys(_TERM_MASKS, everyone)

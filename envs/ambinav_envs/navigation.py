@@ -1,0 +1,253 @@
+"""The navigation environment: one robot that finds its way with a localizer in the loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav_envs.infos import ends, info_of_one
+from ambinav_envs.rendering import MODES, metadata_for, renderer_for
+from ambinav_envs.scenario import scenario
+from ambinav_envs.simulation.layout import REWARD
+from ambinav_envs.simulation.simulation import Outcome, Simulation
+from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+
+Observation = dict[str, Any]
+"""Rows of float32 by name, see `spaces.observation_space`."""
+
+
+class NavigationEnv(gym.Env[Observation, Any]):
+    """A robot with a range scanner finds its way in a building, by where it believes to be.
+
+    ## Description
+
+    The robot never sees where it truly is: a localizer in the loop tells it where it believes to
+    be and how sure it is of that. Where the scanner sees too little, as in a bare corridor or in
+    the middle of a wide hall, the belief drifts, and a robot that trusts it misses the goal or
+    drives into a wall. A map of the building tells where that is; the reward may count it.
+
+    The robot is a disc that drives on exact arcs among exact walls, with limited acceleration.
+    Lengths are metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
+
+    ## Action Space
+
+    `Box(-1, 1, (2,), float32)`; what is beyond the limits is cut off.
+
+    | Num | Action    | Min                              | Max                          |
+    |-----|-----------|----------------------------------|------------------------------|
+    | 0   | speed     | -1: `min_speed` (0 m/s)          | 1: `max_speed` (0.5 m/s)     |
+    | 1   | turn rate | -1: to the right, 2 rad/s        | 1: to the left, 2 rad/s      |
+
+    With `discrete=True` it is `Discrete(9)`, the rows of `ambinav_envs.spaces.ACTIONS`: 3 k + j is
+    to stand (k = 0), half speed (1) or full speed (2), turning left (j = 0), straight on (1) or
+    turning right (2), at half the turn rate.
+
+    ## Observation Space
+
+    A `Dict` of rows of float32, always finite:
+
+    | Key           | Num     | Observation                                   | Min | Max |
+    |---------------|---------|-----------------------------------------------|-----|-----|
+    | `scan`        | 0 to 59 | reading / range of 4 m; 1 no echo, 0 too near | 0   | 1   |
+    | `goal`        | 0       | distance of the goal, in units of 10 m        | 0   | 10  |
+    |               | 1, 2    | cosine and sine of its bearing                | -1  | 1   |
+    | `velocity`    | 0       | speed / highest speed                         | -1  | 1   |
+    |               | 1       | turn rate / highest turn rate                 | -1  | 1   |
+    | `uncertainty` | 0, 1    | deviation along the weak axis and across (m)  | 0   | 2   |
+    |               | 2, 3    | cosine, sine of that axis' double angle       | -1  | 1   |
+    |               | 4       | deviation of the heading (rad)                | 0   | 2   |
+    | `window`      | 0-255   | ambiguity around it, 16 x 16 cells of 0.4 m   | 0   | 1   |
+    |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
+    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the shortest way    |     |     |
+
+    Goal, window and waypoint are seen from the *estimated* pose. The window's rows go from ahead
+    to behind, each from left to right. `window` is left out with `window=False`, `waypoint` is
+    there with `waypoint=True` only. `gymnasium.wrappers.FilterObservation` and
+    `FlattenObservation` take parts of it and make one row of it; see `ambinav_envs.wrappers`.
+
+    ## Rewards
+
+    The sum of terms times weights; `info["terms"]` holds the terms, `info["reward_terms"]` the
+    same times their weights. `reward` is a preset or a dict of weights by term.
+
+    | Term        | Meaning                                                | ambiguity, by default |
+    |-------------|--------------------------------------------------------|-----------------------|
+    | `progress`  | metres by which the shortest way has become shorter    | 1                     |
+    | `arrival`   | 1 on truly arriving                                    | 10                    |
+    | `collision` | -1 on touching a wall or a box                         | 10                    |
+    | `time`      | minus seconds                                          | 0.1                   |
+    | `ambiguity` | minus the map's layer `level` along the way (m)        | 1                     |
+    | `fisher`    | minus its layer `fisher` along the way                 | 0                     |
+    | `error`     | minus error (m) times metres driven; privileged        | 0                     |
+    | `lost`      | minus seconds while lost; privileged                   | 0                     |
+
+    The presets `shortest`, `fisher` and `error` put 0, `fisher: 5` and `error: 20` in the place of
+    `ambiguity: 1`. Beside the reward, `info["cost"]` is 1 in a step that ends in a collision plus
+    1 in a step in which the robot is lost, as Safety-Gymnasium has it (`cost_collision`,
+    `cost_lost`). Lost is who has been more than 0.5 m or 30 degrees off for over a second.
+
+    ## Starting State
+
+    A building of the suite, a goal and a start are drawn: the shortest way between them is
+    `shortest` to `longest` long (2 to 15 m). The robot stands and faces any way; its first
+    estimate errs by draws of the deviations `start_std` (5 cm, 5 cm, 0.02 rad), which the
+    localizer is told. `reset(options={"start": (x, y, theta), "goal": (x, y), "building": key})`
+    fixes any of them. `reset(seed=...)` makes the same episode, and the same ones after it.
+
+    ## Episode End
+
+    1. Termination, "arrived": the estimate is within 0.3 m of the goal and the truth within 0.5 m.
+    2. Termination, "missed": the estimate is there, the truth is not.
+    3. Termination, "collided": the robot touches a wall or an unmapped box.
+    4. Termination, "lost": the robot is lost, with `end_when_lost=True` only.
+    5. Truncation, "timeout": after `max_steps` (600).
+
+    `info["outcome"]` then names it, `info["is_success"]` is true on arriving.
+
+    ## Arguments
+
+    ```python
+    >>> import gymnasium as gym
+    >>> import ambinav_envs
+    >>> gym.make("ambinav/Office-v0", reward="shortest", people=2)
+    <OrderEnforcing<PassiveEnvChecker<NavigationEnv<ambinav/Office-v0>>>>
+    >>> gym.make_vec("ambinav/Navigation-v0", num_envs=64, suite="office").num_envs
+    64
+
+    ```
+
+    | Argument            | Default        | Description                                          |
+    |---------------------|----------------|------------------------------------------------------|
+    | `suite`             | "procedural"   | hall, corridor, office, warehouse, loop, procedural  |
+    | `map`               | `None`         | an environment file, or an environment, instead      |
+    | `buildings`         | `None`         | how many of the suite are drawn from; `None`: any    |
+    | `first_building`    | 0              | number of the first of them                          |
+    | `render_mode`       | `None`         | "human" or "rgb_array"                               |
+    | `render_view`       | "auto"         | "whole" building, "follow" the robot; auto: by size  |
+    | `max_episode_steps` | `None`         | the same as `max_steps`                              |
+    | `discrete`          | `False`        | nine actions instead of continuous ones              |
+    | `localizer`         | "ekf"          | "ekf", "mcl", "perfect" or "odometry"                |
+    | `odometry_scale`    | 1.0            | how many times worse odometry is than modelled       |
+    | `people`            | 0              | how many walk about, or `People`                     |
+    | `obstacles`         | 0              | how many boxes stand about that the map lacks        |
+    | `reward`            | "ambiguity"    | preset, or weights by term                           |
+
+    Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. What
+    cannot be used raises `ambinav.errors.InputError`.
+
+    `env.unwrapped.simulation` is what truly happens, for those who may look.
+
+    ## Version History
+
+    * v0: first version.
+    """
+
+    metadata: dict[str, Any] = metadata_for(0.1)
+
+    def __init__(
+        self,
+        suite: str | None = None,
+        *,
+        map: str | Path | Environment | None = None,
+        buildings: int | None = None,
+        first_building: int = 0,
+        render_mode: str | None = None,
+        render_view: str = "auto",
+        max_episode_steps: int | None = None,
+        **options: Any,
+    ) -> None:
+        source, parameters = scenario(
+            suite, map, buildings, first_building, max_episode_steps, options
+        )
+        self.simulation = Simulation(source, parameters, 1)
+        self.observation_space = observation_space(parameters)
+        self.action_space = action_space(parameters)
+        self.metadata = metadata_for(parameters.dt)
+        self.render_mode = render_mode
+        self._renderer = renderer_for(self.simulation, render_mode, render_view)
+        self._active = np.ones(1, dtype=np.bool_)
+        self._running = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Start the random numbers anew from this.
+            options: `start` (x, y, theta), `goal` (x, y) and `building` (number or key); what is
+                left out is drawn.
+
+        Raises:
+            InputError: an option cannot be used.
+        """
+        super().reset(seed=seed)
+        out = self.simulation.outcome()
+        self.simulation.reset([0], [self.np_random], options, out)
+        self._running = True
+        self._show()
+        return _first(out), info_of_one(self.simulation, out, False)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive on for one time step.
+
+        Args:
+            action: Speed and turn rate in [-1, 1], what is beyond is cut off; or the number of one
+                of `spaces.ACTIONS`.
+
+        Raises:
+            InputError: the action has another shape, or is not finite.
+            ResetNeeded: no episode is going on.
+        """
+        chosen = continuous(action, None, self.simulation.parameters.discrete)
+        if not self._running:
+            raise ResetNeeded("no episode is going on; call reset first.")
+        out = self.simulation.outcome()
+        self.simulation.step(chosen, self._active, out)
+        (terminated,), (truncated,) = ends(self.simulation)
+        done = bool(terminated or truncated)
+        self._running = not done
+        self._show()
+        info = info_of_one(self.simulation, out, done)
+        return _first(out), float(out.figures[REWARD, 0]), bool(terminated), bool(truncated), info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The picture, shape (640, 960, 3), with the mode "rgb_array".
+
+        With "human" every step and reset shows it by itself; then and without a mode: None.
+
+        Raises:
+            ResetNeeded: there is no episode yet.
+        """
+        if self._renderer is None:
+            gym.logger.warn(
+                "render was called without a render mode; give one to make, such as "
+                f'gym.make("ambinav/Navigation-v0", render_mode="{MODES[1]}").'
+            )
+            return None
+        if self.render_mode == "human":
+            self._renderer.show(self.metadata["render_fps"])
+            return None
+        return self._renderer.frame()
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def _show(self) -> None:
+        """Take in the new state, and show it if it is to be seen at once."""
+        if self._renderer is not None:
+            self._renderer.note()
+            if self.render_mode == "human":
+                self.render()
+
+
+def _first(out: Outcome) -> Observation:
+    return {name: part[0] for name, part in observation_of(out.view).items()}

@@ -1,0 +1,246 @@
+"""Everything about a navigation environment but the building: robot, sensing, task, reward."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ambinav.drive.metrics import ARRIVAL
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.people import People
+from ambinav.drive.robot import Robot
+from ambinav.errors import InputError
+from ambinav.localization.parameters import MclParameters
+from ambinav.sensing.fields import as_count, as_number, nearest
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav_envs.rewards import weights_of
+from ambinav_envs.simulation.layout import LOCALIZERS
+
+Part = TypeVar("Part")
+
+# Lowest value of each number, and whether it may be taken.
+_ABOVE_ZERO = (
+    "dt", "goal_radius", "success_radius", "gate", "window_spacing", "waypoint_distance", "gamma",
+    "longest",
+)  # fmt: skip
+_AT_LEAST_ZERO = ("odometry_scale", "shortest")
+_SWITCHES = ("discrete", "window", "waypoint", "end_when_lost")
+_COUNTS = ("max_steps", "iterations", "window_cells")
+
+
+def default_scanner() -> RangeScanner:
+    """A laser that looks all around: 60 beams of 4 m."""
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
+    return RangeScanner.planar(sensor, 60, 2.0 * math.pi)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationParameters:
+    """Parameters of the navigation environments; metres, seconds, radians.
+
+    Parts of their own (robot, odometry, people, mcl) may be given as mappings of their fields.
+
+    Attributes:
+        scanner: What the robot sees with: a `RangeScanner`, the name of a preset, or a YAML file.
+        robot: Its disc and how fast it moves.
+        dt: Time step.
+        min_speed: Lowest speed that an action can ask for, metres per second: 0, or below to
+            drive backwards.
+        discrete: Whether actions are one of nine, see `spaces.ACTIONS`.
+        max_steps: Steps after which an episode is truncated.
+        localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization, some
+            hundred times as slow), "perfect" (knows the truth), "odometry" (dead reckoning).
+        iterations: Rounds of the Kalman filter's update; later ones stay on the walls that the
+            first one met. One round alone is surer of itself than it may be.
+        gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
+        map_std: Deviation of the walls' position that the filter reckons with; None: as the map's.
+        mcl: Parameters of the Monte Carlo localizer; None: AMCL's with the odometry's alphas.
+        odometry: How odometry errs, as the localizer is told (biases it is not told).
+        odometry_scale: How many times as much it truly errs.
+        start_std: Deviations of x, y and heading of the first estimate, which the localizer is
+            told.
+        goal_radius: The robot stops when its estimate is this near to the goal.
+        success_radius: It has arrived if it truly is this near then.
+        end_when_lost: Whether to end an episode when the robot is lost.
+        shortest: Least length of the shortest way from start to goal.
+        longest: Greatest length of it.
+        window: Whether the observation holds a window of the ambiguity map.
+        window_cells: Its edge, cells.
+        window_spacing: Edge of a cell.
+        waypoint: Whether the observation holds the place ahead on the shortest way.
+        waypoint_distance: How far ahead.
+        reward: Name of a preset, or weights by term; see `rewards`.
+        gamma: Discount in the progress term. 1 counts plain metres; at the agent's own discount
+            the term changes no policy's rank.
+        layer: Layer of the ambiguity map for reward, exposure and window.
+        people: Who walks about: how many, or `People`. They keep off the robot, and walk through
+            boxes.
+        obstacles: How many boxes stand in the way that the map does not have, at most: those that
+            find no room are left out.
+        obstacle_sizes: Their least and greatest edge.
+
+    Raises:
+        InputError: a value makes no sense; one sentence names the field and the remedy.
+    """
+
+    scanner: RangeScanner = field(default_factory=default_scanner)
+    robot: Robot = field(default_factory=Robot)
+    dt: float = 0.1
+    min_speed: float = 0.0
+    discrete: bool = False
+    max_steps: int = 600
+    localizer: str = "ekf"
+    iterations: int = 2
+    gate: float = 3.0
+    map_std: float | None = None
+    mcl: MclParameters | None = None
+    odometry: OdometryNoise = field(default_factory=OdometryNoise)
+    odometry_scale: float = 1.0
+    start_std: tuple[float, float, float] = (0.05, 0.05, 0.02)
+    goal_radius: float = 0.3
+    success_radius: float = ARRIVAL
+    end_when_lost: bool = False
+    shortest: float = 2.0
+    longest: float = 15.0
+    window: bool = True
+    window_cells: int = 16
+    window_spacing: float = 0.4
+    waypoint: bool = False
+    waypoint_distance: float = 1.5
+    reward: str | Mapping[str, float] = "ambiguity"
+    gamma: float = 1.0
+    layer: str = "level"
+    people: People = field(default_factory=lambda: People(0))
+    obstacles: int = 0
+    obstacle_sizes: tuple[float, float] = (0.3, 0.8)
+
+    def __post_init__(self) -> None:
+        """Check every field and bring it to its type."""
+        self._set("scanner", _scanner(self.scanner))
+        self._set("robot", _part(self.robot, "robot", Robot))
+        self._set("odometry", _part(self.odometry, "odometry", OdometryNoise))
+        if self.mcl is not None:
+            values = dict(self.mcl) if isinstance(self.mcl, Mapping) else self.mcl
+            made = MclParameters.from_dict(values) if isinstance(values, dict) else values
+            self._set("mcl", _part(made, "mcl", MclParameters))
+        people = self.people
+        count = isinstance(people, int) and not isinstance(people, bool)
+        self._set("people", _part({"count": people} if count else people, "people", People))
+        for key in _COUNTS:
+            self._set(key, as_count(getattr(self, key), key))
+        for key in _SWITCHES:
+            if not isinstance(getattr(self, key), bool):
+                raise InputError(f"{key} is {getattr(self, key)!r}; give true or false.")
+        for key in (*_ABOVE_ZERO, *_AT_LEAST_ZERO, "min_speed"):
+            self._set(key, as_number(getattr(self, key), key))
+        for key in _ABOVE_ZERO:
+            self._require(key, getattr(self, key) > 0.0, "more than 0")
+        for key in _AT_LEAST_ZERO:
+            self._require(key, getattr(self, key) >= 0.0, "at least 0")
+        if self.map_std is not None:
+            self._set("map_std", as_number(self.map_std, "map_std"))
+            self._require("map_std", self.map_std >= 0.0, "at least 0")
+        if isinstance(self.obstacles, bool) or not isinstance(self.obstacles, int):
+            raise InputError(f"obstacles is {self.obstacles!r}; give a whole number from 0 on.")
+        self._require("obstacles", self.obstacles >= 0, "a whole number from 0 on")
+        self._set("start_std", _numbers(self.start_std, "start_std", 3))
+        self._require("start_std", min(self.start_std) > 0.0, "three deviations above 0")
+        self._set("obstacle_sizes", _numbers(self.obstacle_sizes, "obstacle_sizes", 2))
+        low, high = self.obstacle_sizes
+        self._require("obstacle_sizes", 0.0 < low <= high, "the least and the greatest edge")
+        speed = self.robot.max_speed
+        self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
+        self._require("gamma", self.gamma <= 1.0, "at most 1")
+        self._require(
+            "longest", self.longest > self.shortest, f"more than shortest, {self.shortest:g}"
+        )
+        radius = self.goal_radius
+        self._require("success_radius", self.success_radius >= radius, f"at least {radius:g}")
+        if self.localizer not in LOCALIZERS:
+            raise InputError(
+                f"localizer is {self.localizer!r}; {nearest(str(self.localizer), LOCALIZERS)}."
+            )
+        if not isinstance(self.layer, str):
+            raise InputError(f"layer is {self.layer!r}; give a layer's name, such as level.")
+        if isinstance(self.reward, Mapping):
+            self._set("reward", dict(self.reward))
+        weights_of(self.reward)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> NavigationParameters:
+        """The parameters from a mapping; what it leaves out is as by default.
+
+        Raises:
+            InputError: a name is unknown (the nearest is offered), or a value makes no sense.
+        """
+        known = [item.name for item in fields(cls)]
+        for name in values:
+            if name not in known:
+                raise InputError(f"the option {name!r} is unknown; {nearest(str(name), known)}.")
+        return cls(**values)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of each term of the reward, in the order of `rewards.TERMS`."""
+        return weights_of(self.reward)
+
+    @property
+    def wheels(self) -> OdometryNoise:
+        """How odometry truly errs."""
+        return replace(self.odometry, scale=self.odometry.scale * self.odometry_scale)
+
+    @property
+    def particles(self) -> MclParameters:
+        """Parameters of the Monte Carlo localizer."""
+        if self.mcl is not None:
+            return self.mcl
+        odometry, square = self.odometry, self.odometry.scale**2
+        alphas = {f"alpha{k}": getattr(odometry, f"alpha{k}") * square for k in range(1, 5)}
+        return MclParameters(**alphas)
+
+    def _set(self, key: str, value: object) -> None:
+        object.__setattr__(self, key, value)
+
+    def _require(self, key: str, good: bool, what: str) -> None:
+        if not good:
+            raise InputError(f"{key} is {getattr(self, key)}; give {what}.")
+
+
+def _scanner(value: object) -> RangeScanner:
+    """A scanner from what a user may give."""
+    if isinstance(value, RangeScanner):
+        return value
+    if isinstance(value, Path) or (isinstance(value, str) and value.endswith((".yaml", ".yml"))):
+        return RangeScanner.from_yaml(value)
+    if isinstance(value, str):
+        return RangeScanner.from_preset(value)
+    raise InputError(
+        f"scanner is {value!r}; give a RangeScanner, the name of a preset or a YAML file."
+    )
+
+
+def _part(value: object, name: str, kind: type[Part]) -> Part:
+    """A part of the parameters, made of a mapping where that is given."""
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise InputError(f"{name} is {value!r}; give its fields by name.")
+    known = list(kind.__dataclass_fields__)  # type: ignore[attr-defined]
+    for key in value:
+        if key not in known:
+            raise InputError(f"{name}: {key!r} is unknown; {nearest(str(key), known)}.")
+    try:
+        return kind(**value)
+    except TypeError as error:
+        raise InputError(f"{name} is {dict(value)!r}; {error}.") from error
+
+
+def _numbers(value: object, name: str, count: int) -> tuple[float, ...]:
+    """So many finite numbers."""
+    if not isinstance(value, list | tuple) or len(value) != count:
+        raise InputError(f"{name} is {value!r}; give {count} numbers.")
+    return tuple(as_number(item, f"{name}[{i}]") for i, item in enumerate(value))

@@ -1,0 +1,242 @@
+"""The batched environment as Stable-Baselines3 takes it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices, VecEnvStepReturn
+
+import ambinav_envs
+from ambinav.errors import InputError
+
+Infos = list[dict[str, Any]]
+
+
+def make_sb3(
+    id: str = "ambinav/Navigation-v0",
+    num_envs: int = 8,
+    *,
+    seed: int | None = None,
+    all_info: bool = False,
+    **arguments: Any,
+) -> NavigationVecEnv:
+    """Make environments for Stable-Baselines3, all in one kernel.
+
+    Args:
+        id: One of `ambinav_envs.registration.IDS`.
+        num_envs: How many.
+        seed: Environment i starts from seed + i.
+        all_info: See `NavigationVecEnv`.
+        **arguments: Of `ambinav_envs.navigation.NavigationEnv`.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+    gym.register_envs(ambinav_envs)
+    envs = gym.make_vec(
+        id,
+        num_envs=num_envs,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=AutoresetMode.SAME_STEP.value,
+        **arguments,
+    )
+    made = NavigationVecEnv(envs, all_info=all_info)
+    if seed is not None:
+        made.seed(seed)
+    return made
+
+
+class NavigationVecEnv(VecEnv):
+    """A `VecEnv` over a `NavigationVectorEnv`, or over Gymnasium's vector wrappers around one.
+
+    The info of a step that ends an episode holds everything, and as Stable-Baselines3 has it
+    `terminal_observation` and `TimeLimit.truncated`, so `VecMonitor(made, info_keywords=("outcome",
+    "is_success"))` works. `reset_infos` tells how the latest episodes began. All environments are
+    one object: attributes and methods are those of the whole.
+
+    Args:
+        envs: With the autoreset mode "SameStep".
+        all_info: Whether steps in the middle of an episode tell everything too; otherwise `cost`
+            and `lost` alone, which is faster.
+
+    Raises:
+        InputError: the autoreset mode is another.
+    """
+
+    def __init__(self, envs: VectorEnv[Any, Any, Any], *, all_info: bool = False) -> None:
+        mode = envs.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.SAME_STEP:
+            raise InputError(
+                f"autoreset_mode is {getattr(mode, 'value', mode)!r}; Stable-Baselines3 needs "
+                f"{AutoresetMode.SAME_STEP.value!r}."
+            )
+        self.envs = envs
+        self.all_info = all_info
+        self._actions: NDArray[Any] | None = None
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        self.metadata = {**envs.metadata, "render_modes": self.metadata["render_modes"]}
+
+    def reset(self) -> Any:
+        """Begin an episode everywhere, with the seeds and options that were set last."""
+        seeds, options = list(self._seeds), list(self._options)
+        # Environments with the same options begin together.
+        groups: list[tuple[dict[str, Any], list[int]]] = []
+        for i, own in enumerate(options):
+            same = [rows for other, rows in groups if other is own or repr(other) == repr(own)]
+            if same:
+                same[0].append(i)
+            else:
+                groups.append((own, [i]))
+        for own, rows in groups:
+            mask = np.zeros(self.num_envs, dtype=np.bool_)
+            mask[rows] = True
+            chosen: Any = [seed if mask[i] else None for i, seed in enumerate(seeds)]
+            extra = {} if mask.all() else {"reset_mask": mask}
+            seen, info = self.envs.reset(seed=chosen, options={**own, **extra})
+            for i, told in zip(rows, infos_of(info, rows), strict=True):
+                self.reset_infos[i] = told
+        self._reset_seeds()
+        self._reset_options()
+        return seen
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take the actions of the next step, shape (N, 2), or (N,) if they are discrete."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Make the step."""
+        seen, rewards, terminated, truncated, info = self.envs.step(self._actions)
+        done = terminated | truncated
+        rows = range(self.num_envs)
+        last = info.pop("final_info", None)
+        final = info.pop("final_obs", None)
+        if self.all_info:
+            infos = infos_of(info, rows)
+        else:
+            costs, lost = info["cost"].tolist(), info["lost"].tolist()
+            infos = [{"cost": c, "lost": o} for c, o in zip(costs, lost, strict=True)]
+        cut = (truncated & ~terminated).tolist()
+        for told, value in zip(infos, cut, strict=True):
+            told["TimeLimit.truncated"] = value
+        ended = np.flatnonzero(done).tolist()
+        if ended:
+            for i, told, begun in zip(
+                ended, infos_of(last, ended), infos_of(info, ended), strict=True
+            ):
+                infos[i] = told | {
+                    "TimeLimit.truncated": cut[i], "terminal_observation": final[i]
+                }  # fmt: skip
+                self.reset_infos[i] = begun
+        return seen, rewards.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Close the environments."""
+        self.envs.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """The picture of each robot, with the render mode "rgb_array"."""
+        frames: Any = self.envs.render()
+        return [None] * self.num_envs if frames is None else list(frames)
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """The environments' attribute, once for each that is asked for.
+
+        Raises:
+            AttributeError: there is none.
+        """
+        name = attr_name
+        if name in ("observation_space", "action_space"):
+            name = f"single_{name}"
+        value = getattr(self.envs, name) if hasattr(self.envs, name) else _inner(self.envs, name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of all environments.
+
+        Raises:
+            InputError: only some are meant.
+        """
+        self._all(attr_name, indices)
+        setattr(self.envs.unwrapped, attr_name, value)
+
+    def env_method(
+        self,
+        method_name: str,
+        *method_args: Any,
+        indices: VecEnvIndices = None,
+        **method_kwargs: Any,
+    ) -> list[Any]:
+        """Call a method of the whole once; its result, once for each that is asked for.
+
+        Of `render`, which gives a picture for each, each gets its own.
+
+        Raises:
+            AttributeError: there is none.
+        """
+        if method_name == "get_wrapper_attr":
+            return self.get_attr(method_args[0], indices)
+        result = _inner(self.envs, method_name)(*method_args, **method_kwargs)
+        rows = self._get_indices(indices)
+        if method_name == "render" and result is not None:
+            return [result[i] for i in rows]
+        return [result for _ in rows]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """Whether the environments are in such a wrapper."""
+        layer: VectorEnv[Any, Any, Any] = self.envs
+        found = False
+        while isinstance(layer, VectorWrapper):
+            found |= inspect.isclass(wrapper_class) and isinstance(layer, wrapper_class)
+            layer = layer.env
+        return [found for _ in self._get_indices(indices)]
+
+    def _all(self, name: str, indices: VecEnvIndices) -> None:
+        if len(set(self._get_indices(indices))) != self.num_envs:
+            raise InputError(
+                f"{name} cannot be set for {indices!r} alone, the environments are one object; "
+                "leave out indices."
+            )
+
+
+def infos_of(info: dict[str, Any], rows: Iterable[int]) -> Infos:
+    """The arrays of a vector environment's info as one dict of plain values for each of some rows.
+
+    Args:
+        info: Arrays, dicts of such, and their masks (`_key`).
+        rows: Which.
+    """
+    chosen = np.fromiter(rows, dtype=np.intp)
+    infos: Infos = [{} for _ in chosen]
+    for key, value in info.items():
+        if key.startswith("_"):
+            continue
+        if isinstance(value, dict):
+            parts: Iterable[Any] = infos_of(value, chosen.tolist())
+        elif value.ndim == 1:
+            parts = value[chosen].tolist()
+        else:
+            parts = value[chosen]
+        given = info.get(f"_{key}")
+        there = [True] * len(infos) if given is None else given[chosen].tolist()
+        for told, part, has in zip(infos, parts, there, strict=True):
+            if has:
+                told[key] = part
+    return infos
+
+
+def _inner(envs: VectorEnv[Any, Any, Any], name: str) -> Any:
+    """An attribute of the outermost wrapper that has it, or of the environments themselves."""
+    layer = envs
+    while isinstance(layer, VectorWrapper):
+        if name in vars(layer) or name in vars(type(layer)):
+            return getattr(layer, name)
+        layer = layer.env
+    return getattr(layer, name)

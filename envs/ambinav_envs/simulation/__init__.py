@@ -1,0 +1,1 @@
+"""Many robots in their buildings, one step of all of them at a time."""

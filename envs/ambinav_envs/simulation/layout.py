@@ -1,0 +1,175 @@
+"""What the simulation keeps of each robot, and what it never changes, as records of plain numbers.
+
+One record holds all of a robot's numbers, so that a step reads and writes one piece of memory and
+no robot touches another's. Kernels take records apart by name, as Python does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# What became of an episode, by code.
+RUNNING, ARRIVED, MISSED, COLLIDED, LOST, TIMEOUT = range(6)
+OUTCOMES = ("running", "arrived", "missed", "collided", "lost", "timeout")
+"""Names of the codes. Those before the last but "running" are ends of the task itself."""
+
+EKF, PERFECT, ODOMETRY, MCL = range(4)
+LOCALIZERS = ("ekf", "perfect", "odometry", "mcl")
+"""Names of the localizers, by code."""
+
+TERMS = (
+    "progress", "arrival", "collision", "time", "ambiguity", "fisher", "error", "lost",
+)  # fmt: skip
+"""The terms of the reward, in the order in which all arrays hold them."""
+
+# Rows of the table of figures that a step makes: the reward, its terms as they are and times
+# their weights, and what else is told of a step.
+REWARD, VALUES, WEIGHTED, FIRST_FIGURE = 0, 1, 1 + len(TERMS), 1 + 2 * len(TERMS)
+FIGURES = ("cost_collision", "cost_lost", "cost", "error", "exposure", "travelled", "shortest")
+"""Names of the rows from `FIRST_FIGURE` on."""
+ROWS = FIRST_FIGURE + len(FIGURES)
+COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(FIRST_FIGURE, ROWS)
+
+# The streams of random numbers of an episode.
+BUILDING, TASK, WHEELS, EYES, WALKERS, CLUTTER = range(6)
+STREAMS = 6
+
+_REAL, _WHOLE, _WORD = np.float64, np.int64, np.uint64
+
+
+def record(**columns: object) -> np.dtype[np.void]:
+    """The type of a record; each column is a type, or a type and a shape."""
+    return np.dtype(
+        [(name, *(kind if isinstance(kind, tuple) else (kind,))) for name, kind in columns.items()],
+        align=True,
+    )
+
+
+NOISE = record(
+    turn_turn=_REAL, turn_way=_REAL, way_way=_REAL, way_turn=_REAL, bias_distance=_REAL,
+    bias_turn=_REAL,
+)  # fmt: skip
+"""`ambinav.drive.noise.PackedNoise`."""
+
+STATE = record(
+    truth=(_REAL, 3),
+    speeds=(_REAL, 2),
+    odometry=(_REAL, 3),
+    mean=(_REAL, 3),
+    covariance=(_REAL, (3, 3)),
+    goal=(_REAL, 2),
+    random=(_WORD, (STREAMS, 4)),
+    steps=_WHOLE,
+    outcome=_WHOLE,
+    far_steps=_WHOLE,
+    lost=np.bool_,
+    was_lost=np.bool_,
+    boxes=_WHOLE,
+    distance=_REAL,
+    shortest=_REAL,
+    exposure=_REAL,
+    travelled=_REAL,
+    before=(_REAL, 3),
+    way=_REAL,
+    met=np.bool_,
+)
+"""One robot in its episode.
+
+truth, mean and goal are poses and a place in the map frame (metres, radians), odometry is in a
+frame of its own; speeds are metres and radians per second. far_steps counts the steps since which
+the error has been too large; boxes how many stand in the way; distance is the length of the
+shortest way from the true place to the goal, shortest the same at the start; exposure and
+travelled are sums so far. before, way and met are of the last step: the true pose before it, how
+far the robot has gone, and whether it has met something.
+"""
+
+SETTINGS = record(
+    dt=_REAL,
+    radius=_REAL,
+    min_speed=_REAL,
+    max_speed=_REAL,
+    max_turn_rate=_REAL,
+    acceleration=_REAL,
+    turn_acceleration=_REAL,
+    wheels=NOISE,
+    told=NOISE,
+    localizer=_WHOLE,
+    rounds=_WHOLE,
+    gate=_REAL,
+    start_std=(_REAL, 3),
+    goal_radius=_REAL,
+    success_radius=_REAL,
+    lost_steps=_WHOLE,
+    max_steps=_WHOLE,
+    end_when_lost=np.bool_,
+    gamma=_REAL,
+    weights=(_REAL, len(TERMS)),
+    person_radius=_REAL,
+    person_speed=_REAL,
+    window_cells=_WHOLE,
+    window_spacing=_REAL,
+    waypoint=np.bool_,
+    waypoint_distance=_REAL,
+    box_least=_REAL,
+    box_most=_REAL,
+)
+"""The same for all robots; units as in `NavigationParameters`."""
+
+GROUND = record(
+    # See `ambinav.localization.casting.CastTables`.
+    grid_x=_REAL, grid_y=_REAL, cell=_REAL, rows=_WHOLE, columns=_WHOLE, half_edges=_WHOLE,
+    edges=_WHOLE, items=_WHOLE, border_segment=_WHOLE, border=_WHOLE, twin=_WHOLE, node=_WHOLE,
+    corner=_WHOLE, grid_start=_WHOLE, item=_WHOLE, triangle=_WHOLE,
+    # See `ambinav.localization.information.BeamNoise`.
+    frontier=_WHOLE, bias=_WHOLE, variance=_WHOLE,
+    # See `ambinav.geometry.obstacles.pack`.
+    table=_WHOLE, numbers=_WHOLE, bound=_WHOLE, bound_rows=_WHOLE, bound_columns=_WHOLE,
+    # Layers of the ambiguity map, see `ambinav.service.field.Field`.
+    level=_WHOLE, level_headings=_WHOLE, fisher=_WHOLE, fisher_headings=_WHOLE, free=_WHOLE,
+    map_rows=_WHOLE, map_columns=_WHOLE, left=_REAL, low=_REAL, inverse=_REAL,
+    # Ways to the goal, see `ambinav_envs.buildings.geodesic`.
+    field=_WHOLE, links=_WHOLE, moves=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE,
+    field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
+)  # fmt: skip
+"""The building around a robot and the ways in it to its goal: where the arrays are, and how long.
+
+A column that is named as an array holds its address. Buildings come and go with the episodes, and
+robots stand in different ones: so nothing is copied, and a kernel looks at any of them alike.
+"""
+
+
+class Memory(NamedTuple):
+    """All that changes, for N robots; what the kernels take first.
+
+    Attributes:
+        state: `STATE`, shape (N,).
+        ground: `GROUND`, shape (N,).
+        people: x, y, heading of each person, shape (N, P, 3), metres and radians, map frame.
+        boxes: Unmapped boxes, shape (N, Q, 6): x and y of the middle and of the vectors from there
+            to the middles of two sides; rows from `state.boxes` on are not in use.
+        readings: Of the scanner, shape (N, B), metres: inf no echo, -inf too near.
+        settings: `SETTINGS`, shape (1,).
+    """
+
+    state: NDArray[np.void]
+    ground: NDArray[np.void]
+    people: Floats
+    boxes: Floats
+    readings: Floats
+    settings: NDArray[np.void]
+
+
+class View(NamedTuple):
+    """The parts of the observation of N robots, float32; see `ambinav_envs.spaces`."""
+
+    scan: NDArray[np.float32]
+    goal: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    uncertainty: NDArray[np.float32]
+    window: NDArray[np.float32]
+    waypoint: NDArray[np.float32]

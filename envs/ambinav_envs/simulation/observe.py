@@ -1,0 +1,134 @@
+"""What a robot gets to see: its scan, and the rest as its localizer believes it to be."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ambinav.geometry.obstacles import around
+from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
+from ambinav_envs.simulation.ground import free_of, level_of, walls_of, ways_of
+from ambinav_envs.simulation.pointers import array_at
+
+# Distances are seen in units of this, metres, and up to so many units.
+FAR, MOST_FAR = 10.0, 10.0
+# Deviations are seen up to this, metres and radians.
+MOST_SPREAD = 2.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def observe(memory, eyes, view, i):
+    """Write row i of the observation; see `ambinav_envs.spaces`."""
+    state, settings = memory.state[i], memory.settings[0]
+    for b in range(eyes.near.size):
+        # Too near is 0, no echo 1.
+        view.scan[i, b] = min(max(memory.readings[i, b] / eyes.far[b], 0.0), 1.0)
+    x, y, theta = state.mean[0], state.mean[1], state.mean[2]
+    polar(x, y, theta, state.goal[0], state.goal[1], view.goal, i)
+    view.velocity[i, 0] = state.speeds[0] / settings.max_speed
+    view.velocity[i, 1] = state.speeds[1] / settings.max_turn_rate
+    _uncertainty(state.covariance, theta, view.uncertainty, i)
+    if view.window.shape[1] > 0:
+        _window(x, y, theta, memory.ground[i], settings, view.window, i)
+    if settings.waypoint:
+        wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, memory.ground[i])
+        polar(x, y, theta, wx, wy, view.waypoint, i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def polar(x, y, theta, goal_x, goal_y, out, i):
+    """Write distance and the cosine and sine of the bearing of a place; (d, 1, 0) on the spot."""
+    dx, dy = goal_x - x, goal_y - y
+    distance = math.sqrt(dx * dx + dy * dy)
+    out[i, 0] = min(distance / FAR, MOST_FAR)
+    out[i, 1], out[i, 2] = 1.0, 0.0
+    if distance > 0.0:
+        co, si = math.cos(theta), math.sin(theta)
+        out[i, 1] = min(max((co * dx + si * dy) / distance, -1.0), 1.0)
+        out[i, 2] = min(max((co * dy - si * dx) / distance, -1.0), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _uncertainty(cov, theta, out, i):
+    """Write deviations along the weak axis and across, its double angle, that of the heading."""
+    mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
+    radius = math.sqrt(half * half + cov[0, 1] * cov[0, 1])
+    out[i, 0] = min(math.sqrt(max(mean + radius, 0.0)), MOST_SPREAD)
+    out[i, 1] = min(math.sqrt(max(mean - radius, 0.0)), MOST_SPREAD)
+    # The axis of the larger one lies at phi with tan 2 phi = P_xy / half; a circle has none.
+    out[i, 2] = out[i, 3] = 0.0
+    if radius > 0.0:
+        c, s = half / radius, cov[0, 1] / radius
+        co, si = math.cos(2.0 * theta), math.sin(2.0 * theta)
+        out[i, 2] = min(max(c * co + s * si, -1.0), 1.0)
+        out[i, 3] = min(max(s * co - c * si, -1.0), 1.0)
+    out[i, 4] = min(math.sqrt(max(cov[2, 2], 0.0)), MOST_SPREAD)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _window(x, y, theta, ground, settings, out, i):
+    """Write what the map says around a pose: ambiguity, and what is free.
+
+    Cells lie in rows from ahead to behind and in each from left to right. A cell within half its
+    edge of a wall, or outside of the free space, is not free and has the ambiguity 1.
+    """
+    cells, spacing = settings.window_cells, settings.window_spacing
+    table, bound = walls_of(ground)
+    values, free = level_of(ground), free_of(ground)
+    heading = 0
+    if values.shape[2] > 1:
+        turn = theta * values.shape[2] / (2.0 * math.pi)
+        heading = int(math.floor(turn + 0.5)) % values.shape[2]
+    co, si = math.cos(theta), math.sin(theta)
+    middle = 0.5 * (cells - 1)
+    each = cells * cells
+    for r in range(cells):
+        forward = (middle - r) * spacing
+        for c in range(cells):
+            left = (middle - c) * spacing
+            px, py = x + co * forward - si * left, y + si * forward + co * left
+            k = r * cells + c
+            out[i, k], out[i, each + k] = 1.0, 0.0
+            room, _ = around(px, py, table, bound)
+            if room < 0.5 * spacing:
+                continue
+            column = int(math.floor((px - ground.left) * ground.inverse + 0.5))
+            row = int(math.floor((py - ground.low) * ground.inverse + 0.5))
+            if 0 <= row < free.shape[0] and 0 <= column < free.shape[1]:
+                out[i, each + k] = 1.0
+                if free[row, column]:
+                    out[i, k] = min(max(values[row, column, heading], 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ahead(x, y, goal, distance, ground):
+    """The place this far on along the shortest way from (x, y), or the goal if that is nearer."""
+    field, _ = ways_of(ground)
+    rows, columns = field.shape
+    moves = array_at(ground.moves, (rows, columns), np.uint16)
+    spacing = 1.0 / ground.field_inverse
+    column = int(math.floor((x - ground.field_x) * ground.field_inverse + 0.5))
+    row = int(math.floor((y - ground.field_y) * ground.field_inverse + 0.5))
+    if not (0 <= row < rows and 0 <= column < columns) or field[row, column] == math.inf:
+        return goal[0], goal[1]
+    left = distance
+    px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
+    while True:
+        best, at = field[row, column], -1
+        for k in range(STEPS.shape[0]):
+            # Bit k of a cell: a way leads to it from its neighbour at STEPS[k].
+            c, r = column - STEPS[k, 0], row - STEPS[k, 1]
+            inside = 0 <= c < columns and 0 <= r < rows
+            if inside and moves[r, c] & (1 << k) and field[r, c] < best:
+                best, at = field[r, c], k
+        if at < 0:
+            return goal[0], goal[1]
+        length = LENGTHS[at] * spacing
+        if length >= left:
+            share = left / length
+            return px - share * STEPS[at, 0] * spacing, py - share * STEPS[at, 1] * spacing
+        left -= length
+        column, row = column - STEPS[at, 0], row - STEPS[at, 1]
+        px, py = ground.field_x + column * spacing, ground.field_y + row * spacing

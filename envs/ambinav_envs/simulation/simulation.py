@@ -1,0 +1,308 @@
+"""N robots, each in an episode of its own: what the environments are faces of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.metrics import INSTANT, LOST_SECONDS
+from ambinav.errors import InputError
+from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.localization.random import states
+from ambinav.sensing.fields import nearest
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.buildings.tasks import Task, draw_task
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.simulation.eyes import Eyes
+from ambinav_envs.simulation.layout import (
+    BUILDING,
+    GROUND,
+    LOCALIZERS,
+    MCL,
+    ROWS,
+    RUNNING,
+    SETTINGS,
+    STATE,
+    STREAMS,
+    TASK,
+    Memory,
+    View,
+)
+from ambinav_envs.simulation.site import Site, Sites, address, eyes_for
+from ambinav_envs.simulation.step import FIRST, SECOND, WHOLE, begin, step_parallel, step_serial
+from ambinav_envs.spaces import view_for
+
+Floats = NDArray[np.float64]
+
+OPTIONS = ("start", "goal", "building")
+"""What `reset` takes as options."""
+
+# From so many robots on threads are worth waking.
+PARALLEL_FROM = 16
+# So many blocks of robots for each thread.
+BLOCKS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step or a reset has made: of all robots, in arrays that nothing else uses.
+
+    Attributes:
+        view: The observation.
+        figures: See `layout.ROWS`, shape (ROWS, N).
+    """
+
+    view: View
+    figures: Floats
+
+
+class Simulation:
+    """N robots in buildings.
+
+    Args:
+        source: Where buildings come from.
+        parameters: Everything else.
+        count: N.
+
+    Attributes:
+        parameters: As given.
+        count: N.
+        state: `layout.STATE`, shape (N,); read it, do not write to it.
+        sites: The building around each robot.
+        tasks: Start, goal and the field of distances of each.
+    """
+
+    def __init__(
+        self, source: BuildingSource, parameters: NavigationParameters, count: int
+    ) -> None:
+        self.source = source
+        self.parameters = parameters
+        self.count = count
+        self.sites: list[Site | None] = [None] * count
+        self.tasks: list[Task | None] = [None] * count
+        self._known = Sites(parameters)
+        self._filters: list[MonteCarloLocalizer | None] = [None] * count
+        self._eyes: Eyes | None = None
+        self._memory = Memory(
+            np.zeros(count, dtype=STATE),
+            np.zeros(count, dtype=GROUND),
+            np.zeros((count, parameters.people.count, 3)),
+            np.zeros((count, parameters.obstacles, 6)),
+            np.zeros((count, parameters.scanner.beams)),
+            _settings(parameters),
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but what depends on where arrays lie."""
+        plain = self.__dict__.copy()
+        plain["_memory"] = self._memory._replace(ground=np.zeros(0, dtype=GROUND))
+        plain["_known"] = None
+        plain["sites"] = [None if site is None else site.building.key for site in self.sites]
+        return plain
+
+    def __setstate__(self, plain: dict[str, Any]) -> None:
+        """Find the arrays again."""
+        self.__dict__.update(plain)
+        self._known = Sites(self.parameters)
+        self._memory = self._memory._replace(ground=np.zeros(self.count, dtype=GROUND))
+        keys: list[str | None] = plain["sites"]
+        self.sites = [None] * self.count
+        for i, key in enumerate(keys):
+            task = self.tasks[i]
+            if key is not None and task is not None:
+                self._settle(i, self._known.of(self.source.get(key)), task)
+
+    @property
+    def state(self) -> NDArray[np.void]:
+        """`layout.STATE`, shape (N,)."""
+        return self._memory.state
+
+    @property
+    def people(self) -> Floats:
+        """Where people are, shape (N, P, 3)."""
+        return self._memory.people
+
+    @property
+    def boxes(self) -> Floats:
+        """Unmapped boxes, see `layout.Memory`; the first `state["boxes"]` of each robot count."""
+        return self._memory.boxes
+
+    @property
+    def readings(self) -> Floats:
+        """The latest readings, shape (N, B), metres: inf no echo, -inf too near."""
+        return self._memory.readings
+
+    def outcome(self) -> Outcome:
+        """Arrays for a step to write to."""
+        return Outcome(view_for(self.parameters, self.count), np.empty((ROWS, self.count)))
+
+    def reset(
+        self,
+        rows: Sequence[int],
+        generators: Sequence[np.random.Generator],
+        options: Mapping[str, Any] | None,
+        out: Outcome,
+    ) -> None:
+        """Begin new episodes.
+
+        Args:
+            rows: Of which robots.
+            generators: The source of randomness of each of all N; one draw of it makes the streams
+                of an episode.
+            options: `start` (x, y, theta), `goal` (x, y), `building` (number or key); what is left
+                out is drawn.
+            out: Their rows are written.
+
+        Raises:
+            InputError: an option is unknown or of no use, or the building has no room for the
+                robot, the task or the people.
+        """
+        given = _checked(options)
+        for i in rows:
+            streams = states(generators[i], STREAMS)
+            own = np.random.Generator(np.random.PCG64(streams[BUILDING]))
+            if given["building"] is None:
+                site = self._known.of(self.source.draw(own))
+            else:
+                site = self._known.of(self.source.get(given["building"]))
+            p = self.parameters
+            task = draw_task(
+                site.places, streams[TASK], p.shortest, p.longest,
+                start=given["start"], goal=given["goal"],
+            )  # fmt: skip
+            self._settle(i, site, task)
+            self._start(i, task, streams, own)
+        chosen = np.array(rows, dtype=np.int64)
+        self._begin(chosen, out, FIRST if self._particles else WHOLE)
+        if self._particles:
+            self._filter(rows)
+            self._begin(chosen, out, SECOND)
+
+    def step(self, actions: Floats, active: NDArray[np.bool_], out: Outcome) -> None:
+        """Let robots drive on for one time step.
+
+        Args:
+            actions: Shape (N, 2), see `spaces.continuous`.
+            active: Which robots, bool, shape (N,); the others stay as they are.
+            out: Their rows are written.
+        """
+        threads = numba.get_num_threads()
+        alone = self.count < PARALLEL_FROM or threads == 1
+        kernel = step_serial if alone else step_parallel
+        # So many that a thread that is held up leaves its rest to the others.
+        blocks = 1 if alone else min(self.count // 8, BLOCKS * threads)
+        fixed = (self._memory, self._eyes, out.view, out.figures, actions, active)
+        if self._particles:
+            kernel(*fixed, FIRST, blocks)
+            self._filter(np.flatnonzero(active).tolist())
+            kernel(*fixed, SECOND, blocks)
+        else:
+            kernel(*fixed, WHOLE, blocks)
+
+    def look(self, out: Outcome) -> None:
+        """Write again what the last step or reset made robots see; zeros for those in no episode.
+
+        All terms of the reward are 0.
+        """
+        for part in (*out.view, out.figures):
+            part[:] = 0.0
+        rows = [i for i, site in enumerate(self.sites) if site is not None]
+        if rows:
+            self._begin(np.array(rows, dtype=np.int64), out, SECOND)
+
+    @property
+    def _particles(self) -> bool:
+        return LOCALIZERS.index(self.parameters.localizer) == MCL
+
+    def _settle(self, i: int, site: Site, task: Task) -> None:
+        """Put robot i into a building, with a goal."""
+        self.sites[i], self.tasks[i] = site, task
+        if self._eyes is None:
+            self._eyes = eyes_for(self.parameters, site)
+        ground = self._memory.ground
+        ground[i] = site.ground[0]
+        ground["field"][i] = address(task.field, np.float32)
+
+    def _start(
+        self, i: int, task: Task, streams: NDArray[np.uint64], own: np.random.Generator
+    ) -> None:
+        """Make the record of robot i that of an episode which begins."""
+        state, p = self.state, self.parameters
+        state[i] = np.zeros((), dtype=STATE)
+        state["random"][i] = streams
+        state["truth"][i] = task.start
+        state["goal"][i] = task.goal
+        state["distance"][i] = state["shortest"][i] = task.distance
+        state["outcome"][i] = RUNNING
+        std = np.array(p.start_std)
+        estimate = task.start + std * own.standard_normal(3)
+        state["mean"][i] = estimate
+        state["covariance"][i] = np.diag(std * std)
+        if self._particles:
+            site = self.sites[i]
+            assert site is not None
+            mcl = p.particles
+            field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
+            environment = site.building.environment
+            localizer = MonteCarloLocalizer(environment, p.scanner, mcl, rng=own, field=field)
+            localizer.start(estimate, np.diag(std * std))
+            self._filters[i] = localizer
+
+    def _begin(self, rows: NDArray[np.int64], out: Outcome, part: int) -> None:
+        bounds = np.array([site.bounds for i in rows if (site := self.sites[i]) is not None])
+        full = begin(self._memory, self._eyes, out.view, out.figures, bounds, rows, part)
+        if full >= 0:
+            site, people = self.sites[full], self.parameters.people
+            assert site is not None
+            raise InputError(
+                f"people: there is no room for {people.count} with a radius of {people.radius:g} m "
+                f"in {site.building.environment.name!r}; give fewer or smaller ones."
+            )
+
+    def _filter(self, rows: Sequence[int]) -> None:
+        """Let the particle filters of some robots take in their readings."""
+        state, readings = self.state, self.readings
+        for i in rows:
+            localizer = self._filters[i]
+            assert localizer is not None
+            localizer.update(state["odometry"][i], readings[i])
+            state["mean"][i] = localizer.mean[0]
+            state["covariance"][i] = localizer.covariance[0]
+
+
+def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Every option, None where it is not given."""
+    given: dict[str, Any] = dict.fromkeys(OPTIONS)
+    for name, value in (options or {}).items():
+        if name not in given:
+            raise InputError(f"reset: the option {name!r} is unknown; {nearest(str(name), given)}.")
+        given[name] = value
+    return given
+
+
+def _settings(p: NavigationParameters) -> NDArray[np.void]:
+    """The parameters as the kernels take them."""
+    robot, people = p.robot, p.people
+    settings = np.zeros(1, dtype=SETTINGS)
+    values: dict[str, Any] = {
+        "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed,
+        "max_speed": robot.max_speed, "max_turn_rate": robot.max_turn_rate,
+        "acceleration": robot.acceleration, "turn_acceleration": robot.turn_acceleration,
+        "wheels": tuple(p.wheels.packed), "told": tuple(p.odometry.packed),
+        "localizer": LOCALIZERS.index(p.localizer), "rounds": p.iterations, "gate": p.gate,
+        "start_std": p.start_std, "goal_radius": p.goal_radius,
+        "success_radius": p.success_radius, "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),
+        "max_steps": p.max_steps, "end_when_lost": p.end_when_lost, "gamma": p.gamma,
+        "weights": p.weights, "person_radius": people.radius, "person_speed": people.speed,
+        "window_cells": p.window_cells, "window_spacing": p.window_spacing,
+        "waypoint": p.waypoint, "waypoint_distance": p.waypoint_distance,
+        "box_least": p.obstacle_sizes[0], "box_most": p.obstacle_sizes[1],
+    }  # fmt: skip
+    for name, value in values.items():
+        settings[name] = value
+    return settings

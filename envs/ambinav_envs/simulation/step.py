@@ -1,0 +1,267 @@
+"""One step of all robots: act, move, look, localize, judge, and what they get to see of it.
+
+Each robot's numbers depend on nothing but its own record: how many there are and how threads share
+them changes no bit.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit, prange
+
+from ambinav.drive.follower import limited
+from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
+from ambinav.drive.noise import reckon, report
+from ambinav.drive.world import free_share, path, unicycle
+from ambinav.geometry.twice import serial_and_parallel
+from ambinav.localization.ekf import scratch_for, update_pose
+from ambinav.localization.odometry import wrapped
+from ambinav.service.field import integral_straight
+from ambinav_envs.buildings.geodesic import distance_at
+from ambinav_envs.simulation.eyes import look
+from ambinav_envs.simulation.ground import (
+    beam_noise_of,
+    cast_tables_of,
+    fisher_of,
+    level_of,
+    walls_of,
+    ways_of,
+)
+from ambinav_envs.simulation.layout import (
+    ARRIVED,
+    CLUTTER,
+    COLLIDED,
+    COST,
+    COST_COLLISION,
+    COST_LOST,
+    EKF,
+    ERROR,
+    EXPOSURE,
+    LOST,
+    MCL,
+    MISSED,
+    PERFECT,
+    REWARD,
+    RUNNING,
+    SHORTEST,
+    TERMS,
+    TIMEOUT,
+    TRAVELLED,
+    VALUES,
+    WALKERS,
+    WEIGHTED,
+    WHEELS,
+)
+from ambinav_envs.simulation.observe import observe
+from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
+
+# The halves of a step; a localizer that is no kernel comes between the two.
+FIRST, SECOND, WHOLE = 1, 2, 3
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def move(memory, i, speed, rate):
+    """Let robot i try to drive at a speed and a turn rate, and its odometry report that."""
+    state, settings = memory.state[i], memory.settings[0]
+    table, bound = walls_of(memory.ground[i])
+    limits = (
+        settings.max_speed, settings.max_turn_rate, settings.acceleration,
+        settings.turn_acceleration,
+    )  # fmt: skip
+    speed, rate = limited(state.speeds[0], state.speeds[1], speed, rate, limits, settings.dt)
+    x0, y0, t0 = state.truth[0], state.truth[1], state.truth[2]
+    length, ux, uy, bend = path(t0, speed, rate, settings.dt)
+    share = free_share(x0, y0, ux, uy, bend, length, settings.radius, table, bound)
+    if state.boxes > 0:
+        share = min(
+            share,
+            free_share_of_boxes(
+                x0, y0, ux, uy, bend, length, settings.radius, memory.boxes, state.boxes, i
+            ),
+        )
+    x1, y1, t1 = unicycle(x0, y0, t0, speed, rate, share * settings.dt)
+    state.before[0], state.before[1], state.before[2] = x0, y0, t0
+    state.way, state.met = length * share, share < 1.0
+    state.truth[0], state.truth[1], state.truth[2] = x1, y1, t1
+    state.speeds[0], state.speeds[1] = speed, rate
+    before = state.odometry[0], state.odometry[1], state.odometry[2]
+    after = report(*before, x0, y0, t0, x1, y1, t1, settings.wheels, state.random[WHEELS])
+    state.odometry[0], state.odometry[1], state.odometry[2] = after
+    if settings.localizer != MCL:
+        reckon(state.mean, state.covariance, *before, *after, settings.told)
+    if memory.people.shape[1] > 0:
+        walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def localize(memory, eyes, i, scratch):
+    """Let the localizer of robot i, if it is a kernel, take in the readings."""
+    state, settings = memory.state[i], memory.settings[0]
+    if settings.localizer == EKF:
+        ground = memory.ground[i]
+        update_pose(
+            state.mean, state.covariance, memory.readings[i], settings.gate, settings.rounds,
+            False, cast_tables_of(ground, eyes), beam_noise_of(ground, eyes), scratch,
+        )  # fmt: skip
+    elif settings.localizer == PERFECT:
+        for k in range(3):
+            state.mean[k] = state.truth[k]
+            for j in range(3):
+                state.covariance[k, j] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def errors(state):
+    """Error of the estimate: metres and radians, both at least 0."""
+    dx, dy = state.mean[0] - state.truth[0], state.mean[1] - state.truth[1]
+    return math.sqrt(dx * dx + dy * dy), abs(wrapped(state.mean[2] - state.truth[2]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def judge(memory, i, figures):
+    """Decide what has become of robot i, and what the step was worth.
+
+    Args:
+        memory: See `Memory`.
+        i: Which robot.
+        figures: Column i is written, see `ROWS`.
+    """
+    state, settings, ground = memory.state[i], memory.settings[0], memory.ground[i]
+    off, turned = errors(state)
+    far = off > LOST_POSITION or turned > LOST_HEADING
+    state.far_steps = state.far_steps + 1 if far else 0
+    # Counted from the first sample that is off.
+    state.lost = state.far_steps > settings.lost_steps + 1
+    state.was_lost |= state.lost
+    state.steps += 1
+    # Along the chord, as `AmbiguityService.reward`: the arc of a step is hardly longer.
+    x0, y0, t0 = state.before[0], state.before[1], state.before[2]
+    x1, y1, t1 = state.truth[0], state.truth[1], state.truth[2]
+    frame = ground.left, ground.low, ground.inverse
+    exposed = integral_straight(x0, y0, t0, x1, y1, t1, level_of(ground), *frame)
+    bound = integral_straight(x0, y0, t0, x1, y1, t1, fisher_of(ground), *frame)
+    state.exposure += exposed
+    state.travelled += state.way
+    distance = state.distance
+    field, links = ways_of(ground)
+    now = distance_at(x1, y1, field, links, ground.field_x, ground.field_y, ground.field_inverse)
+    # Pressed into a corner a robot may be where no way leads from: there it is as far as before.
+    if now < math.inf:
+        state.distance = now
+    state.outcome = outcome_of(state, settings)
+    # In the order of `TERMS`.
+    terms = (
+        distance - settings.gamma * state.distance,
+        1.0 if state.outcome == ARRIVED else 0.0,
+        -1.0 if state.met else 0.0,
+        -settings.dt,
+        0.0 - exposed,
+        0.0 - bound,
+        0.0 - off * state.way,
+        -settings.dt if state.lost else 0.0,
+    )
+    total = 0.0
+    for k in range(len(TERMS)):
+        # A weight of 0 gives 0 and not -0.
+        part = settings.weights[k] * terms[k] + 0.0
+        figures[VALUES + k, i], figures[WEIGHTED + k, i] = terms[k], part
+        total += part
+    figures[REWARD, i] = total
+    figures[COST_COLLISION, i] = 1.0 if state.met else 0.0
+    figures[COST_LOST, i] = 1.0 if state.lost else 0.0
+    tell(state, off, figures, i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def outcome_of(state, settings):
+    """What has become of a robot, one of `OUTCOMES` by code."""
+    if state.met:
+        return COLLIDED
+    if near(state.mean, state.goal, settings.goal_radius):
+        return ARRIVED if near(state.truth, state.goal, settings.success_radius) else MISSED
+    if settings.end_when_lost and state.lost:
+        return LOST
+    return TIMEOUT if state.steps >= settings.max_steps else RUNNING
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def near(pose, place, radius):
+    """Whether a pose is within a radius of a place."""
+    dx, dy = place[0] - pose[0], place[1] - pose[1]
+    return dx * dx + dy * dy <= radius * radius
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def tell(state, off, figures, i):
+    """Write the figures that a reset has too; the costs are there already."""
+    figures[COST, i] = figures[COST_COLLISION, i] + figures[COST_LOST, i]
+    figures[ERROR, i] = off
+    figures[EXPOSURE, i] = state.exposure
+    figures[TRAVELLED, i] = state.travelled
+    figures[SHORTEST, i] = state.shortest
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def step_one(memory, eyes, view, figures, actions, i, part, scratch):
+    """One step of robot i, or the half of it that `part` says."""
+    settings = memory.settings[0]
+    if part & FIRST:
+        share = 0.5 * (min(max(actions[i, 0], -1.0), 1.0) + 1.0)
+        speed = settings.min_speed + share * (settings.max_speed - settings.min_speed)
+        rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
+        move(memory, i, speed, rate)
+        look(memory, eyes, i, scratch)
+        localize(memory, eyes, i, scratch)
+    if part & SECOND:
+        judge(memory, i, figures)
+        observe(memory, eyes, view, i)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin_one(memory, eyes, view, figures, bounds, i, part, scratch):
+    """Begin the episode of robot i at `truth` and `goal`, or the half of that which `part` says.
+
+    Returns:
+        Whether there is room for the people.
+    """
+    state, settings = memory.state[i], memory.settings[0]
+    if part & FIRST:
+        table, _ = walls_of(memory.ground[i])
+        x, y = state.truth[0], state.truth[1]
+        state.boxes = clutter(
+            memory.boxes, i, x, y, state.goal[0], state.goal[1], bounds, settings, table,
+            state.random[CLUTTER],
+        )  # fmt: skip
+        if not gather(memory.people, i, x, y, bounds, settings, table, state.random[WALKERS]):
+            return False
+        look(memory, eyes, i, scratch)
+        localize(memory, eyes, i, scratch)
+    if part & SECOND:
+        figures[:, i] = 0.0
+        tell(state, errors(state)[0], figures, i)
+        observe(memory, eyes, view, i)
+    return True
+
+
+def _step(memory, eyes, view, figures, actions, active, part, blocks):
+    # Threads take the robots in so many blocks, each with work arrays of its own.
+    for block in prange(blocks):
+        scratch = scratch_for(eyes.near.size, eyes.cosine.size)
+        low, high = block * active.size // blocks, (block + 1) * active.size // blocks
+        for i in range(low, high):
+            if active[i]:
+                step_one(memory, eyes, view, figures, actions, i, part, scratch)
+
+
+step_serial, step_parallel = serial_and_parallel(_step)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin(memory, eyes, view, figures, bounds, rows, part):
+    """`begin_one` of some robots; the first without room for its people, or -1."""
+    scratch = scratch_for(eyes.near.size, eyes.cosine.size)
+    for k in range(rows.size):
+        if not begin_one(memory, eyes, view, figures, bounds[k], rows[k], part, scratch):
+            return rows[k]
+    return -1

@@ -1,0 +1,113 @@
+"""Spaces of observations and actions, and actions as the simulation takes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.simulation.layout import View
+
+Floats = NDArray[np.float64]
+
+ACTIONS: Floats = np.array(
+    [(2.0 * speed - 1.0, turn) for speed in (0.0, 0.5, 1.0) for turn in (0.5, 0.0, -0.5)]
+)
+"""The nine discrete actions as continuous ones: stand, half speed and full speed (of what lies
+between the lowest and the highest), each turning left, straight on and turning right at half the
+turn rate; shape (9, 2)."""
+
+# Highest values: 100 m for distances in units of 10 m, 2 m and 2 rad for deviations.
+_POLAR = ((0.0, -1.0, -1.0), (10.0, 1.0, 1.0))
+_UNCERTAINTY = ((0.0, 0.0, -1.0, -1.0, 0.0), (2.0, 2.0, 1.0, 1.0, 2.0))
+
+
+def observation_space(parameters: NavigationParameters) -> spaces.Dict:
+    """What a robot sees, each part a row of float32.
+
+    | part | size | meaning |
+    |---|---|---|
+    | scan | beams | reading / maximum range; 0 too near, 1 no echo |
+    | goal | 3 | distance in 10 m, cosine and sine of the bearing, from the estimated pose |
+    | velocity | 2 | speed and turn rate in units of the highest |
+    | uncertainty | 5 | deviation along the localizer's weak axis and across it (m), cosine and \
+sine of the double angle of that axis in the robot's frame, deviation of the heading (rad) |
+    | window | 2 K^2 | around the estimated pose, K rows from ahead to behind, each from left to \
+right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
+    | waypoint | 3 | as goal: a place ahead on the shortest way from the estimated pose |
+    """
+    parts: dict[str, spaces.Space[Any]] = {
+        "scan": _row(0.0, 1.0, parameters.scanner.beams),
+        "goal": _row(*_POLAR),
+        "velocity": _row(-1.0, 1.0, 2),
+        "uncertainty": _row(*_UNCERTAINTY),
+    }
+    if parameters.window:
+        parts["window"] = _row(0.0, 1.0, 2 * parameters.window_cells**2)
+    if parameters.waypoint:
+        parts["waypoint"] = _row(*_POLAR)
+    return spaces.Dict(parts)
+
+
+def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
+    """Speed from the lowest (-1) to the highest (1) and turn rate; or one of `ACTIONS`."""
+    if parameters.discrete:
+        return spaces.Discrete(len(ACTIONS))
+    return spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
+def _row(low: Any, high: Any, size: int | None = None) -> spaces.Box:
+    shape = (len(low),) if size is None else (size,)
+    lows, highs = (np.broadcast_to(np.float32(value), shape).copy() for value in (low, high))
+    return spaces.Box(lows, highs, dtype=np.float32)
+
+
+def view_for(parameters: NavigationParameters, count: int) -> View:
+    """Arrays for the observations of so many robots; parts that are off have no columns."""
+    window = 2 * parameters.window_cells**2 if parameters.window else 0
+    sizes = (parameters.scanner.beams, 3, 2, 5, window, 3 if parameters.waypoint else 0)
+    return View(*(np.empty((count, size), dtype=np.float32) for size in sizes))
+
+
+def observation_of(view: View) -> dict[str, NDArray[np.float32]]:
+    """The parts that are on, by name."""
+    return {name: part for name, part in view._asdict().items() if part.shape[1] > 0}
+
+
+def continuous(actions: object, count: int | None, discrete: bool) -> Floats:
+    """Actions of so many robots as float64, shape (count, 2); each is clipped to [-1, 1] later.
+
+    Args:
+        actions: As the agent gives them, shape (count, 2), or (count,) if they are discrete.
+        count: How many robots; None for one whose action comes without that axis.
+        discrete: Whether they are numbers of `ACTIONS`.
+
+    Raises:
+        InputError: the shape is another, a number is not finite, or there is no such action.
+    """
+    try:
+        given = np.asarray(actions)
+        if given.dtype.kind not in "fiub":
+            raise ValueError
+    except ValueError as error:
+        raise InputError(f"action is {actions!r}; give numbers.") from error
+    shape = (() if count is None else (count,)) + (() if discrete else (2,))
+    if given.shape != shape:
+        raise InputError(
+            f"action has the shape {given.shape}; give {shape}: "
+            + ("the number of an action." if discrete else "speed and turn rate.")
+        )
+    if discrete:
+        if given.dtype.kind not in "iu" or not ((given >= 0) & (given < len(ACTIONS))).all():
+            raise InputError(
+                f"action is {actions!r}; give whole numbers from 0 to {len(ACTIONS) - 1}."
+            )
+        return np.asarray(ACTIONS[given.reshape(-1)], dtype=np.float64)
+    chosen = given.astype(np.float64).reshape(-1, 2)
+    if not np.isfinite(chosen).all():
+        raise InputError(f"action is {actions!r}; give finite numbers, -1 to 1.")
+    return chosen

@@ -1,0 +1,248 @@
+"""The navigation environment for many robots at once: the same numbers, one kernel for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.sensing.fields import as_count
+from ambinav_envs.infos import ends, info_of_all, part_of
+from ambinav_envs.navigation import Observation
+from ambinav_envs.rendering import metadata_for, renderer_for
+from ambinav_envs.scenario import scenario
+from ambinav_envs.simulation.layout import REWARD
+from ambinav_envs.simulation.simulation import Outcome, Simulation
+from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+
+Bools = NDArray[np.bool_]
+Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
+
+
+class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
+    """N robots, each in an episode of its own: `NavigationEnv` N times, in one kernel.
+
+    Seeded with s, robot i has the same episodes, bit for bit, as a `NavigationEnv` seeded with
+    s + i. What a step returns is never written to again.
+
+    Args:
+        num_envs: N.
+        suite: As for `NavigationEnv`, as all that follows but the mode.
+        map: See there.
+        buildings: See there.
+        first_building: See there.
+        render_mode: See there; "human" shows the first robot.
+        render_view: See there.
+        max_episode_steps: See there.
+        autoreset_mode: When an episode that has ended is followed by the next: at the next step
+            ("NextStep"), whose action is then ignored; in the same step ("SameStep"), with the
+            last observation and info in `final_obs` and `final_info`; or by calling `reset` with
+            `options={"reset_mask": ...}` ("Disabled").
+        **options: See there.
+
+    Attributes:
+        simulation: What truly happens, for those who may look.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        suite: str | None = None,
+        *,
+        map: str | Path | Environment | None = None,
+        buildings: int | None = None,
+        first_building: int = 0,
+        render_mode: str | None = None,
+        render_view: str = "auto",
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        source, parameters = scenario(
+            suite, map, buildings, first_building, max_episode_steps, options
+        )
+        self.num_envs = as_count(num_envs, "num_envs")
+        self.mode = _mode(autoreset_mode)
+        self.metadata = metadata_for(parameters.dt) | {"autoreset_mode": self.mode}
+        self.render_mode = render_mode
+        self.simulation = Simulation(source, parameters, self.num_envs)
+        self._renderer = renderer_for(self.simulation, render_mode, render_view)
+        self.single_observation_space = observation_space(parameters)
+        self.single_action_space = action_space(parameters)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
+        self._started = np.zeros(self.num_envs, dtype=np.bool_)
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode of every robot.
+
+        Args:
+            seed: Robot i's random numbers start anew from seed + i, or from the i-th of them;
+                None: they go on.
+            options: As for `NavigationEnv.reset`, for all robots; and `reset_mask`, bool, shape
+                (N,): whose episodes begin, all others go on.
+
+        Raises:
+            InputError: a seed or an option cannot be used.
+        """
+        self._seed(seed)
+        options = dict(options or {})
+        chosen = self._mask(options.pop("reset_mask", None))
+        out = self.simulation.outcome()
+        if not chosen.all():
+            self.simulation.look(out)
+        self.simulation.reset(np.flatnonzero(chosen).tolist(), self._generators, options, out)
+        self._started |= chosen
+        self._ended[chosen] = False
+        self._show()
+        info = info_of_all(self.simulation, out, np.zeros(self.num_envs, dtype=np.bool_))
+        return observation_of(out.view), info if chosen.all() else part_of(info, chosen)
+
+    def step(self, actions: Any) -> Step:
+        """Drive on for one time step; see `NavigationEnv.step`.
+
+        Args:
+            actions: Shape (N, 2), or (N,) if they are discrete.
+
+        Raises:
+            InputError: the actions have another shape, or are not finite.
+            ResetNeeded: a robot has no episode.
+        """
+        chosen = continuous(actions, self.num_envs, self.simulation.parameters.discrete)
+        if not self._started.all():
+            raise ResetNeeded("no episodes are going on; call reset first.")
+        out = self.simulation.outcome()
+        active = ~self._ended
+        if self.mode is AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(
+                f"the episode of robot {int(self._ended.argmax())} has ended; call reset with "
+                "options={'reset_mask': ...} first."
+            )
+        self.simulation.step(chosen, active, out)
+        anew = np.flatnonzero(self._ended).tolist()
+        terminated, truncated = ends(self.simulation, active)
+        done = terminated | truncated
+        if anew:
+            self.simulation.reset(anew, self._generators, None, out)
+        rewards = out.figures[REWARD]
+        if self.mode is AutoresetMode.SAME_STEP and done.any():
+            rewards = rewards.copy()
+            info = self._follow(out, done)
+        else:
+            self._ended = done.copy()
+            info = info_of_all(self.simulation, out, done)
+        self._show()
+        return observation_of(out.view), rewards, terminated, truncated, info
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """The picture of each robot, shape (640, 960, 3); see `NavigationEnv.render`."""
+        if self._renderer is None:
+            gym.logger.warn("render was called without a render mode; give one to make_vec.")
+            return None
+        if self.render_mode == "human":
+            self._renderer.show(self.metadata["render_fps"])
+            return None
+        return tuple(self._renderer.frame(i) for i in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The source of randomness of each robot."""
+        self._seed(None)
+        return tuple(self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What each of them was last started from."""
+        self._seed(None)
+        return tuple(self._seeds)
+
+    def _show(self) -> None:
+        """Take in the new state, and show it if it is to be seen at once."""
+        if self._renderer is not None:
+            self._renderer.note()
+            if self.render_mode == "human":
+                self.render()
+
+    def _follow(self, out: Outcome, done: Bools) -> dict[str, Any]:
+        """Begin the next episodes in the same step; its info, with what the last ones ended in."""
+        last = part_of(info_of_all(self.simulation, out, done), done)
+        final = np.full(self.num_envs, None, dtype=object)
+        rows = np.flatnonzero(done).tolist()
+        for i in rows:
+            parts = observation_of(out.view).items()
+            final[i] = {name: part[i].copy() for name, part in parts}
+        self.simulation.reset(rows, self._generators, None, out)
+        nobody = np.zeros(self.num_envs, dtype=np.bool_)
+        return info_of_all(self.simulation, out, nobody) | {
+            "final_obs": final,
+            "_final_obs": done.copy(),
+            "final_info": last,
+            "_final_info": done.copy(),
+        }
+
+    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
+        """Start random numbers anew, or for the first time."""
+        seeds: Sequence[int | None]
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = seed
+        if len(seeds) != self.num_envs:
+            raise InputError(
+                f"seed holds {len(seeds)} seeds; give one, or one for each of {self.num_envs}."
+            )
+        if not self._generators:
+            made = [seeding.np_random(value) for value in seeds]
+            self._generators, self._seeds = [m[0] for m in made], [m[1] for m in made]
+            return
+        for i, value in enumerate(seeds):
+            if value is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(value)
+
+    def _mask(self, mask: Any) -> Bools:
+        """Whose episodes begin."""
+        if mask is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        chosen = np.asarray(mask)
+        if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_ or not chosen.any():
+            raise InputError(
+                f"reset_mask is {mask!r}; give {self.num_envs} booleans, at least one of them true."
+            )
+        return chosen
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError as error:
+        raise InputError(
+            f"autoreset_mode is {mode!r}; choose from "
+            + ", ".join(member.value for member in AutoresetMode)
+            + "."
+        ) from error

@@ -1,0 +1,206 @@
+"""Wrappers: where to find those that Gymnasium has, and those that it lacks.
+
+| wanted | single environment (`gymnasium.wrappers`) | batched |
+|---|---|---|
+| discrete actions | the argument `discrete=True` | the same |
+| only some of the observation | `FilterObservation(env, GOAL_ONLY)` | `Filtered`, below |
+| one flat row | `FlattenObservation(env)` | `Flat`, below |
+| the last n observations | `FrameStackObservation(env, n)` | `FrameStack`, below |
+| return and length of episodes | `RecordEpisodeStatistics(env)` | the same of \
+`gymnasium.wrappers.vector` |
+| a film | `RecordVideo(env, folder)` | the same there |
+
+Gymnasium's batched `FilterObservation` and `FlattenObservation` give the same, but go from robot to
+robot and refuse the autoreset mode "SameStep", which `ambinav_envs.sb3.NavigationVecEnv` needs.
+`VecFrameStack` and `VecNormalize` of Stable-Baselines3 work on that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.sensing.fields import as_count, nearest
+
+GOAL_ONLY: Final = ("goal", "velocity")
+"""What is left for a robot that sees only where it believes the goal to be."""
+
+Observation = dict[str, NDArray[np.float32]]
+
+
+class _Mapped(VectorWrapper[Any, Any, Any, Any, Any]):
+    """Another view of each observation, the last ones of episodes included."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        super().__init__(env)
+        self._single = _parts(env)
+        self.single_observation_space = self._space(self._single)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of every robot, or of those in `options["reset_mask"]`."""
+        seen, info = self.env.reset(seed=seed, options=options)
+        return self._map(seen), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Drive on for one time step."""
+        seen, rewards, terminated, truncated, info = self.env.step(actions)
+        if "final_obs" in info:
+            final = np.full(self.num_envs, None, dtype=object)
+            for i in np.flatnonzero(info["_final_obs"]):
+                final[i] = self._map(info["final_obs"][i])
+            info["final_obs"] = final
+        return self._map(seen), rewards, terminated, truncated, info
+
+    def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
+        raise NotImplementedError
+
+    def _map(self, seen: Observation) -> Any:
+        """The same for one robot's observation as for all."""
+        raise NotImplementedError
+
+
+class Filtered(_Mapped):
+    """Only some parts of the observation, for batched environments.
+
+    Args:
+        env: A vector environment with an observation of parts by name.
+        keys: Which.
+
+    Raises:
+        InputError: the observation has no such part, or no parts of numbers.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], keys: Iterable[str] = GOAL_ONLY) -> None:
+        self._keys = tuple(keys)
+        super().__init__(env)
+
+    def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
+        for key in self._keys:
+            if key not in single.spaces:
+                raise InputError(
+                    f"keys: the observation has no part {key!r}; {nearest(key, single.spaces)}."
+                )
+        return spaces.Dict({key: single[key] for key in self._keys})
+
+    def _map(self, seen: Observation) -> Observation:
+        return {key: seen[key] for key in self._keys}
+
+
+class Flat(_Mapped):
+    """The observation of each robot in one row, shape (N, size), for batched environments.
+
+    The parts come in the order of the observation space.
+
+    Args:
+        env: A vector environment with an observation of parts by name.
+
+    Raises:
+        InputError: the observation has no parts of numbers.
+    """
+
+    def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
+        return spaces.flatten_space(single)
+
+    def _map(self, seen: Observation) -> NDArray[np.float32]:
+        kept = [(seen[name], len(part.shape or ())) for name, part in self._single.items()]
+        rows = [part.reshape(*part.shape[: part.ndim - axes], -1) for part, axes in kept]
+        return np.concatenate(rows, axis=-1)
+
+
+class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
+    """The last observations of each robot, the latest one last.
+
+    A part of shape (N, size) becomes (N, frames, size), as `FrameStackObservation` makes it for one
+    environment: an episode begins with its first observation in every place.
+
+    Args:
+        env: A vector environment with an observation of parts by name.
+        frames: How many.
+
+    Raises:
+        InputError: `frames` is no count, or the observation has no parts of numbers.
+    """
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], frames: int) -> None:
+        super().__init__(env)
+        self._frames = as_count(frames, "frames")
+        single = _parts(env)
+        self.single_observation_space = spaces.Dict(
+            {name: self._stacked(part) for name, part in single.items()}
+        )
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._stack: Observation = {}
+        self._ended = np.zeros(self.num_envs, dtype=np.bool_)
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode of every robot, or of those in `options["reset_mask"]`."""
+        seen, info = self.env.reset(seed=seed, options=options)
+        mask = (options or {}).get("reset_mask")
+        begun = np.ones(self.num_envs, dtype=np.bool_) if mask is None or not self._stack else mask
+        self._fill(seen, begun)
+        self._ended = self._ended & ~begun
+        return self._copy(), info
+
+    def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
+        """Drive on for one time step."""
+        seen, rewards, terminated, truncated, info = self.env.step(actions)
+        done = terminated | truncated
+        same_step = self.metadata.get("autoreset_mode") is AutoresetMode.SAME_STEP
+        begun = done if same_step else self._ended
+        if same_step and "final_obs" in info:
+            info["final_obs"] = self._final(info["final_obs"])
+        for part in self._stack.values():
+            part[:, :-1] = part[:, 1:]
+        for name, part in seen.items():
+            self._stack[name][:, -1] = part
+        self._fill(seen, begun)
+        self._ended = np.zeros_like(done) if same_step else done.copy()
+        return self._copy(), rewards, terminated, truncated, info
+
+    def _stacked(self, part: spaces.Space[Any]) -> spaces.Box:
+        assert isinstance(part, spaces.Box)
+        low, high = (np.repeat(edge[None], self._frames, axis=0) for edge in (part.low, part.high))
+        return spaces.Box(low, high, dtype=np.float32)
+
+    def _fill(self, seen: Observation, begun: NDArray[np.bool_]) -> None:
+        """Put a first observation in every place."""
+        for name, part in seen.items():
+            if name not in self._stack:
+                self._stack[name] = np.zeros((len(part), self._frames, *part.shape[1:]), part.dtype)
+            self._stack[name][begun] = part[begun][:, None]
+
+    def _final(self, final: NDArray[Any]) -> NDArray[Any]:
+        """The last observations with those before them."""
+        stacked = np.full(len(final), None, dtype=object)
+        for i, last in enumerate(final):
+            if last is not None:
+                stacked[i] = {
+                    name: np.concatenate([self._stack[name][i, 1:], part[None]])
+                    for name, part in last.items()
+                }
+        return stacked
+
+    def _copy(self) -> Observation:
+        return {name: part.copy() for name, part in self._stack.items()}
+
+
+def _parts(env: VectorEnv[Any, Any, Any]) -> spaces.Dict:
+    """The observation space of one robot, if it has parts of numbers."""
+    single = env.single_observation_space
+    if not isinstance(single, spaces.Dict) or not all(
+        isinstance(part, spaces.Box) for part in single.values()
+    ):
+        raise InputError(f"the observation is {single}; give environments with a Dict of Box.")
+    return single

@@ -1,0 +1,172 @@
+"""The single environment as Gymnasium and Stable-Baselines3 want it, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+
+from ambinav.errors import InputError
+from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.rewards import MEANINGS, PRESETS, TERMS, weights_of
+from ambinav_envs.spaces import ACTIONS
+from tests.envs.cases import equal, room
+
+SCENES: list[dict[str, Any]] = [
+    {},
+    {"discrete": True, "window": False},
+    {"people": 3, "obstacles": 4, "waypoint": True, "min_speed": -0.2},
+    {"localizer": "perfect", "reward": "error"},
+]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_checkers_have_nothing_to_say(scene: dict[str, Any]) -> None:
+    stable_baselines = pytest.importorskip("stable_baselines3.common.env_checker")
+    check_env(NavigationEnv(map=room(), **scene), skip_render_check=True)
+    stable_baselines.check_env(NavigationEnv(map=room(), **scene))
+
+
+def test_same_seed_same_episode_and_the_next_one_too() -> None:
+    a, b = NavigationEnv(map=room(), people=2), NavigationEnv(map=room(), people=2)
+    rng = np.random.default_rng(0)
+    for seed in (4, None, None):
+        equal(a.reset(seed=seed), b.reset(seed=seed))
+        for _ in range(10):
+            action = rng.uniform(-1.0, 1.0, 2)
+            equal(a.step(action), b.step(action))
+    first = a.reset(seed=4)
+    a.reset()
+    equal(a.reset(seed=4), first)
+
+
+def test_streams_are_apart() -> None:
+    # What one part draws changes nothing for the others.
+    plain, full = NavigationEnv(map=room()), NavigationEnv(map=room(), people=3, obstacles=2)
+    far = {"start": (1.0, 1.0, 0.0), "goal": (4.0, 1.0)}
+    _, a = plain.reset(seed=1, options=far)
+    _, b = full.reset(seed=1, options=far)
+    for _ in range(10):
+        *_, a = plain.step(np.array([-1.0, 0.3]))
+        *_, b = full.step(np.array([-1.0, 0.3]))
+    assert np.array_equal(a["true_pose"], b["true_pose"])
+    assert np.array_equal(a["odometry"], b["odometry"])
+
+
+def test_discrete_actions_are_continuous_ones() -> None:
+    one, other = (NavigationEnv(map=room(), discrete=d) for d in (False, True))
+    equal(one.reset(seed=0), other.reset(seed=0))
+    for k in range(len(ACTIONS)):
+        equal(one.step(ACTIONS[k]), other.step(k))
+    assert other.action_space.n == 9
+
+
+def test_actions_beyond_the_limits_are_cut_off() -> None:
+    one, other = NavigationEnv(map=room()), NavigationEnv(map=room())
+    equal(one.reset(seed=0), other.reset(seed=0))
+    equal(one.step(np.array([1.0, -1.0])), other.step(np.array([5.0, -1e9])))
+
+
+def test_options_place_the_robot() -> None:
+    env = NavigationEnv(map=room())
+    seen, info = env.reset(seed=0, options={"start": (2.0, 3.0, 0.5), "goal": (2.0, 8.0)})
+    assert np.allclose(info["true_pose"], (2.0, 3.0, 0.5))
+    assert seen["goal"][0] == pytest.approx(0.5, abs=0.05)
+    angle = math.atan2(seen["goal"][2], seen["goal"][1])
+    assert angle == pytest.approx(math.pi / 2 - 0.5, abs=0.1)
+    building = env.simulation.sites[0]
+    assert building is not None
+    env.reset(options={"building": building.building.key})
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"begin": (0, 0, 0)}, "did you mean|choose from"),
+        ({"start": (5.5, 6.0, 0.0)}, "start"),
+        ({"start": (1.0, 1.0)}, "start"),
+        ({"goal": (math.nan, 1.0)}, "goal"),
+        ({"goal": (40.0, 1.0)}, "outside"),
+        ({"building": 17}, "building"),
+    ],
+)
+def test_bad_options_are_refused(options: dict[str, Any], what: str) -> None:
+    env = NavigationEnv(map=room())
+    with pytest.raises(InputError, match=what):
+        env.reset(seed=0, options=options)
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"rewards": "shortest"}, "did you mean reward"),
+        ({"reward": "ambigious"}, "did you mean ambiguity"),
+        ({"reward": {"progres": 1.0}}, "did you mean progress"),
+        ({"reward": {"progress": math.nan}}, "progress"),
+        ({"localizer": "kalman"}, "localizer"),
+        ({"scanner": "hokuyo"}, "hokuyo"),
+        ({"scanner": 3}, "scanner"),
+        ({"robot": {"radius": -1.0}}, "radius"),
+        ({"robot": {"size": 1.0}}, "size"),
+        ({"odometry": {"alpha9": 1.0}}, "did you mean"),
+        ({"people": -1}, "people"),
+        ({"people": True}, "people"),
+        ({"obstacles": -1}, "obstacles"),
+        ({"obstacle_sizes": (0.8, 0.3)}, "obstacle_sizes"),
+        ({"dt": 0.0}, "dt"),
+        ({"min_speed": 0.1}, "min_speed"),
+        ({"window": 1}, "window"),
+        ({"window_cells": 0}, "window_cells"),
+        ({"gamma": 1.5}, "gamma"),
+        ({"shortest": 5.0, "longest": 4.0}, "longest"),
+        ({"start_std": (0.1, 0.1)}, "start_std"),
+        ({"start_std": (0.1, 0.0, 0.1)}, "start_std"),
+        ({"success_radius": 0.1}, "success_radius"),
+        ({"layer": "zone"}, "zone"),
+        ({"layer": "levle"}, "levle"),
+        ({"suite": "hall"}, "one of the two"),
+        ({"max_episode_steps": 0}, "max_steps"),
+        ({"robot": {"radius": 7.0}}, "room"),
+        ({"shortest": 100.0, "longest": 200.0}, "100"),
+    ],
+)
+def test_bad_arguments_are_refused(options: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError, match=what) as caught:
+        NavigationEnv(map=room(), **options).reset(seed=0)
+    assert "\n" not in str(caught.value)
+
+
+def test_bad_actions_are_refused() -> None:
+    env = NavigationEnv(map=room())
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(2))
+    env.reset(seed=0)
+    for wrong in (np.zeros(3), np.zeros((1, 2)), 1.0, [math.nan, 0.0], [math.inf, 0.0], "go", None):
+        with pytest.raises(InputError, match="action"):
+            env.step(wrong)
+    env = NavigationEnv(map=room(), discrete=True)
+    env.reset(seed=0)
+    for number in (9, -1, 0.5, [1]):
+        with pytest.raises(InputError, match="action"):
+            env.step(number)
+
+
+def test_weights_by_name() -> None:
+    assert tuple(MEANINGS) == TERMS
+    assert all(set(preset) <= set(TERMS) for preset in PRESETS.values())
+    assert weights_of({"time": 2}) == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0)
+    assert weights_of("shortest")[TERMS.index("ambiguity")] == 0.0 < weights_of("ambiguity")[4]
+
+
+def test_parameters_from_plain_values() -> None:
+    p = NavigationParameters.of(
+        {"scanner": "rplidar-a1", "robot": {"radius": 0.3}, "people": {"count": 2, "speed": 0.5}}
+    )
+    assert p.scanner.beams > 0 and p.robot.radius == 0.3 and p.people.speed == 0.5
+    assert pickle.loads(pickle.dumps(p)) == p

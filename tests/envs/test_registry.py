@@ -1,0 +1,144 @@
+"""Every registered id: checkers, seeds, pickles, specs, vectors; a warning is an error."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_match import check_environments_match
+
+import ambinav_envs
+from ambinav.errors import InputError
+from ambinav_envs.buildings.suites import suite_names
+from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.registration import IDS, SUITES, register_envs
+from ambinav_envs.vector import NavigationVectorEnv
+from tests.envs.cases import equal
+
+gym.register_envs(ambinav_envs)
+# One building of each, so that its map is made once.
+FEW: dict[str, Any] = {"buildings": 1, "max_steps": 30}
+
+
+@pytest.fixture(autouse=True)
+def strict(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def make(name: str, **options: Any) -> Any:
+    return gym.make(name, **FEW | options)
+
+
+def test_every_suite_has_an_id() -> None:
+    assert tuple(suite_names()) == SUITES
+    assert set(IDS) <= set(gym.registry)
+    assert all(gym.spec(name).max_episode_steps is None for name in IDS)
+
+
+def test_registering_again_changes_nothing() -> None:
+    before = {name: gym.registry[name] for name in IDS}
+    register_envs()
+    assert all(gym.registry[name] is spec for name, spec in before.items())
+
+
+def test_registering_is_cheap_and_an_id_can_name_the_module() -> None:
+    code = (
+        "import sys, ambinav_envs, gymnasium as gym\n"
+        "assert not {'numba', 'matplotlib', 'torch', 'pygame'} & set(sys.modules)\n"
+        "print(gym.spec('ambinav/Hall-v0').kwargs)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "{'suite': 'hall'}"
+    assert isinstance(gym.make("ambinav_envs:ambinav/Hall-v0").unwrapped, NavigationEnv)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_checkers_have_nothing_to_say(name: str) -> None:
+    stable_baselines = pytest.importorskip("stable_baselines3.common.env_checker")
+    check_env(make(name).unwrapped, skip_render_check=True)
+    stable_baselines.check_env(make(name))
+
+
+def test_all_render_modes_pass_the_checker() -> None:
+    check_env(make("ambinav/Office-v0").unwrapped)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_same_seed_same_episodes(name: str) -> None:
+    one, other = make(name), make(name)
+    check_environments_match(one, other, num_steps=40, seed=3)
+    one.reset(seed=1)
+    copy = pickle.loads(pickle.dumps(one))
+    for action in np.random.default_rng(0).uniform(-1.0, 1.0, (5, 2)).astype(np.float32):
+        equal(one.step(action), copy.step(action))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_spec_to_json_and_back(name: str) -> None:
+    env = make(name, reward="shortest", odometry_scale=2.0)
+    text = env.spec.to_json()
+    assert json.loads(text)["id"] == name
+    spec = gym.envs.registration.EnvSpec.from_json(text)
+    assert spec.kwargs == env.spec.kwargs
+    equal(gym.make(spec).reset(seed=0), env.reset(seed=0))
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_made_as_a_vector(name: str) -> None:
+    many = gym.make_vec(name, num_envs=3, vectorization_mode="vector_entry_point", **FEW)
+    assert isinstance(many.unwrapped, NavigationVectorEnv)
+    assert gym.envs.registration.EnvSpec.from_json(many.spec.to_json()).id == name
+    loose = gym.make_vec(name, num_envs=3, vectorization_mode="sync", **FEW)
+    equal(many.reset(seed=0), loose.reset(seed=0))
+    action = np.zeros((3, 2), dtype=np.float32)
+    equal(many.step(action), loose.step(action))
+    many.close()
+
+
+def test_discrete_actions_are_an_argument() -> None:
+    env = make("ambinav/Office-v0", discrete=True)
+    check_env(env.unwrapped, skip_render_check=True)
+    assert env.action_space == gym.spaces.Discrete(9)
+
+
+def test_a_map_is_an_argument() -> None:
+    demo = Path(__file__).parents[2] / "configs" / "demo.geojson"
+    env = gym.make("ambinav/Navigation-v0", map=str(demo), max_steps=3)
+    env.reset(seed=0)
+    assert env.unwrapped.simulation.source.name == "demo"
+    assert [env.step(np.zeros(2, dtype=np.float32))[3] for _ in range(3)][-1]
+
+
+def test_what_cannot_be_made_is_refused() -> None:
+    with pytest.raises(gym.error.NameNotFound, match="Office"):
+        gym.make("ambinav/Ofice-v0")
+    with pytest.raises(gym.error.VersionNotFound):
+        gym.make("ambinav/Office-v7")
+    with pytest.raises(InputError, match="give one of the two"):
+        make("ambinav/Office-v0", map="configs/demo.geojson")
+    with pytest.raises(InputError, match="did you mean"):
+        gym.make("ambinav/Navigation-v0", suite="ofice")
+
+
+def test_the_docstring_has_the_usual_headings() -> None:
+    text = NavigationEnv.__doc__ or ""
+    places = [
+        text.index(f"## {heading}\n")
+        for heading in (
+            "Description", "Action Space", "Observation Space", "Rewards", "Starting State",
+            "Episode End", "Arguments", "Version History",
+        )
+    ]  # fmt: skip
+    assert places == sorted(places)
