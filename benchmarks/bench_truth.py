@@ -190,16 +190,19 @@ def body(found: dict[Case, list[Place]], unknown: bool) -> str:
         for name in LAYERS:
             cells = [mean_of(_of(found, scanner), name, figure) for scanner in scanners]
             known = [value for value in cells if not np.isnan(value)]
-            mean = float(np.mean(known)) if known else float("nan")
+            if not known:
+                continue
+            mean = float(np.mean(known))
             rows.append([name, *[_cell(value) for value in cells], _cell(mean)])
         parts.append(table(("layer", *scanners, "all"), rows))
-    parts.append("## AUC of `level` less that of the others, intervals of 95 %")
-    rows = [
-        [name, *[difference(_of(found, scanner), name) for scanner in scanners]]
-        for name in LAYERS
-        if name != "level"
-    ]
-    parts.append(table(("layer", *scanners), rows))
+    for ours in ("level", RADIUS):
+        parts.append(f"## AUC of `{ours}` less that of the others, intervals of 95 %")
+        rows = [
+            [name, *[difference(_of(found, scanner), ours, name) for scanner in scanners]]
+            for name in LAYERS
+            if name != ours
+        ]
+        parts.append(table(("layer", *scanners), [row for row in rows if any(row[1:])]))
     if unknown:
         return "\n\n".join(parts)
     parts.append("## Measured error by predicted radius, median (and quartiles)")
@@ -244,20 +247,20 @@ def mean_of(groups: list[list[Place]], name: str, figure: Any) -> float:
     return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
 
 
-def difference(groups: list[list[Place]], name: str, seed: int = 3) -> str:
-    """AUC of `level` less a layer's, with environments and places resampled."""
-    usable = [g for g in groups if np.isfinite(_auc_of(g, "level")) and name in g[0]]
+def difference(groups: list[list[Place]], ours: str, name: str, seed: int = 3) -> str:
+    """AUC of one layer less another's, with environments and places resampled."""
+    usable = [g for g in groups if np.isfinite(_auc_of(g, ours)) and name in g[0]]
     if not usable:
         return ""
     rng = np.random.default_rng(seed)
-    data = [(scores(g, "level"), scores(g, name), column(g, "bad") > 0.0) for g in usable]
+    data = [(scores(g, ours), scores(g, name), column(g, "bad") > 0.0) for g in usable]
     values = []
     for _ in range(DRAWS):
         one = []
         for k in rng.integers(len(data), size=len(data)):
-            ours, theirs, bad = data[k]
+            first, second, bad = data[k]
             rows = rng.integers(len(bad), size=len(bad))
-            one.append(auc(ours[rows], bad[rows]) - auc(theirs[rows], bad[rows]))
+            one.append(auc(first[rows], bad[rows]) - auc(second[rows], bad[rows]))
         if np.isfinite(one).any():
             values.append(np.nanmean(one))
     low, high = np.quantile(values, (0.025, 0.975))
