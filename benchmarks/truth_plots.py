@@ -69,6 +69,6 @@ def radius_picture(
         panel.set(xscale="log", yscale="log", xlim=(low, 1.0), ylim=(0.02, high), title=scanner)
         panel.set_xlabel(f"{name}, m")
     panels[0, 0].set_ylabel("measured error, m")
-    panels[0, 0].legend(fontsize=7, loc="upper left")
+    panels[0, 0].legend(fontsize=7, loc="lower right")
     figure.savefig(path, dpi=150)
     plt.close(figure)

@@ -251,7 +251,7 @@ NAMES = [f"{steering.space}-{'disc' if f.is_disc else 'polygon'}" for steering, 
 
 @pytest.mark.parametrize(("steering", "footprint"), KINDS, ids=NAMES)
 @given(seed=st.integers(0, 2**20), turns=st.sampled_from([0, 6]))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_never_dearer_always_free_ends_kept(
     steering: Steering, footprint: Footprint, seed: int, turns: int
 ) -> None:
