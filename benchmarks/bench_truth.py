@@ -61,6 +61,8 @@ LAYERS = {
 """Layers, and 1 where a high value means badly localized."""
 RADIUS = "position_radius"
 METRES = (RADIUS, "major_radius", "fisher", "localizability_radius", "perturbation")
+SHOWN = ("level", RADIUS, "ambiguity", "fisher", "coastal_entropy")
+"""Layers shown for each environment."""
 AXES = ("direction", "fisher_direction", "localizability_direction", "perturbation_direction")
 BAD = 0.3
 FEWEST = 5
@@ -195,6 +197,13 @@ def body(found: dict[Case, list[Place]], unknown: bool) -> str:
             mean = float(np.mean(known))
             rows.append([name, *[_cell(value) for value in cells], _cell(mean)])
         parts.append(table(("layer", *scanners, "all"), rows))
+    parts.append("## AUC by environment")
+    rows = [
+        [*case, *[_cell(_auc_of(places, name)) for name in SHOWN]]
+        for case, places in found.items()
+        if places and np.isfinite(_auc_of(places, "level"))
+    ]
+    parts.append(table(("environment", "scanner", *SHOWN), rows, words=2))
     for ours in ("level", RADIUS):
         parts.append(f"## AUC of `{ours}` less that of the others, intervals of 95 %")
         rows = [

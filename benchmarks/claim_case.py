@@ -45,8 +45,8 @@ CONES = {
     "laser_model_type": "beam", "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05,
     "beam_table_resolution": 0.1,
 }  # fmt: skip
-# The same with the beams multiplied, as the book has it: a robot with sonars is three times as
-# well localized. Found after the claim was driven, and used by the study of truth.
+# The same with the beams multiplied, as the book has it. It came after the claim was driven, and is
+# what the study of truth uses.
 PRODUCT = {
     **CONES, "laser_model_type": "beam_prob", "importance_factor": 0.3, "sigma_hit": 0.1,
 }  # fmt: skip

@@ -17,6 +17,7 @@ robot and refuse the autoreset mode "SameStep", which `ambinav_envs.sb3.Navigati
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from typing import Any, Final
 
@@ -35,7 +36,7 @@ GOAL_ONLY: Final = ("goal", "velocity")
 Observation = dict[str, NDArray[np.float32]]
 
 
-class _Mapped(VectorWrapper[Any, Any, Any, Any, Any]):
+class _Mapped(VectorWrapper[Any, Any, Any, Any, Any], ABC):
     """Another view of each observation, the last ones of episodes included."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
@@ -61,12 +62,13 @@ class _Mapped(VectorWrapper[Any, Any, Any, Any, Any]):
             info["final_obs"] = final
         return self._map(seen), rewards, terminated, truncated, info
 
+    @abstractmethod
     def _space(self, single: spaces.Dict) -> spaces.Space[Any]:
-        raise NotImplementedError
+        """The space of one robot's new view."""
 
+    @abstractmethod
     def _map(self, seen: Observation) -> Any:
         """The same for one robot's observation as for all."""
-        raise NotImplementedError
 
 
 class Filtered(_Mapped):
