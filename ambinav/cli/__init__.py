@@ -1,4 +1,4 @@
-"""The command line: `ambinav audit | map | plan | compare | presets | calibrate`.
+"""The command line: `ambinav audit | map | plan | compare | train | evaluate | benchmark | ...`.
 
 Every command lives in a module of its own, and imports what computes only when it runs, so that
 `ambinav --help` answers at once.
@@ -13,11 +13,14 @@ from typing import Annotated
 import typer
 
 from ambinav.cli.audit import audit
+from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
 from ambinav.cli.compare import compare
+from ambinav.cli.evaluate import evaluate
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
+from ambinav.cli.train import train
 
 app = typer.Typer(
     name="ambinav",
@@ -32,6 +35,9 @@ app.command("audit")(audit)
 app.command("map")(build)
 app.command("plan")(plan)
 app.command("compare")(compare)
+app.command("train")(train)
+app.command("evaluate")(evaluate)
+app.command("benchmark")(benchmark)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
 

@@ -7,9 +7,10 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from ambinav.compare.controllers import Driver, driven_route, driver_of, is_controller
 from ambinav.compare.given import measured, policy_route, saved_route
 from ambinav.compare.parts import PairPart
-from ambinav.compare.plugins import load_callable, load_module
+from ambinav.compare.plugins import load_module
 from ambinav.compare.route_part import GIVEN, RoutePart
 from ambinav.compare.scenario_file import Loaded
 from ambinav.errors import InputError
@@ -27,12 +28,15 @@ class Plan:
     Attributes:
         pair: Name of the pair.
         name: Of the route.
-        route: The route.
+        route: The route; that of a policy which drives is the way that it takes where it knows
+            its place.
+        driver: The policy that drives; None: the route is followed.
     """
 
     pair: str
     name: str
     route: Route
+    driver: Driver | None = None
 
 
 def check_plans(loaded: Loaded) -> None:
@@ -58,7 +62,8 @@ def check_plans(loaded: Loaded) -> None:
             if part.kind == "file":
                 saved_route(loaded, pair, part)
             elif part.kind == "policy":
-                load_callable(str(part.policy), loaded.folder)
+                if is_controller(str(part.policy), loaded.folder):
+                    driver_of(loaded, pair, part)
             elif checker is not None:
                 _check_planned(loaded, pair, part, checker)
 
@@ -74,13 +79,14 @@ def make_plans(
         progress: Called with the share done.
 
     Raises:
-        InputError: see `check_plans`; or a planner finds nothing, or a policy makes no route.
+        InputError: see `check_plans`; or a planner finds nothing, or a policy makes no route
+            or does not get to the goal.
     """
     wanted = _wanted(loaded)
     plans = []
     for done, (pair, part) in enumerate(wanted):
         with _named(pair, part):
-            plans.append(Plan(pair.name, part.name, _route(loaded, amap, pair, part)))
+            plans.append(_plan(loaded, amap, pair, part))
         if progress is not None:
             progress((done + 1) / len(wanted))
     return tuple(plans)
@@ -105,13 +111,19 @@ def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
         raise InputError(f"pair {pair.name!r}, route {part.name!r}: {told}.") from error
 
 
-def _route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+def _plan(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:
+    driver = None
     if part.kind == "file":
-        return measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
-    if part.kind == "policy":
+        route = measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
+    elif part.kind == "policy" and is_controller(str(part.policy), loaded.folder):
+        driver = driver_of(loaded, pair, part)
+        route = driven_route(loaded, amap, driver)
+    elif part.kind == "policy":
         route = policy_route(loaded, amap, pair, part)
-        return measured(loaded, amap, route, f"policy {part.policy}")
-    return _planned(loaded, amap, pair, part)
+        route = measured(loaded, amap, route, f"policy {part.policy}")
+    else:
+        route = _planned(loaded, amap, pair, part)
+    return Plan(pair.name, part.name, route, driver)
 
 
 def _need_ompl() -> None:

@@ -178,6 +178,7 @@ def _names(report: Document) -> list[str]:
 def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
+    asked["layers"] = loaded.scenario.map.added
     segments = loaded.environment.segments
     code = code_checksum(MAP_CODE)
     told = json.dumps([asked, loaded.scanner.to_yaml(), loaded.environment.name, code])

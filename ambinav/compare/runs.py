@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ambinav.compare.code import code_checksum
+from ambinav.compare.controllers import Driver
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined, load_results, results_of, save_results
 from ambinav.compare.workers import Item, Setup, drive_item, in_workers
@@ -17,7 +18,8 @@ BLOCK = 10
 """Runs in one piece of work."""
 
 CODE = (
-    *("compare/guides.py", "compare/results.py", "compare/workers.py", "drive/*.py"),
+    *("compare/controllers.py", "compare/guides.py", "compare/results.py", "compare/workers.py"),
+    "drive/*.py",
     *("geometry/*.py", "localization/*.py", "maps/*.py", "sensing/*.py", "service/*.py"),
 )
 """Files of ambinav that the outcome of a drive depends on."""
@@ -91,8 +93,18 @@ def items_of(setup: Setup, plan: Plan) -> list[Item]:
         digest.update(json.dumps(told).encode())
         digest.update(plan.route.poses.tobytes())
         digest.update(world)
+        if plan.driver is not None:
+            digest.update(_told_of(plan.driver))
         items.append(Item(plan, block, size, digest.hexdigest()[:32]))
     return items
+
+
+def _told_of(driver: Driver) -> bytes:
+    """What the drives of a policy depend on besides."""
+    from ambinav.compare.leaderboard.store import code_checksum as code_with_environments
+
+    told = [driver.told, driver.checksum, driver.start, driver.goal, code_with_environments()]
+    return json.dumps(told).encode()
 
 
 PARTS = ("robot", "follower", "odometry", "people")

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ambinav.compare.controllers import PolicyController
 from ambinav.compare.guides import localizer_of
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import Scenario
@@ -77,6 +78,11 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
     from ambinav.drive.drive import drive
 
     scenario, how = setup.scenario, setup.scenario.drive
+    controller = None
+    if item.plan.driver is not None:
+        controller = PolicyController(
+            item.plan.driver, setup.environment, setup.scanner, scenario.robot, how.rate, item.runs
+        )
     return drive(
         setup.environment,
         setup.scanner,
@@ -94,6 +100,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
         start_std=how.start_std,
         max_time=how.max_time,
         keep_ranges=keep_ranges,
+        controller=controller,
     )
 
 

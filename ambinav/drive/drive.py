@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.drive.controller import Controller
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
 from ambinav.drive.localizers import DeadReckoning, Localizer
@@ -59,6 +60,7 @@ def drive(
     start_std: ArrayLike = (0.05, 0.05, 0.02),
     max_time: float | None = None,
     keep_ranges: bool = False,
+    controller: Controller | None = None,
 ) -> Drives:
     """Drive a route many times; run k differs from run j by its random numbers alone.
 
@@ -91,6 +93,8 @@ def drive(
         max_time: Seconds after which a run is given up; by default three times what the route's
             length and turns need at full speed, and 10 s.
         keep_ranges: Keep all readings.
+        controller: Steers in the place of the follower; of the route start, goal and length are
+            then used alone. It has no say in an open-loop drive.
 
     Raises:
         InputError: the start is not free, there are no runs, a number is out of its range, the
@@ -132,8 +136,10 @@ def drive(
     ranges = np.empty((runs, 0), dtype=np.float32)
     fresh = np.zeros(runs, dtype=np.bool_)
     going = np.ones(runs, dtype=np.bool_)
+    steered = None if open_loop else controller
+    looks = keep_ranges or guide is not None or steered is not None
     for k in range(steps):
-        if keep_ranges or guide is not None:
+        if looks:
             places = None if crowd is None else crowd.places
             ranges = sight.capture(sight.true_ranges(robots.truth, places, size), eyes)
         belief = robots.truth.copy()
@@ -143,7 +149,10 @@ def drive(
         record.add(going, (robots.truth, robots.odometry, belief), covariance, fresh, ranges)
         if k + 1 == steps and not open_loop:
             robots.outcome[robots.outcome == DRIVING] = TIMED_OUT
-        going = robots.step(belief)
+        want = None
+        if steered is not None:
+            want = steered.want(belief, covariance, robots.speeds, ranges)
+        going = robots.step(belief, want)
         if not going.any():
             break
         if crowd is not None:

@@ -9,7 +9,7 @@ from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
-from ambinav.drive.world import DRIVING, REACHED, report_all, tick
+from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_told
 from ambinav.geometry.collision import CollisionChecker
 
 Floats = NDArray[np.float64]
@@ -63,15 +63,26 @@ class Robots:
             course.arrays, course.goal, course.turns, follower.packed, robot.limits, float(dt),
             self._noise,
         )  # fmt: skip
+        self._told = (
+            course.goal, follower.xy_goal_tolerance, robot.limits, float(dt), self._noise,
+        )  # fmt: skip
         self._walls = (robot.radius, *checker.arrays[:2])
 
-    def step(self, belief: Floats) -> NDArray[np.bool_]:
+    def step(self, belief: Floats, want: Floats | None = None) -> NDArray[np.bool_]:
         """Drive on for one time step; which of them truly did, bool, shape (R,).
 
         Args:
             belief: Poses by which they steer, shape (R, 3); not looked at open loop.
+            want: Speeds that they are told, shape (R, 2), metres and radians per second; None to
+                follow the course.
         """
         driving = np.asarray(self.outcome == DRIVING, dtype=np.bool_)
+        if self._way is None and want is not None:
+            tick_told(
+                self.truth, self.odometry, belief, self.speeds, self.outcome, want, *self._told,
+                self._states, *self._walls,
+            )  # fmt: skip
+            return np.asarray(driving & (self.outcome != REACHED))
         if self._way is None:
             tick(
                 self.truth, self.odometry, belief, self.speeds, self._piece, self._stage,

@@ -130,15 +130,63 @@ def tick(
         if stage[r] == ARRIVED:
             outcome[r] = REACHED
             continue
-        speed, rate = limited(speeds[r, 0], speeds[r, 1], want_speed, want_rate, limits, dt)
-        speeds[r, 0], speeds[r, 1] = speed, rate
-        x0, y0, t0 = truth[r]
-        x1, y1, t1, met = moved(x0, y0, t0, speed, rate, dt, reach, table, bound)
-        truth[r] = x1, y1, t1
-        if met:
-            outcome[r] = COLLIDED
-        ox, oy, ot = odometry[r]
-        odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
+        _go(
+            r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states,
+            reach, table, bound,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tick_told(
+    truth, odometry, belief, speeds, outcome, want, goal, near, limits, dt, noise, states, reach,
+    table, bound,
+):  # fmt: skip
+    """As `tick`, of robots that are told their speeds.
+
+    Args:
+        truth: See `tick`, as all that is not listed here.
+        odometry: See there.
+        belief: See there.
+        speeds: See there.
+        outcome: See there.
+        want: Speed (m/s) and turn rate (rad/s) that each is told, shape (R, 2).
+        goal: See there.
+        near: A robot that believes to be within this distance of the goal stops there, metres.
+        limits: See there.
+        dt: See there.
+        noise: See there.
+        states: See there.
+        reach: See there.
+        table: See there.
+        bound: See there.
+    """
+    for r in range(len(truth)):
+        if outcome[r] != DRIVING:
+            continue
+        if math.hypot(goal[0] - belief[r, 0], goal[1] - belief[r, 1]) <= near:
+            outcome[r] = REACHED
+            continue
+        _go(
+            r, want[r, 0], want[r, 1], truth, odometry, speeds, outcome, limits, dt, noise, states,
+            reach, table, bound,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _go(
+    r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states, reach,
+    table, bound,
+):  # fmt: skip
+    """Run r truly drives on for one time step, and its odometry reports it."""
+    speed, rate = limited(speeds[r, 0], speeds[r, 1], want_speed, want_rate, limits, dt)
+    speeds[r, 0], speeds[r, 1] = speed, rate
+    x0, y0, t0 = truth[r]
+    x1, y1, t1, met = moved(x0, y0, t0, speed, rate, dt, reach, table, bound)
+    truth[r] = x1, y1, t1
+    if met:
+        outcome[r] = COLLIDED
+    ox, oy, ot = odometry[r]
+    odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

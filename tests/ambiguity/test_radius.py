@@ -1,17 +1,37 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.registry import layer
 from ambinav.ambiguity.radius import position_radius
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav.service.service import AmbiguityService
+from tests.geometry import scenes
 from tests.maps import synthetic
 
 NAMES = ("major", "minor", "major_radius", "minor_radius", "direction")
+
+
+@pytest.fixture(scope="module")
+def laser() -> RangeScanner:
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
+    return RangeScanner.planar(sensor, 60, 2.0 * math.pi)
+
+
+@pytest.fixture(scope="module")
+def fan() -> RangeScanner:
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
+    return RangeScanner.planar(sensor, 20, math.radians(120.0))
 
 
 def made(headings: int, **values: NDArray[np.float64] | float) -> AmbiguityMap:
@@ -83,3 +103,30 @@ def test_is_the_trace_of_the_mean_of_inverse_tensors() -> None:
 def test_views_are_checked() -> None:
     with pytest.raises(InputError, match="views is 0"):
         position_radius(made(2), 0.0)
+
+
+def test_as_a_layer_it_is_a_share_of_a_featureless_disc(laser: RangeScanner) -> None:
+    # A hall so wide that its middle sees nothing: the free disc, but for the lattice's corners.
+    amap = build_map(scenes.room(14.0, 14.0), laser, 0.1, layers=["position"])
+    told = position_radius(amap)
+    radius = amap.dataset["position_radius"].values
+    np.testing.assert_allclose(radius, told, rtol=1e-6)
+    share = amap.dataset["position"].values
+    np.testing.assert_allclose(share, np.minimum(told / (0.5 / math.sqrt(2.0)), 1.0), rtol=1e-6)
+    assert amap.sample("position", 7.0, 7.0) == pytest.approx(1.0, abs=0.05)
+    assert amap.sample("position", 0.5, 0.5) < 0.1
+
+
+def test_a_scanner_with_headings_has_one_value_a_place(fan: RangeScanner) -> None:
+    amap = build_map(scenes.room(4.0, 3.0), fan, 0.2, headings=6, layers=["position"])
+    assert amap.dataset["position"].dims == ("y", "x")
+    service = AmbiguityService(amap, layer="position", weight=4.0)
+    x, y = 1.0, 1.4
+    assert service.cost(x, y, 0.3) == pytest.approx(1.0 + 4.0 * amap.sample("position", x, y))
+
+
+def test_ground_without_a_map_has_no_position(laser: RangeScanner) -> None:
+    amap = build_map(scenes.room(4.0, 3.0), laser, 0.5)
+    ground = replace(Ground.of(amap), amap=None)
+    with pytest.raises(InputError, match="build the map first"):
+        layer("position").compute(ground)

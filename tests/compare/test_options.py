@@ -49,6 +49,17 @@ def compare(scenario: Path, out: Path, *more: str) -> Result:
     return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", *more])
 
 
+def test_costs_may_read_a_layer_that_is_made_for_them(
+    scenario: dict[str, Any], tmp_path: Path
+) -> None:
+    scenario["map"] = {"spacing": 0.2, "layer": "position"}
+    scenario["routes"] = ["shortest", "reference"]
+    scenario["drive"] = {"runs": 2}
+    done = compare(write(tmp_path, scenario), tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
 def test_boxes_are_off_all_routes_and_the_same_for_each(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -46,6 +46,15 @@ def test_same_seed_same_episode_and_the_next_one_too() -> None:
     equal(a.reset(seed=4), first)
 
 
+def test_layers_that_no_map_has_by_itself_are_made() -> None:
+    env = NavigationEnv(map=room(), layer="position")
+    seen, _ = env.reset(seed=0)
+    amap = env.simulation.sites[0].building.amap  # type: ignore[union-attr]
+    assert "position" in amap.layers
+    level, _ = NavigationEnv(map=room()).reset(seed=0)
+    assert not np.array_equal(seen["window"], level["window"])
+
+
 def test_streams_are_apart() -> None:
     # What one part draws changes nothing for the others.
     plain, full = NavigationEnv(map=room()), NavigationEnv(map=room(), people=3, obstacles=2)

@@ -39,6 +39,7 @@ class Ground:
         headings: Headings of the robot, float64, shape (K,), radians; [0] where the map has none.
         has_theta: Whether the map has headings: its layers are then of shape (ny, nx, K).
         model: The map's parameters.
+        amap: The map itself, for layers that are made of others; None where there is none.
     """
 
     environment: Environment
@@ -47,6 +48,7 @@ class Ground:
     headings: NDArray[np.float64]
     has_theta: bool
     model: AmbiguityModel
+    amap: AmbiguityMap | None = None
     _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -88,6 +90,7 @@ class Ground:
             np.asarray(headings, dtype=np.float64),
             amap.has_theta,
             AmbiguityModel(**{name: told[name] for name in wanted}),
+            amap,
         )
 
     @property

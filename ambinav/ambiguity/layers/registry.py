@@ -23,6 +23,7 @@ ALL: Final = "all"
 _SHIPPED: Final = {
     name: f"{__package__}.{name}"
     for name in (
+        "position",
         "fisher",
         "localizability",
         "coastal_entropy",

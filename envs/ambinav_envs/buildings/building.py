@@ -34,6 +34,7 @@ class Building:
         robot_radius: Of the robot's disc, metres.
         spacing: Of the ambiguity map's lattice, metres.
         keep: Whether its map is kept on disk (`ambinav_envs.buildings.cache`).
+        layers: Layers of its map beside `LAYERS`.
     """
 
     key: str
@@ -42,6 +43,7 @@ class Building:
     robot_radius: float
     spacing: float
     keep: bool
+    layers: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -53,6 +55,7 @@ class Building:
         *,
         key: str | None = None,
         keep: bool = True,
+        layers: tuple[str, ...] = (),
     ) -> Building:
         """Take a building; nothing is worked out yet.
 
@@ -63,6 +66,7 @@ class Building:
             spacing: Of the ambiguity map's lattice, metres.
             key: What it is called; None: the environment's name.
             keep: Whether its map is kept on disk.
+            layers: Layers of its map beside `LAYERS`.
 
         Raises:
             InputError: a number makes no sense.
@@ -73,17 +77,19 @@ class Building:
         return cls(
             environment.name if key is None else key,
             environment, scanner, float(robot_radius), float(spacing), keep,
+            layers,
         )  # fmt: skip
 
     @cached_property
     def amap(self) -> AmbiguityMap:
-        """Its ambiguity map with the layers `LAYERS`, read from disk if it is kept there.
+        """Its ambiguity map with `LAYERS` and its own layers, read from disk if it is kept there.
 
         Raises:
             InputError: the scanner cannot have these layers, or the map cannot be written.
         """
+        layers = LAYERS + tuple(name for name in self.layers if name not in LAYERS)
         return map_of(
-            self.environment, self.scanner, spacing=self.spacing, layers=LAYERS, keep=self.keep
+            self.environment, self.scanner, spacing=self.spacing, layers=layers, keep=self.keep
         )
 
     @cached_property

@@ -33,7 +33,9 @@ class BuildingSource:
             met twice, and no map is kept on disk.
         first: Number of the first one.
         spacing: Of the ambiguity maps' lattices, metres.
-        held: How many buildings are held in memory, those used last; each takes some megabytes.
+        held: How many buildings are held in memory, those used last; each takes
+            about a megabyte.
+        layers: Layers of their maps beside those of `Building`.
 
     Attributes:
         name: Of the suite or the map.
@@ -51,12 +53,14 @@ class BuildingSource:
         count: int | None = None,
         first: int = 0,
         spacing: float = 0.2,
-        held: int = 64,
+        held: int = 512,
+        layers: tuple[str, ...] = (),
     ) -> None:
         self._scanner = scanner
         self._radius = float(robot_radius)
         self._spacing = float(spacing)
         self._held = as_count(held, "held")
+        self._layers = layers
         self._buildings: OrderedDict[int, Building] = OrderedDict()
         self._map: Environment | None = None
         if isinstance(what, str) and not Path(what).suffix and Path(what).name == what:
@@ -109,7 +113,9 @@ class BuildingSource:
             environment, keep = suite(self.name).building(number), self.count is not None
         else:
             environment, keep = self._map, True
-        building = Building.of(environment, self._scanner, self._radius, self._spacing, keep=keep)
+        building = Building.of(
+            environment, self._scanner, self._radius, self._spacing, keep=keep, layers=self._layers
+        )
         self._buildings[number] = building
         while len(self._buildings) > self._held:
             self._buildings.popitem(last=False)

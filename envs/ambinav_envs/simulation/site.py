@@ -21,7 +21,7 @@ from ambinav_envs.simulation.eyes import Eyes, eyes_of
 from ambinav_envs.simulation.layout import GROUND
 
 # So many buildings are kept ready; those that robots are in stay anyway.
-KEPT = 64
+KEPT = 512
 
 
 class Site:

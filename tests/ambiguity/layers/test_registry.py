@@ -61,7 +61,7 @@ def test_the_page_tells_every_layer() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "offer"), [("fischer", "did you mean fisher"), ("xyz", "there are fisher, ")]
+    ("name", "offer"), [("fischer", "did you mean fisher"), ("xyz", "there are position, ")]
 )
 def test_an_unknown_name_offers_the_nearest(name: str, offer: str) -> None:
     with pytest.raises(InputError, match=offer):

@@ -1,0 +1,165 @@
+"""`ambinav benchmark`: the leaderboard of planners and policies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.running import INTERRUPTED, check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ambinav.compare.leaderboard.figures import Row
+
+EPISODES, BUILDINGS = 300, 100
+QUICK_EPISODES, QUICK_BUILDINGS = 30, 10
+SHOWN = {
+    "arrived": "arrived (%)",
+    "collided": "collided (%)",
+    "lost": "lost (%)",
+    "error": "error (m)",
+    "length": "length ratio",
+    "exposure": "exposure per m",
+}
+"""Figures on the terminal, with their intervals."""
+WIDTH = 130
+"""Columns of text where there is no terminal."""
+
+
+def benchmark(
+    values: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...",
+            help="Arguments of the environment that all have in common, e.g. localizer=mcl.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for the report; a leaderboard that was interrupted there goes on.",
+        ),
+    ] = Path("leaderboard"),
+    episodes: Annotated[
+        int | None,
+        typer.Option(
+            "--episodes",
+            "-n",
+            metavar="N",
+            help="Episodes of each method in each setting.",
+            show_default=f"{EPISODES}",
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+    ] = 0,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--policy",
+            metavar="FILE|NAME|module:callable",
+            help="A policy besides the shipped ones; may be given more than once.",
+            show_default=False,
+        ),
+    ] = None,
+    planner: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--planner",
+            metavar="NAME[:WEIGHT]",
+            help="A planner instead of the usual ones; may be given more than once.",
+            show_default=False,
+        ),
+    ] = None,
+    map_file: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="A building besides the procedural ones; may be given more than once.",
+            show_default=False,
+        ),
+    ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it."
+        ),
+    ] = False,
+    as_json: options.AsJson = False,
+) -> None:
+    """Let every planner and every policy drive the same episodes, and put them into one table.
+
+    Writes report.md, report.json, table.csv and overview.png. docs/leaderboard.md explains them.
+    Policies may hold code: use those that you trust.
+
+    Example: `ambinav benchmark -o out/board --policy run/best.zip`
+    """
+    with reporting():
+        if episodes is not None and episodes < 1:
+            raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
+        if seed < 0:
+            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        common = arguments_of(values or [])
+        check_writable(output)
+        from ambinav.compare.leaderboard.board import Board, settings_for
+        from ambinav.compare.leaderboard.methods import all_methods
+        from ambinav.compare.leaderboard.report import JSON, MARKDOWN, WORK, check_output
+        from ambinav.compare.leaderboard.report import benchmark as run
+
+        check_output(output)
+        count = episodes or (QUICK_EPISODES if quick else EPISODES)
+        board = Board(
+            all_methods(planner or [], policy or []),
+            settings_for(map_file or [], QUICK_BUILDINGS if quick else BUILDINGS),
+            count,
+            seed,
+            common,
+        )
+        try:
+            with progress_bars(as_json) as bars:
+                rows = run(board, output, bars)
+        except KeyboardInterrupt:
+            typer.echo(
+                f"ambinav: interrupted; what is finished is in {output / WORK}, and the same "
+                "command goes on from there.",
+                err=True,
+            )
+            raise typer.Exit(INTERRUPTED) from None
+        if as_json:
+            typer.echo((output / JSON).read_text(encoding="utf-8").rstrip())
+        else:
+            _show(rows, output / MARKDOWN)
+
+
+def _show(rows: Sequence[Row], report: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.compare.leaderboard.figures import value_text
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=WIDTH)
+    for setting in dict.fromkeys(row.setting for row in rows):
+        table = Table(box=None, pad_edge=False, title=Text(setting), title_justify="left")
+        table.add_column("method", no_wrap=True)
+        for title in SHOWN.values():
+            table.add_column(title, justify="right")
+        for row in rows:
+            if row.setting == setting:
+                cells = (value_text(row[key], brief=True) for key in SHOWN)
+                table.add_row(Text(row.method), *(Text(cell) for cell in cells))
+        console.print(table, "")
+    console.print(Text(f"report: {report}"), soft_wrap=True)

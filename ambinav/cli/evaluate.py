@@ -1,0 +1,137 @@
+"""`ambinav evaluate`: how a policy fares over episodes with seeds of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.compare.leaderboard.figures import Row
+
+UNSEEN = 1_000_000
+"""Number of the first building that policies are evaluated in, where nobody says another."""
+
+
+def evaluate(
+    policy: Annotated[
+        str,
+        typer.Argument(
+            metavar="POLICY",
+            help="A policy file, the name of a shipped one, or module:callable.",
+            show_default=False,
+        ),
+    ],
+    values: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...",
+            help="Arguments of the environment, e.g. people=3 odometry_scale=2.",
+            show_default="as in training",
+        ),
+    ] = None,
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            "--suite", metavar="NAME", help="Buildings to draw from.", show_default="as in training"
+        ),
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="One building instead.", show_default=False),
+    ] = None,
+    episodes: Annotated[
+        int, typer.Option("--episodes", "-n", metavar="N", help="How many episodes.")
+    ] = 200,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+    ] = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for evaluation.json and episodes.csv.",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Let a policy drive, and tell how often it arrives, gets lost, and collides.
+
+    The environment is the one that the policy was trained in, but with buildings that it has not
+    seen (number 1 000 000 and on of the suite). A policy file may hold code: use those that you
+    trust.
+
+    Example: `ambinav evaluate run/best.zip --episodes 500 people=3 odometry_scale=2`
+    """
+    with reporting():
+        if episodes < 1:
+            raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
+        if seed < 0:
+            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        if suite is not None and map_file is not None:
+            raise InputError("--suite and --map are both given; give one of the two.")
+        changed = arguments_of(values or [])
+        if output is not None:
+            check_writable(output / "evaluation.json")
+        from ambinav.compare.leaderboard.evaluated import evaluate_policy, write_evaluation
+
+        if suite is not None:
+            changed["suite"] = suite
+        if map_file is not None:
+            changed["map"] = map_file
+        with progress_bars(as_json) as bars:
+            found = evaluate_policy(policy, changed, episodes, seed, UNSEEN, bars("episodes"))
+        if output is not None:
+            write_evaluation(found, output)
+        if as_json:
+            typer.echo(found.to_json())
+        else:
+            _show(found.row, output)
+
+
+def arguments_of(values: list[str]) -> dict[str, Any]:
+    """Arguments of an environment from KEY=VALUE, each value as YAML has it.
+
+    Raises:
+        InputError: one is nothing of the kind, or is there twice.
+    """
+    import yaml
+
+    arguments: dict[str, Any] = {}
+    for text in values:
+        key, equals, value = text.partition("=")
+        if not (equals and key.isidentifier()):
+            raise InputError(f"{text!r} is no argument; write KEY=VALUE, e.g. people=3.")
+        if key in arguments:
+            raise InputError(f"{key} is there twice; give it once.")
+        try:
+            arguments[key] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise InputError(f"{key}: {value!r} cannot be read; write it as in YAML.") from error
+    return arguments
+
+
+def _show(row: Row, output: Path | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.compare.leaderboard.figures import value_text
+
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_row(Text(row.method), Text(f"{row.episodes} episodes in {row.setting}"))
+    for cell in row.cells:
+        unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
+        table.add_row(Text(f"{cell.figure.title}{unit}"), Text(value_text(cell)))
+    console = Console(highlight=False)
+    console.print(table)
+    if output is not None:
+        console.print(Text(f"written to {output}"), soft_wrap=True)

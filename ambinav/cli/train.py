@@ -1,0 +1,179 @@
+"""`ambinav train`: a policy, from a configuration to a folder with everything about it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import INTERRUPTED, above_zero, check_writable, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav_envs.training.run import Tell, Told
+
+NEEDED = ("gymnasium", "stable_baselines3", "torch")
+
+
+def train(
+    config_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CONFIG.yaml",
+            help="Algorithm, environment, network and how long; see configs and docs/training.md.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Folder for all of it.", show_default=False
+        ),
+    ],
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the latest checkpoint in DIR.")
+    ] = False,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="N", help="Seed.", show_default="the configuration's"),
+    ] = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option("--minutes", metavar="M", help="Train so long, instead of its limits."),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option("--steps", metavar="N", help="Train so many steps, instead of its limits."),
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Train a policy that finds its way with a localizer in the loop.
+
+    Writes policy files (best.zip, final.zip), the curve, checkpoints, TensorBoard's files where it
+    is installed, and what is needed to run it again. After Ctrl-C `--resume` goes on.
+
+    Example: `ambinav train configs/ppo.yaml -o out/ppo`
+    """
+    with reporting():
+        if minutes is not None and steps is not None:
+            raise InputError("--minutes and --steps are given; give one of the two.")
+        above_zero(minutes, "--minutes", "30", "minutes")
+        above_zero(steps, "--steps", "1000000", "steps")
+        _need_packages()
+        from ambinav_envs.training.config_file import load_config
+        from ambinav_envs.training.folder import CHECKPOINTS
+        from ambinav_envs.training.train import check_folder
+        from ambinav_envs.training.train import train as run
+
+        limits: dict[str, Any] = {}
+        if minutes is not None or steps is not None:
+            limits = {"minutes": minutes, "steps": steps}
+        config = load_config(config_file, limits=limits, seed=seed)
+        check_writable(output)
+        check_folder(config, output, resume)
+        try:
+            with _shown(as_json) as tell:
+                command = ("ambinav", *sys.argv[1:])
+                summary = run(config, output, resume=resume, command=command, tell=tell)
+        except KeyboardInterrupt:
+            _say(
+                f"ambinav: interrupted; the training so far is in {output / CHECKPOINTS}, and the "
+                "same command with --resume goes on from there."
+            )
+            raise typer.Exit(INTERRUPTED) from None
+        if as_json:
+            typer.echo(json.dumps(summary, allow_nan=False))
+        else:
+            _result(output, summary)
+
+
+def _need_packages() -> None:
+    """Say what to install if a package is missing.
+
+    Raises:
+        InputError: one is.
+    """
+    from importlib.util import find_spec
+
+    for name in NEEDED:
+        if find_spec(name) is None:
+            raise InputError(f'training needs {name}; run: pip install "ambinav[envs]".')
+
+
+@contextlib.contextmanager
+def _shown(quiet: bool) -> Iterator[Tell]:
+    """Yield what shows how far the training is: a bar on a terminal, and each evaluation."""
+    if quiet:
+        yield lambda told: None
+        return
+    if not sys.stderr.isatty():
+        yield lambda told: _line(told, _say)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True, highlight=False)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as bars:
+        task = bars.add_task("training", total=1.0)
+        last = 0.0
+
+        def show(told: Told) -> None:
+            nonlocal last
+            if told.share < last:
+                # The maps are made: the clock of the training starts.
+                bars.reset(task)
+            last = told.share
+            bars.update(task, completed=told.share, description=_described(told))
+            _line(told, lambda text: console.print(text, soft_wrap=True))
+
+        yield show
+
+
+def _described(told: Told) -> str:
+    """How far, how fast and how well, in a few words."""
+    if told.preparing:
+        return "maps of the buildings"
+    words = [f"{told.steps:,} steps"]
+    if told.rate == told.rate:
+        words.append(f"{told.rate:,.0f}/s")
+    if told.train is not None and told.train["episodes"]:
+        words.append(f"arrived {100.0 * told.train['arrived']:.0f} %")
+    return ", ".join(words)
+
+
+def _line(told: Told, say: Callable[[str], None]) -> None:
+    """A line for an evaluation."""
+    figures = told.evaluation
+    if figures is not None:
+        shares = ("arrived", "collided", "timeout", "missed", "lost")
+        said = ", ".join(f"{name} {100.0 * figures[name]:.1f} %" for name in shares)
+        say(f"{told.steps:,} steps: {said}, reward {figures['reward']:.2f}")
+
+
+def _result(output: Path, summary: dict[str, Any]) -> None:
+    final, best = summary["final"], summary["best"]
+    minutes = summary["seconds"] / 60.0
+    typer.echo(
+        f"{summary['steps']:,} steps in {minutes:.1f} minutes: of {final['episodes']:.0f} episodes "
+        f"that judge it {100.0 * final['arrived']:.1f} % arrived; at the best evaluation, "
+        f"after {best['steps']:,.0f} steps, {100.0 * best['arrived']:.1f} %."
+    )
+    typer.echo(f"policy: {output / 'final.zip'}\nreport: {output / 'report.md'}")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)

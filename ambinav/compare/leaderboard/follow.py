@@ -1,0 +1,89 @@
+"""Following routes in the navigation environment: many robots, each on a course of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ambinav.drive.course import Course
+from ambinav.drive.follower import pursue
+from ambinav.drive.parameters import FollowerParameters
+from ambinav.drive.robot import Robot
+
+Floats = NDArray[np.float64]
+
+
+class Followers:
+    """N robots with regulated pure pursuit, as `ambinav.drive.drive` steers them.
+
+    Args:
+        courses: One a robot; None for a robot that stands still.
+        robot: What they are.
+        parameters: How they follow.
+        dt: Time step, seconds.
+    """
+
+    def __init__(
+        self,
+        courses: Sequence[Course | None],
+        robot: Robot,
+        parameters: FollowerParameters,
+        dt: float,
+    ) -> None:
+        count = len(courses)
+        sizes = [0 if course is None else len(course.points) for course in courses]
+        self._first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        total = int(self._first[-1])
+        # `way` and `end` have one entry less than there are points; the last one stays unused.
+        self._points, self._along = np.zeros((total, 2)), np.zeros(total)
+        self._way, self._end = np.zeros(total), np.zeros(total, dtype=np.int64)
+        self._goal = np.zeros((count, 3))
+        for i, course in enumerate(courses):
+            if course is not None:
+                low, high = self._first[i : i + 2].tolist()
+                self._points[low:high], self._along[low:high] = course.points, course.along
+                self._way[low : high - 1], self._end[low : high - 1] = course.way, course.end
+                self._goal[i] = course.goal
+        self._turns = any(course.turns for course in courses if course is not None)
+        self._piece, self._stage = np.zeros((2, count), dtype=np.int64)
+        self._fixed = (parameters.packed, robot.limits, float(dt))
+
+    def steer(self, belief: Floats, speeds: Floats) -> Floats:
+        """Speed (m/s) and turn rate (rad/s) that each robot wants, shape (N, 2).
+
+        Args:
+            belief: Poses by which they steer, shape (N, 3), metres and radians, map frame.
+            speeds: Speed and turn rate now, shape (N, 2).
+        """
+        want = np.zeros((len(self._goal), 2))
+        _steer(
+            belief, speeds, self._first, self._points, self._along, self._way, self._end,
+            self._goal, self._turns, self._piece, self._stage, *self._fixed, want,
+        )  # fmt: skip
+        return want
+
+
+def as_actions(want: Floats, robot: Robot, min_speed: float) -> Floats:
+    """Speeds as the environment's actions, shape (N, 2); see `ambinav_envs.spaces`."""
+    actions = np.empty_like(want)
+    actions[:, 0] = 2.0 * (want[:, 0] - min_speed) / (robot.max_speed - min_speed) - 1.0
+    actions[:, 1] = want[:, 1] / robot.max_turn_rate
+    return actions
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _steer(
+    belief, speeds, first, points, along, way, end, goal, turns, piece, stage, p, limits, dt, want
+):  # fmt: skip
+    for i in range(len(goal)):
+        low, high = first[i], first[i + 1]
+        if high - low < 2:
+            continue
+        course = points[low:high], along[low:high], way[low : high - 1], end[low : high - 1]
+        want[i, 0], want[i, 1], piece[i], stage[i] = pursue(
+            belief[i, 0], belief[i, 1], belief[i, 2], speeds[i, 0], speeds[i, 1], piece[i],
+            stage[i], course, (goal[i, 0], goal[i, 1], goal[i, 2]), turns, p, limits, dt,
+        )  # fmt: skip

@@ -1,0 +1,188 @@
+"""What is compared: planners whose routes are followed, and policies."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.compare.leaderboard.follow import Followers, as_actions
+from ambinav.compare.leaderboard.routes import PlannerChoice, Routes
+from ambinav.compare.leaderboard.waypoint import NAME as WAYPOINT
+from ambinav.compare.leaderboard.waypoint import WaypointFollower
+from ambinav.drive.course import Course
+from ambinav.drive.parameters import FollowerParameters
+from ambinav.errors import InputError
+from ambinav.files import sha256
+from ambinav.geometry.steering import Steering
+from ambinav_envs.evaluation import Controller
+from ambinav_envs.policies import baselines, load_policy
+from ambinav_envs.policies.load import BASELINES
+from ambinav_envs.policies.normalization import Observation
+from ambinav_envs.policies.policy import Bools, CallablePolicy, Policy
+from ambinav_envs.simulation.simulation import Simulation
+
+SHORTEST: Final = "shortest"
+"""Name of the method that the others are compared with."""
+
+PLANNERS: Final = {
+    SHORTEST: PlannerChoice("reference", 0.0),
+    "reference 5": PlannerChoice("reference"),
+    "prmstar 5": PlannerChoice("prmstar"),
+    "belief 5": PlannerChoice("belief"),
+}
+"""The planners of a leaderboard for which nobody names others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """One that takes part.
+
+    Attributes:
+        name: In tables.
+        kind: "planner" or "policy".
+        text: What it is, for readers.
+        identity: Plain values that its episodes depend on.
+        seeing: Arguments of the environment that it brings along, see `Policy.seeing`; all others
+            are the same for everybody.
+        make: Makes what drives.
+        shipped: Whether it takes part without being asked for, if it fits.
+    """
+
+    name: str
+    kind: str
+    text: str
+    identity: dict[str, Any]
+    seeing: dict[str, Any] = field(default_factory=dict)
+    make: Callable[[], Controller | Policy] = WaypointFollower
+    shipped: bool = False
+
+
+class RouteFollower:
+    """Plans a route for each episode and follows it by the estimate.
+
+    Args:
+        choice: The planner.
+        layer: Of the ambiguity map that it reads.
+
+    Attributes:
+        routes: All that it has planned; they may be kept and given to another one.
+    """
+
+    def __init__(self, choice: PlannerChoice, layer: str = "level") -> None:
+        self.routes = Routes(choice, layer)
+        self._followers: Followers | None = None
+
+    def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
+        """Plan from the true start to the goal of each episode; without a route it stands."""
+        parameters = simulation.parameters
+        buildings = [site.building for i in rows if (site := simulation.sites[i]) is not None]
+        tasks = [task for i in rows if (task := simulation.tasks[i]) is not None]
+        courses: list[Course | None] = [None] * simulation.count
+        for i, poses in zip(rows, self.routes.plan(buildings, tasks), strict=True):
+            courses[i] = None if poses is None else Course.of(poses, Steering())
+        # The environment ends an episode before the follower would stop.
+        near = min(FollowerParameters.xy_goal_tolerance, 0.8 * parameters.goal_radius)
+        follow = replace(
+            FollowerParameters(),
+            desired_linear_vel=parameters.robot.max_speed,
+            xy_goal_tolerance=near,
+        )
+        self._followers = Followers(courses, parameters.robot, follow, parameters.dt)
+
+    def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
+        """What the follower wants."""
+        if self._followers is None:
+            raise RuntimeError("begin was not called")
+        state, parameters = simulation.state, simulation.parameters
+        want = self._followers.steer(state["mean"], state["speeds"])
+        return as_actions(want, parameters.robot, parameters.min_speed)
+
+
+def planner_method(name: str, choice: PlannerChoice) -> Method:
+    """A planner whose routes are followed."""
+    text = f"planner {choice.planner}, weight {choice.weight:g}, followed by pure pursuit"
+    return Method(
+        name, "planner", text, {"route": asdict(choice)}, make=lambda: RouteFollower(choice)
+    )
+
+
+def planner_methods(asked: Sequence[str]) -> list[Method]:
+    """The planners that are named NAME or NAME:WEIGHT; the shortest ways are always among them.
+
+    Args:
+        asked: None of them: `PLANNERS`.
+
+    Raises:
+        InputError: a planner is unknown, or a weight is no number from 0 on.
+    """
+    if not asked:
+        return [planner_method(name, choice) for name, choice in PLANNERS.items()]
+    methods = [planner_method(SHORTEST, PLANNERS[SHORTEST])]
+    for told in asked:
+        name, colon, number = told.partition(":")
+        try:
+            weight = float(number) if colon else 5.0
+        except ValueError:
+            weight = -1.0
+        if not 0.0 <= weight < float("inf"):
+            raise InputError(f"--planner: the weight in {told!r} is none; write e.g. prmstar:5.")
+        choice = PlannerChoice(name, weight)
+        Routes(choice)
+        methods.append(planner_method(f"{name} {weight:g}", choice))
+    return methods
+
+
+def policy_method(told: str, folder: Path | None = None, *, shipped: bool = False) -> Method:
+    """A policy that a user names.
+
+    Raises:
+        InputError: see `load_policy`.
+    """
+    policy = load_policy(told, folder)
+    if isinstance(policy, CallablePolicy):
+        identity = {"callable": told, "code": _code(policy)}
+        text = f"policy {told}"
+    else:
+        path = BASELINES / f"{told}.zip" if told in baselines() else (folder or Path()) / told
+        identity = {"file": sha256(path)}
+        text = f"policy {path.name}"
+    return Method(policy.name, "policy", text, identity, policy.seeing, lambda: policy, shipped)
+
+
+def all_methods(
+    planners: Sequence[str], policies: Sequence[str], folder: Path | None = None
+) -> list[Method]:
+    """Everyone who takes part, in the order of the table.
+
+    Args:
+        planners: See `planner_methods`.
+        policies: What `load_policy` takes, besides the shipped ones.
+        folder: What names of files are relative to.
+
+    Raises:
+        InputError: one is unknown, or two have the same name.
+    """
+    simple = WaypointFollower()
+    methods = [
+        Method(WAYPOINT, "policy", "drives at the place 0.5 m ahead on the shortest way",
+               {"name": WAYPOINT}, dict(simple.environment)),
+        *planner_methods(planners),
+        *(policy_method(name, shipped=True) for name in baselines() if name not in policies),
+        *(policy_method(name, folder) for name in dict.fromkeys(policies)),
+    ]  # fmt: skip
+    names = [method.name for method in methods]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two methods are called {name!r}; rename a policy's file.")
+    return methods
+
+
+def _code(policy: CallablePolicy) -> str | None:
+    """Checksum of the file that a callable stands in."""
+    try:
+        return sha256(Path(inspect.getfile(policy.make)))
+    except (TypeError, OSError):
+        return None

@@ -1,0 +1,49 @@
+"""The simplest driver: straight at a place ahead on the shortest way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ambinav_envs.policies.normalization import Observation
+from ambinav_envs.policies.policy import Bools, Policy
+
+NAME = "waypoint follower"
+# Metres ahead; farther on it cuts corners.
+AHEAD = 0.5
+# Above this bearing, radians, it turns on the spot.
+SIDEWAYS = 0.785
+
+
+class WaypointFollower(Policy):
+    """Drives at the observation's part `waypoint`, and looks at nothing else.
+
+    That place comes from the map and the estimated pose, so this is what a robot does that
+    trusts both.
+
+    Args:
+        max_speed: Of the robot, metres per second.
+        max_turn_rate: Radians per second.
+    """
+
+    def __init__(self, max_speed: float = 0.5, max_turn_rate: float = 2.0) -> None:
+        super().__init__(NAME, {"waypoint": True, "waypoint_distance": AHEAD})
+        self._limits = max_speed, max_turn_rate
+
+    def prepare(self, observation_space: Any, action_space: Any) -> None:
+        """There is nothing to get ready."""
+
+    def act(self, observations: Observation, starts: Bools) -> Any:
+        """Along the arc to the waypoint, as in pure pursuit; slower near it."""
+        fastest, turning = self._limits
+        distance, cosine, sine = observations["waypoint"].T.astype(np.float64)
+        distance = np.maximum(10.0 * distance, 1e-3)
+        angle = np.arctan2(sine, cosine)
+        spot = np.abs(angle) > SIDEWAYS
+        curvature = 2.0 * sine / distance
+        speed = np.where(
+            spot, 0.0, fastest * np.minimum(1.0, 1.0 / np.maximum(np.abs(curvature), 1.0))
+        )
+        rate = np.where(spot, np.clip(3.0 * angle, -turning, turning), speed * curvature)
+        return np.stack([2.0 * speed / fastest - 1.0, np.clip(rate / turning, -1.0, 1.0)], axis=1)

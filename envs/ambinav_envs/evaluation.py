@@ -1,0 +1,240 @@
+"""Letting a policy or anything else drive a number of episodes, and what came of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from ambinav.sensing.fields import as_count
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.normalization import Observation
+from ambinav_envs.policies.policy import Policy
+from ambinav_envs.simulation.layout import (
+    ARRIVED,
+    COST,
+    ERROR,
+    OUTCOMES,
+    REWARD,
+    RUNNING,
+    TIMEOUT,
+)
+from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+
+CHUNK = 128
+"""Robots at once. Always so many, though some may stand idle: what a neural network answers to one
+of them depends in its last bits on how many it is asked for."""
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Progress = Callable[[float], None]
+
+
+class Controller(Protocol):
+    """What drives robots and may look at more than a policy sees."""
+
+    def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
+        """Get ready for the episodes that begin of some robots."""
+
+    def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
+        """What each robot does, shape (N, 2) or (N,); see `Policy.act`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """What came of E episodes; each array has the shape (E,).
+
+    Attributes:
+        outcome: One of `layout.OUTCOMES` by code.
+        was_lost: Whether the robot was ever lost.
+        error_max: Largest error of the estimate, metres.
+        error_mean: Mean over the steps, metres.
+        exposure: The ambiguity layer summed over the way driven, metres.
+        travelled: Metres truly driven.
+        shortest: Length of the shortest way from start to goal, metres.
+        seconds: How long it took.
+        reward: Sum of the rewards, undiscounted.
+        cost: Sum of the costs.
+        building: Key of the building.
+        seed: `NavigationEnv.reset(seed=...)` with the same parameters is the same episode.
+    """
+
+    outcome: NDArray[np.int64]
+    was_lost: Bools
+    error_max: Floats
+    error_mean: Floats
+    exposure: Floats
+    travelled: Floats
+    shortest: Floats
+    seconds: Floats
+    reward: Floats
+    cost: Floats
+    building: NDArray[np.str_]
+    seed: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Number of episodes E."""
+        return len(self.outcome)
+
+    def ended(self, code: int) -> Bools:
+        """Which episodes ended so."""
+        return np.asarray(self.outcome == code, dtype=np.bool_)
+
+    @property
+    def length_ratio(self) -> Floats:
+        """Way driven by shortest way, of those that arrived; nan for the others."""
+        return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
+
+    def summary(self) -> dict[str, float]:
+        """Figures over all episodes: shares, and means in metres and seconds.
+
+        Raises:
+            ZeroDivisionError: there are no episodes.
+        """
+        shares = {OUTCOMES[code]: _share(self.ended(code)) for code in range(ARRIVED, TIMEOUT + 1)}
+        arrived = self.ended(ARRIVED)
+        ratio = float(np.mean(self.length_ratio[arrived])) if arrived.any() else float("nan")
+        return {
+            "episodes": len(self),
+            **shares,
+            "was_lost": _share(self.was_lost),
+            "error_mean": float(np.mean(self.error_mean)),
+            "error_max": float(np.mean(self.error_max)),
+            "exposure_per_metre": _ratio(self.exposure, self.travelled),
+            "length_ratio": ratio,
+            "seconds": float(np.mean(self.seconds)),
+            "reward": float(np.mean(self.reward)),
+            "cost": float(np.mean(self.cost)),
+        }
+
+
+def _share(which: Bools) -> float:
+    return float(np.count_nonzero(which) / len(which))
+
+
+def _ratio(above: Floats, below: Floats) -> float:
+    total = float(below.sum())
+    return float(above.sum()) / total if total > 0.0 else 0.0
+
+
+def joined(parts: Sequence[Episodes]) -> Episodes:
+    """The episodes of all parts in a row."""
+    names = [item.name for item in fields(Episodes)]
+    return Episodes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def episode_seeds(seed: int, first: int, count: int) -> NDArray[np.int64]:
+    """Seeds of the episodes from number `first` on; number k has the same one always."""
+    words = [
+        np.random.SeedSequence([seed, k]).generate_state(1)[0] for k in range(first, first + count)
+    ]
+    return np.array(words, dtype=np.int64)
+
+
+def evaluate(
+    controller: Controller | Policy,
+    source: BuildingSource,
+    parameters: NavigationParameters,
+    episodes: int = 200,
+    seed: int = 0,
+    *,
+    chunk: int = CHUNK,
+    progress: Progress | None = None,
+) -> Episodes:
+    """Let a policy or a controller drive.
+
+    Episode k is the same for all that drive it: building, start, goal, noise of wheels and
+    readings, people and obstacles have seeds of their own.
+
+    Args:
+        controller: What drives.
+        source: Where buildings come from.
+        parameters: Everything else.
+        episodes: How many.
+        seed: From 0 on.
+        chunk: See `CHUNK`; how many drive at once.
+        progress: Called with the share done.
+
+    Raises:
+        InputError: the policy does not fit, or a building has no room for the robot or the task.
+    """
+    episodes, chunk = as_count(episodes, "episodes"), as_count(chunk, "chunk")
+    simulation = Simulation(source, parameters, chunk)
+    if isinstance(controller, Policy):
+        controller.prepare(observation_space(parameters), action_space(parameters))
+        controller = _Blind(controller)
+    done = []
+    for first in range(0, episodes, chunk):
+        seeds = episode_seeds(seed, first, min(chunk, episodes - first))
+
+        def tell(share: float, first: int = first, count: int = len(seeds)) -> None:
+            if progress is not None:
+                progress((first + share * count) / episodes)
+
+        done.append(_drive(controller, simulation, seeds, tell))
+    return joined(done)
+
+
+class _Blind:
+    """A policy as a controller: it sees what it is shown and nothing else."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+
+    def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
+        """There is nothing to get ready."""
+
+    def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
+        """What the policy does."""
+        return self._policy.act(observations, starts)
+
+
+def _drive(
+    driver: Controller, simulation: Simulation, seeds: NDArray[np.int64], tell: Progress
+) -> Episodes:
+    """One episode of each of the first robots; the rest stand idle."""
+    count, parameters = len(seeds), simulation.parameters
+    out = simulation.outcome()
+    for part in (*out.view, out.figures):
+        part[:] = 0.0
+    generators = [seeding.np_random(int(seed))[0] for seed in seeds]
+    simulation.reset(range(count), generators, None, out)
+    driver.begin(simulation, range(count))
+    active = np.arange(simulation.count) < count
+    starts = active.copy()
+    sums = {row: np.zeros(simulation.count) for row in (REWARD, COST, ERROR)}
+    largest = np.zeros(simulation.count)
+    state, steps = simulation.state, 0
+    while active.any():
+        actions = driver.act(observation_of(out.view), starts, simulation)
+        chosen = continuous(actions, simulation.count, parameters.discrete)
+        simulation.step(chosen, active, out)
+        for row, total in sums.items():
+            total[active] += out.figures[row, active]
+        largest[active] = np.maximum(largest, out.figures[ERROR])[active]
+        active &= state["outcome"] == RUNNING
+        starts[:] = False
+        steps += 1
+        tell(max(steps / parameters.max_steps, 1.0 - np.count_nonzero(active) / count))
+    own = state[:count]
+    sites = [site for site in simulation.sites[:count] if site is not None]
+    return Episodes(
+        outcome=own["outcome"].copy(),
+        was_lost=own["was_lost"].copy(),
+        error_max=largest[:count],
+        error_mean=sums[ERROR][:count] / own["steps"],
+        exposure=own["exposure"].copy(),
+        travelled=own["travelled"].copy(),
+        shortest=own["shortest"].copy(),
+        seconds=own["steps"] * parameters.dt,
+        reward=sums[REWARD][:count],
+        cost=sums[COST][:count],
+        building=np.array([site.building.key for site in sites]),
+        seed=seeds,
+    )

@@ -1,0 +1,67 @@
+"""What the environment would show of robots that somebody else simulates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.normalization import Observation
+from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.spaces import observation_of
+
+Floats = NDArray[np.float64]
+
+
+class Observer:
+    """Makes observations of R robots with one goal in one building.
+
+    Args:
+        source: The building.
+        parameters: What is seen, and of which robot.
+        start: x, y, theta of a place where the robot fits.
+        goal: x and y.
+        count: R.
+
+    Raises:
+        InputError: the robot does not fit at the start or the goal, or no way joins them.
+    """
+
+    def __init__(
+        self,
+        source: BuildingSource,
+        parameters: NavigationParameters,
+        start: Sequence[float],
+        goal: Sequence[float],
+        count: int,
+    ) -> None:
+        self._simulation = Simulation(source, parameters, count)
+        self._out = self._simulation.outcome()
+        generators = [np.random.default_rng(0) for _ in range(count)]
+        options = {"start": tuple(start), "goal": tuple(goal)}
+        self._simulation.reset(range(count), generators, options, self._out)
+
+    @property
+    def distance(self) -> float:
+        """Length of the shortest way from start to goal, metres."""
+        return float(self._simulation.state["shortest"][0])
+
+    def see(
+        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
+    ) -> Observation:
+        """What robots see; the next call writes to the same arrays.
+
+        Args:
+            belief: Where they believe to be, shape (R, 3), metres and radians, map frame.
+            covariance: How sure they are, shape (R, 3, 3).
+            speeds: Speed (m/s) and turn rate (rad/s), shape (R, 2).
+            ranges: Readings, shape (R, B), metres: inf no echo, -inf too near.
+        """
+        state = self._simulation.state
+        state["mean"], state["covariance"], state["speeds"] = belief, covariance, speeds
+        self._simulation.readings[:] = ranges
+        self._simulation.look(self._out)
+        return observation_of(self._out.view)

@@ -1,0 +1,17 @@
+"""Policies: as files, shipped, or plugged in, all with one face."""
+
+from ambinav_envs.policies.file import Card, read_card, save_policy
+from ambinav_envs.policies.load import baselines, load_policy
+from ambinav_envs.policies.normalization import Normalization
+from ambinav_envs.policies.policy import ModelPolicy, Policy
+
+__all__ = [
+    "Card",
+    "ModelPolicy",
+    "Normalization",
+    "Policy",
+    "baselines",
+    "load_policy",
+    "read_card",
+    "save_policy",
+]

@@ -1,0 +1,107 @@
+"""Finding a policy by what a user names it by."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.compare.plugins import load_callable
+from ambinav.errors import InputError
+from ambinav.sensing.fields import nearest
+from ambinav_envs.policies.file import arguments_of, read_members
+from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy
+
+BASELINES: Final = Path(__file__).parent / "baselines"
+"""Folder of the policies that are shipped: NAME.zip, and NAME.md, which says what it is."""
+
+_HOMES = {"PPO": "stable_baselines3", "SAC": "stable_baselines3", "RecurrentPPO": "sb3_contrib"}
+_PACKAGES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
+# Put in the place of what was saved: buffers and schedules that serve training alone, and may be
+# large, or unreadable to another Python.
+_UNUSED: dict[str, dict[str, Any]] = {
+    "PPO": {"n_steps": 2, "n_envs": 1, "clip_range": 0.2, "learning_rate": 0.0},
+    "RecurrentPPO": {"n_steps": 2, "n_envs": 1, "clip_range": 0.2, "learning_rate": 0.0},
+    "SAC": {"buffer_size": 1, "n_envs": 1, "learning_rate": 0.0},
+}
+
+
+def baselines() -> tuple[str, ...]:
+    """Names of the policies that are shipped."""
+    return tuple(sorted(path.stem for path in BASELINES.glob("*.zip")))
+
+
+def load_policy(told: str | Path, folder: Path | None = None) -> Policy:
+    """The policy that a user names.
+
+    A file holds pickled objects, and a callable is code: load what you trust alone.
+
+    Args:
+        told: A policy file (`save_policy`), the name of a baseline, `module:callable` or
+            `file.py:callable`. The callable is called with the observation and the action space
+            and gives something with `act(observations, starts)`, see `Policy.act`.
+        folder: What names of files are relative to; None: the working folder.
+
+    Raises:
+        InputError: there is none, or it cannot be loaded; one sentence says why.
+    """
+    folder = Path() if folder is None else folder
+    name = str(told)
+    if name in baselines():
+        return policy_of(BASELINES / f"{name}.zip", name)
+    path = folder / name
+    if path.is_file() or path.suffix == ".zip":
+        return policy_of(path, path.stem)
+    if ":" in name:
+        return CallablePolicy(_callable(name, folder), name)
+    offer = nearest(name, baselines()) if baselines() else "give a policy's .zip file"
+    raise InputError(
+        f"policy {name!r} is neither a file nor a baseline nor module:callable; {offer}."
+    )
+
+
+def policy_of(path: Path, name: str) -> ModelPolicy:
+    """The policy in a file.
+
+    Raises:
+        InputError: see `read_members`; or a package is missing, or the model cannot be loaded.
+    """
+    card, normalization = read_members(path)
+    model = _model(path, card.algorithm)
+    return ModelPolicy(model, normalization, name=name, environment=arguments_of(card))
+
+
+def _callable(told: str, folder: Path) -> Any:
+    try:
+        return load_callable(told, folder)
+    except InputError as error:
+        raise InputError(f"{str(error).rstrip('.')}.") from error
+
+
+def _model(path: Path, algorithm: str) -> Any:
+    home = _HOMES[algorithm]
+    try:
+        kind = getattr(importlib.import_module(home), algorithm)
+    except ImportError as error:
+        raise InputError(
+            f"{path}: a {algorithm} policy needs {_PACKAGES[home]}; run: pip install "
+            f'"ambinav[envs]" {_PACKAGES[home]}.'
+        ) from error
+    unused = _UNUSED[algorithm]
+    try:
+        with warnings.catch_warnings():
+            # Of what could not be unpickled and is replaced here.
+            warnings.simplefilter("ignore")
+            # No seed: loading would start the random numbers of the whole process anew.
+            return kind.load(
+                path, device="cpu", custom_objects={"lr_schedule": None, **unused}, seed=None,
+                **unused,
+            )  # fmt: skip
+    except Exception as error:
+        # What is inside is pickled by somebody else, and may fail in any way.
+        said = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{path}: the model cannot be loaded ({type(error).__name__}: {said}); copy or train "
+            "it again."
+        ) from error

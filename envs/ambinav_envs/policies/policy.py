@@ -1,0 +1,154 @@
+"""What drives a robot by what it sees: the face that all policies have."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from ambinav.compare.plugins import called
+from ambinav.errors import InputError
+from ambinav_envs.policies.normalization import ROW, Normalization, Observation
+from ambinav_envs.policies.shapes import Plain, action_misfit, described, misfit
+
+Bools = NDArray[np.bool_]
+Actions = NDArray[Any]
+
+
+SEEING: Final[tuple[str, ...]] = (
+    "window", "window_cells", "window_spacing", "waypoint", "waypoint_distance", "discrete",
+    "min_speed",
+)  # fmt: skip
+"""Arguments of an environment that say what a policy sees and how it acts."""
+
+
+class Policy(ABC):
+    """Actions for N robots by what each of them sees.
+
+    Args:
+        name: What reports call it.
+        environment: Arguments of the environment that it was trained in, or wants.
+    """
+
+    def __init__(self, name: str, environment: dict[str, Any]) -> None:
+        self.name = name
+        self.environment = environment
+
+    @property
+    def seeing(self) -> dict[str, Any]:
+        """Those arguments of its environment that are among `SEEING`."""
+        return {name: self.environment[name] for name in SEEING if name in self.environment}
+
+    @abstractmethod
+    def prepare(
+        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
+    ) -> None:
+        """Get ready for robots in an environment; what is remembered of others is forgotten.
+
+        Args:
+            observation_space: Of a single environment.
+            action_space: The same.
+
+        Raises:
+            InputError: the policy does not fit; the message names the difference.
+        """
+
+    @abstractmethod
+    def act(self, observations: Observation, starts: Bools) -> Actions:
+        """What each robot does.
+
+        Args:
+            observations: Parts by name, float32, shape (N, size); keep no reference, the next
+                step may write there.
+            starts: Whose episode has just begun, shape (N,).
+
+        Returns:
+            Shape (N, 2), or (N,) if actions are discrete.
+        """
+
+
+class ModelPolicy(Policy):
+    """A model of Stable-Baselines3, deterministic; it keeps the state of a recurrent one.
+
+    Args:
+        model: Anything with its `predict`, `observation_space` and `action_space`.
+        normalization: Of what it sees.
+        name: What reports call it.
+        environment: See `Policy`.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        normalization: Normalization | None = None,
+        *,
+        name: str = "policy",
+        environment: dict[str, Any] | None = None,
+    ) -> None:
+        super().__init__(name, environment or {})
+        self.model = model
+        self.normalization = normalization
+        self._wanted: Plain = described(model.observation_space)
+        self._order: tuple[str, ...] = ()
+        self._state: Any = None
+
+    def prepare(
+        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
+    ) -> None:
+        """See `Policy`."""
+        why = misfit(self._wanted, observation_space) or action_misfit(
+            described(self.model.action_space), action_space
+        )
+        if why is not None:
+            raise InputError(f"policy {self.name!r} does not fit the environment: {why}.")
+        whole = {ROW: observation_space}
+        parts = observation_space.spaces if isinstance(observation_space, spaces.Dict) else whole
+        self._order = tuple(self._wanted.get("parts", parts))
+        self._state = None
+
+    def act(self, observations: Observation, starts: Bools) -> Actions:
+        """See `Policy`."""
+        seen = {name: observations[name] for name in self._order}
+        if "parts" not in self._wanted:
+            seen = {ROW: np.concatenate(list(seen.values()), axis=1)}
+        if self.normalization is not None:
+            seen = self.normalization(seen)
+        given: Any = seen if "parts" in self._wanted else seen[ROW]
+        actions, self._state = self.model.predict(
+            given, state=self._state, episode_start=starts, deterministic=True
+        )
+        return np.asarray(actions)
+
+
+class CallablePolicy(Policy):
+    """A policy that somebody else wrote.
+
+    Args:
+        make: Called with the spaces of a single environment, gives something with `act`; it may
+            say in an attribute `environment` what arguments it wants the environment made with.
+        told: What the user named it by.
+    """
+
+    def __init__(self, make: Callable[..., Any], told: str) -> None:
+        super().__init__(told, dict(getattr(make, "environment", {})))
+        self.make = make
+        self._made: Any = None
+
+    def prepare(
+        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
+    ) -> None:
+        """See `Policy`."""
+        self._made = called(self.make, self.name, observation_space, action_space)
+        if not callable(getattr(self._made, "act", None)):
+            raise InputError(
+                f"policy {self.name} gave a {type(self._made).__name__} without act(observations, "
+                "starts); return something that has it."
+            )
+
+    def act(self, observations: Observation, starts: Bools) -> Actions:
+        """See `Policy`."""
+        return np.asarray(called(self._made.act, self.name, observations, starts))

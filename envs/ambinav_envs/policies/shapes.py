@@ -1,0 +1,102 @@
+"""Spaces in plain words: what a policy file says of them, and how two of them differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+
+Plain = dict[str, Any]
+
+REMEDIES: Mapping[str, str] = {
+    "window": "make it with the policy's window, window_cells and window_spacing",
+    "waypoint": "make it with waypoint=true",
+    "scan": "give the scanner that the policy was trained with",
+}
+"""What to do about a part that does not fit."""
+
+
+def described(space: spaces.Space[Any]) -> Plain:
+    """A space as plain numbers.
+
+    Returns:
+        For a Dict `{"parts": {name: {"size", "low", "high"}}}`, for a Box `{"size", "low",
+        "high"}`, for a Discrete `{"count"}`. Limits that all numbers share are one number.
+
+    Raises:
+        InputError: it is something else, or a part is no row of numbers.
+    """
+    if isinstance(space, spaces.Dict):
+        return {"parts": {name: described(part) for name, part in space.spaces.items()}}
+    if isinstance(space, spaces.Discrete):
+        return {"count": int(space.n)}
+    if isinstance(space, spaces.Box) and len(space.shape) == 1:
+        low, high = _limits(space.low), _limits(space.high)
+        return {"size": int(space.shape[0]), "low": low, "high": high}
+    raise InputError(
+        f"the space {space} is none that a policy file can hold; use a Dict of rows, one row, or a "
+        "Discrete."
+    )
+
+
+def _limits(values: NDArray[Any]) -> float | list[float | None] | None:
+    """Numbers as JSON has them: None for no limit, and float32 without digits that nobody gave."""
+    limits = [float(str(one)) if np.isfinite(one) else None for one in values.astype(np.float32)]
+    return limits[0] if limits and len(set(limits)) == 1 else limits
+
+
+def misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
+    """What a policy wants to see and an environment's space does not show, in words, or None.
+
+    Parts that the policy does not know are no harm. One that wants a single row takes all parts,
+    one after the other as `gymnasium.spaces.flatten` has it.
+
+    Args:
+        wanted: Of `described`.
+        space: Of the environment's observations.
+    """
+    own = described(space)
+    if "parts" not in wanted:
+        sizes = (
+            [part["size"] for part in own["parts"].values()] if "parts" in own else [own["size"]]
+        )
+        if sum(sizes) == wanted["size"]:
+            return None
+        return (
+            f"it wants one row of {wanted['size']} numbers and the environment's parts make "
+            f"{sum(sizes)}; make the environment as the policy's card says"
+        )
+    parts = own.get("parts", {})
+    for name, part in wanted["parts"].items():
+        remedy = REMEDIES.get(name, "make the environment as the policy's card says")
+        if name not in parts:
+            there = ", ".join(parts) or "one row"
+            return f"it wants the part {name!r}, and the environment has {there}; {remedy}"
+        if parts[name]["size"] != part["size"]:
+            return (
+                f"the part {name!r} has {parts[name]['size']} numbers and the policy wants "
+                f"{part['size']}; {remedy}"
+            )
+    return None
+
+
+def action_misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
+    """The same for actions: what a policy gives and the environment does not take."""
+    own = described(space)
+    if own.get("count") == wanted.get("count") and own.get("size") == wanted.get("size"):
+        return None
+    return f"it gives {_action(wanted)} and the environment takes {_action(own)}; {_REMEDY}"
+
+
+_REMEDY = "make the environment with the policy's `discrete`"
+
+
+def _action(plain: Plain) -> str:
+    if "count" in plain:
+        return f"one of {plain['count']} actions"
+    return f"{plain['size']} numbers"

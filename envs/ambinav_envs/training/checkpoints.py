@@ -1,0 +1,115 @@
+"""Checkpoints: all that a training needs to go on as if it had never stopped."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import random
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.models import load_model
+from ambinav_envs.training.vec import TrainingEnvs
+
+MODEL: Final = "model.zip"
+MEMORY: Final = "memory.pkl"
+COUNTERS: Final = "counters.json"
+REPLAY: Final = "replay.pkl"
+
+
+@dataclass(frozen=True)
+class Restored:
+    """What a checkpoint gives back.
+
+    Attributes:
+        envs: Where they were.
+        model: With its optimizer.
+        counters: As they were given to `save_checkpoint`.
+    """
+
+    envs: TrainingEnvs
+    model: Any
+    counters: dict[str, Any]
+
+
+def save_checkpoint(
+    path: Path, model: Any, envs: TrainingEnvs, counters: Mapping[str, Any]
+) -> None:
+    """Write a checkpoint, a folder, whole or not at all.
+
+    Between two calls of `learn`: what an algorithm collects in the middle of one is lost.
+
+    Args:
+        path: The folder.
+        model: What is trained.
+        envs: What it is trained in.
+        counters: Plain values to be given back.
+    """
+    memory = {
+        "envs": envs.state(),
+        "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),
+        "actions": model.action_space,
+        "lstm": getattr(model, "_last_lstm_states", None),
+    }
+    with replacing(path) as fresh:
+        fresh.mkdir()
+        model.save(fresh / MODEL)
+        (fresh / MEMORY).write_bytes(pickle.dumps(memory, protocol=pickle.HIGHEST_PROTOCOL))
+        if getattr(model, "replay_buffer", None) is not None:
+            model.save_replay_buffer(fresh / REPLAY)
+        (fresh / COUNTERS).write_text(json.dumps(counters, indent=2) + "\n", encoding="utf-8")
+
+
+def load_checkpoint(path: Path, config: Training) -> Restored:
+    """Go back to where a checkpoint was written, random numbers of the process included.
+
+    It holds pickled objects: load what you trust alone.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    try:
+        counters = json.loads((path / COUNTERS).read_text(encoding="utf-8"))
+        memory = pickle.loads((path / MEMORY).read_bytes())
+        envs = TrainingEnvs(config, memory["envs"])
+        model: Any = load_model(config, envs.outer, path / MODEL)
+        if (path / REPLAY).is_file():
+            model.load_replay_buffer(path / REPLAY)
+        model.action_space = memory["actions"]
+        if memory["lstm"] is not None:
+            model._last_lstm_states = memory["lstm"]
+        python, numpy, torch_state = memory["random"]
+    except Exception as error:
+        # What is inside was pickled, and may fail in any way.
+        said = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{path}: the checkpoint is damaged ({type(error).__name__}: {said}); remove this "
+            "folder to resume from the one before."
+        ) from error
+    random.setstate(python)
+    np.random.set_state(numpy)
+    torch.set_rng_state(torch_state)
+    return Restored(envs, model, counters)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """The checkpoints in a folder, the latest one last."""
+    return sorted(path for path in folder.glob("[0-9]*") if path.is_dir())
+
+
+def keep_latest(folder: Path, count: int) -> None:
+    """Remove all checkpoints but so many, and the replay buffers of all but the latest."""
+    there = checkpoints(folder)
+    for path in there[:-count]:
+        shutil.rmtree(path, ignore_errors=True)
+    for path in there[-count:-1]:
+        (path / REPLAY).unlink(missing_ok=True)

@@ -1,0 +1,163 @@
+"""What is trained, as a file says it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, model_validator
+
+from ambinav.compare.parts import Part
+from ambinav.errors import InputError
+from ambinav.sensing.fields import nearest
+from ambinav_envs.registration import IDS
+from ambinav_envs.training.hyperparameters import hyperparameters_of
+
+Count = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+
+MANAGED: Final = {
+    "num_envs": "envs tells that",
+    "render_mode": "training shows nothing",
+    "render_view": "training shows nothing",
+    "autoreset_mode": "Stable-Baselines3 needs SameStep",
+    "vectorization_mode": "training has its own",
+}
+"""Arguments of environments that a configuration cannot give, and why."""
+DRAWN_APART: Final = {"first_building": 500_000, "buildings": 100}
+"""Buildings that policies are judged in while they train, unless the configuration says others."""
+
+
+class EvaluationPart(Part):
+    """How the policy is judged while it trains.
+
+    Attributes:
+        environment: Arguments that differ from those of training; None: other buildings of the
+            suite (`DRAWN_APART`), or the same map.
+        episodes: How many, the same every time.
+        every: Steps of training from one evaluation to the next; there is one at the end too.
+        seed: Of the episodes.
+    """
+
+    environment: dict[str, Any] | None = None
+    episodes: Count = 200
+    every: Count = 250_000
+    seed: Seed = 0
+
+
+class NormalizePart(Part):
+    """What is brought to variance 1 by running figures, as `VecNormalize` does it."""
+
+    observations: bool = False
+    reward: bool = True
+
+
+class PolicyPart(Part):
+    """The network.
+
+    Attributes:
+        net_arch: Widths of the layers after the features, for the actor and for the critic.
+        scan: Kind of layers for the scan, see `features.LAYERS`.
+        window: The same for the window.
+        scan_features: Numbers that are made of the scan.
+        window_features: Numbers that are made of the window.
+        log_std_init: Logarithm of the actions' first deviation (continuous actions, not sac).
+        lstm_hidden_size: Width of the memory (recurrent-ppo).
+    """
+
+    net_arch: tuple[Count, ...] = (128, 128)
+    scan: Literal["conv", "dense"] = "conv"
+    window: Literal["conv", "dense"] = "conv"
+    scan_features: Count = 64
+    window_features: Count = 64
+    log_std_init: float = -0.5
+    lstm_hidden_size: Count = 128
+
+
+class StagePart(Part):
+    """A stage of the curriculum, which ends at a share of the training or at a rate of arrival.
+
+    Attributes:
+        longest: Greatest length of the shortest way from start to goal in this stage, metres.
+        share: Share of the whole training at which it ends.
+        arrival: Share of training episodes that arrive at which it ends.
+    """
+
+    longest: Annotated[float, Field(gt=0.0)]
+    share: Share | None = None
+    arrival: Share | None = None
+
+    @model_validator(mode="after")
+    def _ends(self) -> StagePart:
+        if self.share is None and self.arrival is None:
+            raise InputError("the stage has no end; give share or arrival")
+        return self
+
+
+class CheckpointsPart(Part):
+    """What resuming starts from: how many steps apart, and how many of them are kept."""
+
+    every: Count = 500_000
+    keep: Count = 2
+
+
+class Training(Part):
+    """All of a configuration; docs/training.md tells every key."""
+
+    algorithm: Literal["ppo", "sac", "recurrent-ppo"] = "ppo"
+    seed: Seed = 0
+    steps: Count | None = None
+    minutes: Annotated[float, Field(gt=0.0)] | None = None
+    envs: Count = 64
+    threads: Count | None = None
+    log: Count = 20_000
+    environment: dict[str, Any]
+    evaluation: EvaluationPart = EvaluationPart()
+    normalize: NormalizePart = NormalizePart()
+    policy: PolicyPart = PolicyPart()
+    hyperparameters: dict[str, Any] = Field(default_factory=dict)
+    curriculum: tuple[StagePart, ...] = ()
+    checkpoints: CheckpointsPart = CheckpointsPart()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Training:
+        """Check what no part knows by itself."""
+        if self.steps is None and self.minutes is None:
+            raise InputError("it has no end; give steps, minutes or both")
+        name = self.environment.get("id")
+        if name not in IDS:
+            raise InputError(f"environment: the id is {name!r}; {nearest(str(name), IDS)}")
+        for key in (self.evaluation.environment or {}).keys() & {"id"}:
+            raise InputError(f"evaluation.environment: {key} is that of training; drop it")
+        for where, arguments in self._arguments().items():
+            for key in arguments.keys() & MANAGED.keys():
+                raise InputError(f"{where}: {key} cannot be given, {MANAGED[key]}; drop it")
+        chosen = hyperparameters_of(self.algorithm, self.hyperparameters)
+        if self.algorithm == "sac" and self.environment.get("discrete"):
+            raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")
+        if "n_epochs" in chosen:
+            batch, whole = chosen["batch_size"], chosen["n_steps"] * self.envs
+            if whole % batch:
+                raise InputError(
+                    f"hyperparameters.batch_size is {batch}, which does not divide n_steps times "
+                    f"envs, {whole}; give one that does"
+                )
+        return self
+
+    def _arguments(self) -> dict[str, dict[str, Any]]:
+        own = self.evaluation.environment or {}
+        return {"environment": self.environment, "evaluation.environment": own}
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of the environment trained in, with what its id stands for."""
+        told = {key: value for key, value in self.environment.items() if key != "id"}
+        return IDS[self.environment["id"]] | told
+
+    @property
+    def judged(self) -> dict[str, Any]:
+        """The same of the environment that the policy is judged in."""
+        other = self.evaluation.environment
+        if other is None:
+            other = {} if "map" in self.arguments else DRAWN_APART
+        return self.arguments | other

@@ -1,0 +1,148 @@
+"""Reading a configuration, and telling how two of them differ."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numba
+import yaml
+from pydantic import ValidationError
+
+from ambinav.compare.scenario_file import _sentence as complaint
+from ambinav.errors import InputError
+from ambinav.sensing.fields import parse_yaml, read_text
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.scenario import scenario
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.hyperparameters import hyperparameters_of
+
+MAY_CHANGE: Final = ("steps", "minutes")
+"""Keys that may differ when a training is resumed."""
+_FILES = ("map", "scanner")
+
+
+def load_config(
+    path: str | Path, *, seed: int | None = None, limits: Mapping[str, Any] | None = None
+) -> Training:
+    """Read a configuration and write out what it leaves open.
+
+    Args:
+        path: The YAML file.
+        seed: Instead of the file's.
+        limits: `steps` and `minutes` instead of both of the file's.
+
+    Raises:
+        InputError: the file is missing or cannot be used; the message names file, key and value.
+    """
+    path = Path(path)
+    plain = parse_yaml(read_text(path), str(path))
+    if not isinstance(plain, Mapping):
+        raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
+    whole = {**plain, **(limits or {})}
+    if seed is not None:
+        whole["seed"] = seed
+    return parse_config(whole, str(path), path.parent)
+
+
+def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = None) -> Training:
+    """A configuration from plain values, with everything written out that it leaves open.
+
+    Args:
+        plain: Its keys.
+        where: Names it in messages.
+        folder: What its files' names are relative to; None: the working folder.
+
+    Raises:
+        InputError: a key is unknown or missing, or a value of no use.
+    """
+    try:
+        config = Training.model_validate(plain)
+    except ValidationError as error:
+        raise InputError(complaint(error.errors(include_url=False)[0], where)) from error
+    folder = Path() if folder is None else folder
+    most = numba.config.NUMBA_NUM_THREADS
+    threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
+    if threads > most:
+        raise InputError(f"{where}: threads is {threads}; there are cores for {most}.")
+    judged = {
+        key: value
+        for key, value in config.judged.items()
+        if key not in config.arguments or config.arguments[key] != value
+    }
+    evaluation = config.evaluation.model_copy(update={"environment": _found(judged, folder)})
+    config = config.model_copy(
+        update={
+            "threads": threads,
+            "environment": _found(config.environment, folder),
+            "evaluation": evaluation,
+            "hyperparameters": hyperparameters_of(config.algorithm, config.hyperparameters),
+        }
+    )
+    for name, arguments in (
+        ("environment", config.arguments),
+        ("evaluation.environment", config.judged),
+    ):
+        try:
+            _, parameters = source_of(arguments)
+        except InputError as error:
+            raise InputError(f"{where}: {name}: {error}") from error
+        for i, stage in enumerate(config.curriculum):
+            if stage.longest <= parameters.shortest:
+                raise InputError(
+                    f"{where}: curriculum[{i}].longest is {stage.longest:g}; give more than the "
+                    f"environment's shortest, {parameters.shortest:g}."
+                )
+    return config
+
+
+def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
+    """Buildings and parameters of an environment by the arguments that `gymnasium.make` takes.
+
+    Raises:
+        InputError: one of them cannot be used.
+    """
+    options = dict(arguments)
+    count, steps = options.pop("buildings", None), options.pop("max_episode_steps", None)
+    suite, place = options.pop("suite", None), options.pop("map", None)
+    return scenario(suite, place, count, options.pop("first_building", 0), steps, options)
+
+
+def write_config(config: Training, path: Path) -> None:
+    """Write a configuration, everything written out; `load_config` reads the same from it."""
+    path.write_text(plain_text(config), encoding="utf-8")
+
+
+def plain_text(config: Training) -> str:
+    """A configuration as YAML."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def difference(now: Training, before: Training) -> str | None:
+    """The first key that differs in a way that forbids to resume, or None."""
+    return _differs(now.model_dump(mode="json"), before.model_dump(mode="json"), "")
+
+
+def _differs(now: Any, before: Any, place: str) -> str | None:
+    if isinstance(now, dict) and isinstance(before, dict):
+        for key in dict.fromkeys((*now, *before)):
+            if place or key not in MAY_CHANGE:
+                inside = f"{place}.{key}" if place else str(key)
+                found = _differs(now.get(key), before.get(key), inside)
+                if found is not None:
+                    return found
+        return None
+    return None if now == before else f"{place} is {now!r} and was {before!r}"
+
+
+def _found(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Arguments whose files are named so that they are found from anywhere."""
+    found = dict(arguments)
+    for key in _FILES:
+        name = found.get(key)
+        if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
+            found[key] = str((folder / name).resolve())
+    return found

@@ -1,0 +1,57 @@
+"""The curriculum: ways to the goal that grow longer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.training.config import StagePart
+
+RECENT: Final = 200
+"""A rate of arrival is that of so many episodes, all of the stage itself."""
+
+
+class Curriculum:
+    """Where the training is in its stages.
+
+    Args:
+        stages: In their order; after the last one the environment is as it was made.
+        number: Of the stage, from 0 on.
+    """
+
+    def __init__(self, stages: Sequence[StagePart], number: int = 0) -> None:
+        self.stages = tuple(stages)
+        self.number = number
+
+    def apply(self, simulation: Simulation, longest: float) -> float:
+        """Let new episodes be as long as the stage has them.
+
+        Args:
+            simulation: Episodes that are going on there go on.
+            longest: After the last stage.
+
+        Returns:
+            Greatest length of the shortest way from start to goal, metres.
+        """
+        if self.number < len(self.stages):
+            longest = self.stages[self.number].longest
+        simulation.parameters = replace(simulation.parameters, longest=longest)
+        return longest
+
+    def advance(self, share: float, arrived: Sequence[bool]) -> bool:
+        """Go on to the next stage if the present one is over.
+
+        Args:
+            share: Of the whole training that is done.
+            arrived: Whether each episode since the stage began arrived.
+        """
+        if self.number >= len(self.stages):
+            return False
+        stage = self.stages[self.number]
+        over = stage.share is not None and share >= stage.share
+        if stage.arrival is not None and len(arrived) >= RECENT:
+            over |= sum(arrived[-RECENT:]) >= stage.arrival * RECENT
+        self.number += over
+        return over

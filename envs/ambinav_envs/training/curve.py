@@ -1,0 +1,100 @@
+"""The picture of a training: who arrives, and how the other episodes end, over the steps."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ambinav.files import replacing
+from ambinav.maps import drawing
+from ambinav_envs.training.progress import Row
+
+ENDS: Final[dict[str, tuple[str, str, str]]] = {
+    "collided": ("#D55E00", "X", "touched something"),
+    "timeout": ("#777777", "s", "out of time"),
+    "missed": ("#CC79A7", "P", "stopped elsewhere"),
+    "lost": ("#000000", "D", "ever lost"),
+}
+"""Colour, mark and name of what is drawn beside arrival; colours of Okabe and Ito."""
+Line = tuple[list[float], list[float]]
+_TRAIN, _JUDGED = "#56B4E9", "#0072B2"
+
+
+def plot_curve(rows: Sequence[Row], path: Path) -> None:
+    """Draw the rows of a table of progress.
+
+    Args:
+        rows: See `folder.COLUMNS`.
+        path: The picture, a .png.
+    """
+    figure = Figure(figsize=(10.0, 4.2), dpi=drawing.DPI, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2, sharex=True).tolist()
+    most = max((row["steps"] or 0.0 for row in rows), default=0.0)
+    unit, name = (1e6, "million steps") if most >= 1e6 else (1e3, "thousand steps")
+    for kind, colour, mark, label in (
+        ("train", _TRAIN, "", "in training, with exploration"),
+        ("eval", _JUDGED, "o", "judged, without exploration"),
+    ):
+        _draw(left, _line(rows, f"{kind}_arrived", unit), color=colour, marker=mark, label=label)
+    for key, (colour, mark, label) in ENDS.items():
+        _draw(right, _line(rows, f"eval_{key}", unit), color=colour, marker=mark, label=label)
+    left.set_title("arrived", loc="left")
+    right.set_title("how else it ends, judged", loc="left")
+    top = max([5.0, *(y for key in ENDS for y in _line(rows, f"eval_{key}", unit)[1])])
+    for axes, high, corner in ((left, 100.0, "lower right"), (right, top, "upper right")):
+        axes.set_ylim(0.0, 1.04 * high)
+        axes.set_xlim(0.0, most / unit or 1.0)
+        axes.set_xlabel(name)
+        axes.set_ylabel("% of episodes")
+        axes.grid(color="#DDDDDD", linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        if axes.lines:
+            axes.legend(frameon=False, fontsize="small", loc=corner)
+    _stages(left, rows, unit)
+    _minutes(left, rows, unit)
+    with replacing(path) as fresh:
+        figure.savefig(fresh, format="png")
+
+
+def _draw(axes: Axes, line: Line, **look: Any) -> None:
+    """Draw a line, if there is any of it, marks at the edges whole."""
+    if line[0]:
+        axes.plot(*line, markersize=4, clip_on=False, zorder=3, **look)
+
+
+def _line(rows: Sequence[Row], column: str, unit: float) -> Line:
+    """Steps and percentages of a column, where it holds any."""
+    there = [(row["steps"] or 0.0, value) for row in rows if (value := row[column]) is not None]
+    there = [(steps, value) for steps, value in there if math.isfinite(value)]
+    return [steps / unit for steps, _ in there], [100.0 * value for _, value in there]
+
+
+def _stages(axes: Axes, rows: Sequence[Row], unit: float) -> None:
+    """Lines where the ways become longer."""
+    for before, row in itertools.pairwise(rows):
+        longest, at = row["longest"], before["steps"] or 0.0
+        if longest != before["longest"]:
+            axes.axvline(at / unit, color="#999999", linewidth=0.8, linestyle=":")
+            label = f" to {longest:g} m"
+            axes.text(at / unit, 2.0, label, rotation=90, va="bottom", fontsize="x-small")
+
+
+def _minutes(axes: Axes, rows: Sequence[Row], unit: float) -> None:
+    """How long that took."""
+    if not rows:
+        return
+    minutes: Any = (rows[-1]["seconds"] or 0.0) / 60.0
+    steps = (rows[-1]["steps"] or 0.0) / unit
+    axes.text(
+        1.0, 1.02, f"{steps:.3g} {'million' if unit == 1e6 else 'thousand'} steps in "
+        f"{minutes:.3g} minutes", transform=axes.transAxes, ha="right", fontsize="small",
+        color="#555555",
+    )  # fmt: skip

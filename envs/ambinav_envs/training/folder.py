@@ -1,0 +1,117 @@
+"""The folder of a training: what lies where, and what to know for repeating it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import ambinav
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.config_file import source_of
+
+CONFIG: Final = "config.yaml"
+ABOUT: Final = "run.json"
+PROGRESS: Final = "progress.csv"
+BEST: Final = "best.zip"
+FINAL: Final = "final.zip"
+CURVE: Final = "curve.png"
+REPORT: Final = "report.md"
+CHECKPOINTS: Final = "checkpoints"
+TENSORBOARD: Final = "tensorboard"
+
+HASHED: Final = 64
+"""A checksum covers so many buildings of a suite."""
+_PACKAGES: Final = (
+    "ambinav", "stable-baselines3", "sb3-contrib", "torch", "gymnasium", "numpy", "numba",
+)  # fmt: skip
+
+
+def about(config: Training, command: Sequence[str]) -> dict[str, Any]:
+    """What to know of a run beside its configuration: versions, machine, buildings, command."""
+    versions = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {
+        "format": 1,
+        "seed": config.seed,
+        "command": list(command),
+        "commit": commit(),
+        "versions": versions,
+        "platform": platform.platform(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "threads": config.threads,
+        "buildings": buildings(source_of(config.arguments)[0]),
+        "judged_in": buildings(source_of(config.judged)[0]),
+        "sessions": [],
+    }
+
+
+def session(steps: int) -> dict[str, Any]:
+    """The beginning of a session, by a clock and by the steps that were done before."""
+    return {"started": datetime.now(UTC).isoformat(timespec="seconds"), "from_steps": steps}
+
+
+def buildings(source: BuildingSource) -> dict[str, Any]:
+    """Which buildings there are, and a checksum of the geometry of the first `HASHED` of them."""
+    count = HASHED if source.count is None else min(source.count, HASHED)
+    digest = hashlib.sha256()
+    for number in range(source.first, source.first + count):
+        environment = source.get(number).environment
+        digest.update(environment.segments.xy.tobytes())
+        digest.update(environment.segments.kind.tobytes())
+    return {
+        "name": source.name,
+        "first": source.first,
+        "count": source.count,
+        "hashed": count,
+        "sha256": digest.hexdigest(),
+    }
+
+
+def commit() -> str | None:
+    """The commit of ambinav's sources, "-dirty" if they were changed; None if they have none."""
+    root = Path(ambinav.__file__).parents[1]
+    call = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
+    if not (root / ".git").exists():
+        return None
+    try:
+        done = subprocess.run(call, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def write_json(path: Path, plain: Mapping[str, Any]) -> None:
+    """Write plain values, whole or not at all."""
+    with replacing(path) as fresh:
+        fresh.write_text(json.dumps(plain, indent=2) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read what `write_json` wrote.
+
+    Raises:
+        InputError: it is something else.
+    """
+    try:
+        plain = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: the file cannot be read ({error}); remove it.") from error
+    if not isinstance(plain, dict):
+        raise InputError(f"{path} holds {type(plain).__name__}; remove it.")
+    return plain

@@ -1,0 +1,119 @@
+"""The algorithms: making a model, and one that goes on from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+
+from ambinav.errors import InputError
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.config_file import source_of
+from ambinav_envs.training.features import NavigationFeatures, looks_around
+from ambinav_envs.training.hyperparameters import SCHEDULED
+from ambinav_envs.training.schedules import Falling, schedule_of
+
+SAC_ROUND = 4096
+"""Steps between two looks at an algorithm that has no rounds of its own."""
+
+
+def algorithm_of(name: str) -> type[BaseAlgorithm]:
+    """The class of an algorithm.
+
+    Raises:
+        InputError: its package is missing.
+    """
+    if name == "ppo":
+        return PPO
+    if name == "sac":
+        return SAC
+    try:
+        from sb3_contrib import RecurrentPPO
+    except ImportError as error:
+        raise InputError(
+            'recurrent-ppo needs sb3-contrib; run: pip install "ambinav[envs]" sb3-contrib.'
+        ) from error
+    found: type[BaseAlgorithm] = RecurrentPPO
+    return found
+
+
+def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
+    """A model that has learned nothing yet.
+
+    Raises:
+        InputError: a package is missing, or the algorithm refuses a value.
+    """
+    kind = algorithm_of(config.algorithm)
+    recurrent = config.algorithm == "recurrent-ppo"
+    # Nothing draws from it, but it is saved with the model: the same seed, the same file.
+    envs.observation_space.seed(config.seed)
+    try:
+        return kind(
+            "MultiInputLstmPolicy" if recurrent else "MultiInputPolicy",
+            envs,
+            seed=config.seed,
+            device="cpu",
+            policy_kwargs=network(config),
+            **_given(config),
+        )
+    except (AssertionError, TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        said = " ".join(str(error).split())
+        raise InputError(f"{config.algorithm} refuses its hyperparameters: {said}.") from error
+
+
+def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
+    """A model as it was saved with `model.save`, with the environments where they were."""
+    kind = algorithm_of(config.algorithm)
+    given = _given(config)
+    changing = {name: given[name] for name in SCHEDULED[config.algorithm]}
+    return kind.load(path, env=envs, device="cpu", force_reset=False, **changing)
+
+
+def network(config: Training) -> dict[str, Any]:
+    """`policy_kwargs` of Stable-Baselines3."""
+    told = config.policy
+    _, parameters = source_of(config.arguments)
+    chosen: dict[str, Any] = {
+        "features_extractor_class": NavigationFeatures,
+        "features_extractor_kwargs": {
+            "scan": told.scan,
+            "window": told.window,
+            "scan_features": told.scan_features,
+            "window_features": told.window_features,
+            "circular": looks_around(parameters.scanner),
+        },
+        "net_arch": list(told.net_arch),
+    }
+    if config.algorithm != "sac":
+        chosen["log_std_init"] = told.log_std_init
+    if config.algorithm == "recurrent-ppo":
+        chosen["lstm_hidden_size"] = told.lstm_hidden_size
+    return chosen
+
+
+def schedules(model: Any) -> list[Falling]:
+    """The hyperparameters of a model that change over the training."""
+    held = (model.learning_rate, getattr(model, "clip_range", None))
+    inner = (getattr(one, "value_schedule", one) for one in held)
+    return [one for one in inner if isinstance(one, Falling)]
+
+
+def round_steps(config: Training) -> int:
+    """Steps of one call of `learn`: for on-policy algorithms one rollout and its update."""
+    told = config.hyperparameters
+    if "n_epochs" in told:
+        return int(told["n_steps"]) * config.envs
+    # Whole pieces of what the algorithm collects before it learns.
+    piece = int(told["train_freq"]) * config.envs
+    return piece * max(SAC_ROUND // piece, 1)
+
+
+def _given(config: Training) -> dict[str, Any]:
+    """The hyperparameters as the algorithm takes them."""
+    told = config.hyperparameters
+    return {name: schedule_of(value, name) for name, value in told.items()}

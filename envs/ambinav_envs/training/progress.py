@@ -1,0 +1,70 @@
+"""The table of progress: a line for every so many steps and for every evaluation."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from ambinav.files import replacing
+from ambinav_envs.training.tally import FIGURES
+
+COLUMNS: Final = (
+    "steps", "seconds", "steps_per_second", "longest",
+    *(f"train_{name}" for name in FIGURES),
+    *(f"eval_{name}" for name in FIGURES),
+)  # fmt: skip
+"""Of the table of progress; seconds are those of training, evaluation and checkpoints together."""
+
+Row = dict[str, float | None]
+
+
+class Progress:
+    """The table of progress, a file to which rows are added.
+
+    Args:
+        path: The file.
+        steps: Rows of more steps are dropped: they came after the checkpoint that is resumed.
+
+    Attributes:
+        rows: All of them.
+    """
+
+    def __init__(self, path: Path, steps: float = math.inf) -> None:
+        self._path = path
+        self.rows: list[Row] = []
+        if path.is_file():
+            with path.open(newline="", encoding="utf-8") as file:
+                read = [
+                    {name: _number(text) for name, text in row.items()}
+                    for row in csv.DictReader(file)
+                ]
+            self.rows = [row for row in read if (row["steps"] or 0.0) <= steps]
+        with replacing(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(_texts(row) for row in self.rows)
+
+    def add(self, row: Mapping[str, float | None]) -> None:
+        """Add a row; columns that it leaves out stay empty."""
+        self.rows.append({name: row.get(name) for name in COLUMNS})
+        with self._path.open("a", newline="", encoding="utf-8") as file:
+            csv.DictWriter(file, COLUMNS).writerow(_texts(self.rows[-1]))
+
+    def evaluations(self) -> list[Row]:
+        """The rows with an evaluation."""
+        return [row for row in self.rows if row["eval_episodes"]]
+
+
+def _number(text: str) -> float | None:
+    return float(text) if text else None
+
+
+def _texts(row: Row) -> dict[str, str]:
+    return {
+        name: "" if value is None or not math.isfinite(value) else f"{value:.6g}"
+        for name, value in row.items()
+        if name not in ("steps", "seconds")
+    } | {name: f"{row[name] or 0.0:.12g}" for name in ("steps", "seconds")}

@@ -1,0 +1,313 @@
+"""The training itself: rounds of learning, and what is done between them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
+
+from ambinav.files import holding_interrupts
+from ambinav_envs.evaluation import evaluate
+from ambinav_envs.policies import ModelPolicy, Normalization, save_policy
+from ambinav_envs.training import folder as files
+from ambinav_envs.training.checkpoints import (
+    checkpoints,
+    keep_latest,
+    load_checkpoint,
+    save_checkpoint,
+)
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.config_file import source_of, write_config
+from ambinav_envs.training.curriculum import Curriculum
+from ambinav_envs.training.curve import plot_curve
+from ambinav_envs.training.models import make_model, round_steps, schedules
+from ambinav_envs.training.progress import Progress
+from ambinav_envs.training.report import report_text
+from ambinav_envs.training.tally import Figures, Tally, figures_of_evaluation
+from ambinav_envs.training.vec import TrainingEnvs
+
+PREPARED: Final = 1000
+"""The maps of so many buildings are made before the clock starts; those of more when drawn."""
+DIGITS: Final = 12
+"""Of the steps in a checkpoint's name, so that names sort as numbers."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """How far a training is.
+
+    Attributes:
+        share: Of the whole that is done.
+        steps: Steps so far.
+        rate: Steps per second of the last round.
+        train: Figures of the last row of training episodes.
+        evaluation: Of an evaluation that has just been made, else None.
+        preparing: While the buildings' maps are made, before the first step.
+    """
+
+    share: float
+    steps: int
+    rate: float
+    train: Figures | None
+    evaluation: Figures | None
+    preparing: bool = False
+
+
+Tell = Callable[[Told], None]
+
+
+class Run:
+    """One training at work.
+
+    Args:
+        config: What is trained.
+        folder: Where it is written to.
+        resume: Whether to go on from the latest checkpoint.
+        command: See `train`.
+        tell: Likewise.
+    """
+
+    def __init__(
+        self, config: Training, folder: Path, resume: bool, command: Sequence[str], tell: Tell
+    ) -> None:
+        self.config, self.folder, self._tell = config, folder, tell
+        there = checkpoints(folder / files.CHECKPOINTS) if resume else []
+        counters: dict[str, Any] = {}
+        self.model: Any
+        if there:
+            restored = load_checkpoint(there[-1], config)
+            self.envs, self.model, counters = restored.envs, restored.model, restored.counters
+        else:
+            self.envs = TrainingEnvs(config)
+            self.model = make_model(config, self.envs.outer)
+        self._saved = self.model.num_timesteps if there else -1
+        self._before = float(counters.get("seconds", 0.0))
+        self._next = dict(counters.get("next", self._periods()))
+        self.best: dict[str, float | None] | None = counters.get("best")
+        self.tally = Tally()
+        self.tally.fresh = list(counters.get("fresh", ()))
+        self.tally.stage = list(counters.get("stage", ()))
+        self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
+        self._source, self._judged = source_of(config.judged)
+        self._longest = source_of(config.arguments)[1].longest
+        self._last: Figures | None = None
+        self._clock = time.perf_counter()
+        self._whole = True
+        self._begin(command)
+
+    def _begin(self, command: Sequence[str]) -> None:
+        """Write what is known before the first round."""
+        folder, steps = self.folder, int(self.model.num_timesteps)
+        told = folder / files.ABOUT
+        record = files.read_json(told) if told.is_file() else files.about(self.config, command)
+        record["sessions"].append(files.session(steps))
+        self.record = record
+        files.write_json(told, record)
+        write_config(self.config, folder / files.CONFIG)
+        self.progress = Progress(folder / files.PROGRESS, steps)
+        outputs: list[KVWriter] = []
+        if find_spec("tensorboard") is not None:
+            outputs.append(TensorBoardOutputFormat(str(folder / files.TENSORBOARD)))
+        self.model.set_logger(Logger(str(folder), outputs))
+
+    def _periods(self) -> dict[str, int]:
+        """Steps between one and the next of what is done from time to time."""
+        config = self.config
+        every = {"log": config.log, "evaluation": config.evaluation.every}
+        return every | {"checkpoint": config.checkpoints.every}
+
+    @property
+    def seconds(self) -> float:
+        """So far, those of earlier sessions included."""
+        return self._before + time.perf_counter() - self._clock
+
+    @property
+    def share(self) -> float:
+        """Of the whole training that is done; the limit that comes first counts."""
+        config = self.config
+        shares: list[float] = []
+        if config.steps is not None:
+            shares.append(self.model.num_timesteps / config.steps)
+        if config.minutes is not None:
+            shares.append(self.seconds / (60.0 * config.minutes))
+        return min(max(shares), 1.0)
+
+    def go(self) -> dict[str, Any]:
+        """Train to the end; see `train`."""
+        try:
+            self._prepare()
+            self._clock = time.perf_counter()
+            self._between()
+            while self.share < 1.0:
+                with holding_interrupts():
+                    self._whole = False
+                    rate = self._round()
+                    self._whole = True
+                self._between(rate)
+            return self._end()
+        except (KeyboardInterrupt, SystemExit):
+            # A second interrupt does not wait for the end of a round, whose beginning is lost.
+            if self._whole:
+                self._checkpoint()
+            raise
+        finally:
+            self.model.logger.close()
+            self.envs.close()
+
+    def _prepare(self) -> None:
+        """Make the buildings' maps, so that no limit of time depends on which are there already."""
+        sources = [self.envs.simulation.source, self._source]
+        wanted = [
+            (source, source.first + k)
+            for source in sources
+            if source.count is not None and source.count <= PREPARED
+            for k in range(source.count)
+        ]
+        for done, (source, number) in enumerate(wanted):
+            steps = int(self.model.num_timesteps)
+            self._tell(Told(done / len(wanted), steps, math.nan, None, None, preparing=True))
+            source.get(number).amap  # noqa: B018 - made when it is asked for
+
+    def _round(self) -> float:
+        """Collect steps and learn from them; steps per second."""
+        self.curriculum.apply(self.envs.simulation, self._longest)
+        for schedule in schedules(self.model):
+            schedule.share = self.share
+        started, before = time.perf_counter(), int(self.model.num_timesteps)
+        self.model.learn(
+            round_steps(self.config),
+            self.tally,
+            # Rounds for the algorithms that have them, for the others episodes.
+            log_interval=1 if "n_epochs" in self.config.hyperparameters else 100,
+            reset_num_timesteps=False,
+        )
+        made = int(self.model.num_timesteps) - before
+        return made / (time.perf_counter() - started)
+
+    def _between(self, rate: float = math.nan) -> None:
+        """What is due after a round, or was when the training was interrupted."""
+        steps, share = int(self.model.num_timesteps), self.share
+        if self.curriculum.advance(share, self.tally.stage):
+            self.tally.stage = []
+        judged = None
+        if steps >= self._next["evaluation"]:
+            judged = self._evaluate()
+        if steps >= self._next["log"] or judged is not None:
+            self._row(rate, judged)
+        if steps >= self._next["checkpoint"]:
+            self._pass("checkpoint")
+            self._checkpoint()
+        self._tell(Told(share, steps, rate, self._last, judged))
+
+    def _pass(self, what: str) -> None:
+        """Set when something is due for the next time."""
+        period = self._periods()[what]
+        self._next[what] = (int(self.model.num_timesteps) // period + 1) * period
+
+    def _row(self, rate: float, judged: Figures | None) -> None:
+        """Add a row to the table of progress."""
+        self._pass("log")
+        steps, longest = int(self.model.num_timesteps), self.envs.simulation.parameters.longest
+        self._last = self.tally.take()
+        row: dict[str, float | None] = {
+            "steps": steps, "seconds": round(self.seconds, 2), "steps_per_second": rate,
+            "longest": longest,
+        }  # fmt: skip
+        for kind, figures in (("train", self._last), ("eval", judged)):
+            for name, value in (figures or {}).items():
+                row[f"{kind}_{name}"] = value
+                if math.isfinite(value):
+                    self.model.logger.record(f"{kind}/{name}", value)
+        self.progress.add(row)
+        self.model.logger.dump(steps)
+
+    def _evaluate(self) -> Figures:
+        """Judge the policy on episodes that are always the same; keep it if it is the best."""
+        told = self.config.evaluation
+        policy = ModelPolicy(self.model, self._normalization)
+        episodes = evaluate(policy, self._source, self._judged, told.episodes, told.seed)
+        figures = figures_of_evaluation(episodes)
+        if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
+            self.best = {"steps": float(self.model.num_timesteps), **finite(figures)}
+            self._save(files.BEST, figures)
+        self._pass("evaluation")
+        return figures
+
+    @property
+    def _normalization(self) -> Normalization | None:
+        around = self.envs.normalize
+        return None if around is None else Normalization.of(around)
+
+    def _save(self, name: str, figures: Figures | None) -> None:
+        """Write a policy file; there is nothing in it that a clock tells."""
+        save_policy(
+            self.model,
+            self.folder / name,
+            environment=self.config.environment,
+            normalization=self._normalization,
+            told={
+                "training": self.config.model_dump(mode="json"),
+                "trained_in": self.record["buildings"],
+                "judged_in": self.record["judged_in"],
+                "evaluation": None if figures is None else finite(figures),
+            },
+        )
+
+    def _checkpoint(self) -> None:
+        """Write a checkpoint, if the last one is of another step."""
+        steps = int(self.model.num_timesteps)
+        if steps == self._saved:
+            return
+        counters = {
+            "steps": steps,
+            "seconds": self.seconds,
+            "next": self._next,
+            "best": self.best,
+            "fresh": self.tally.fresh,
+            "stage": self.tally.stage,
+            "stage_number": self.curriculum.number,
+        }
+        folder = self.folder / files.CHECKPOINTS
+        save_checkpoint(folder / f"{steps:0{DIGITS}d}", self.model, self.envs, counters)
+        keep_latest(folder, self.config.checkpoints.keep)
+        self._saved = steps
+
+    def _end(self) -> dict[str, Any]:
+        """Write what comes last."""
+        steps = int(self.model.num_timesteps)
+        judged = self.progress.evaluations()
+        if not judged or judged[-1]["steps"] != steps:
+            figures = self._evaluate()
+            self._row(math.nan, figures)
+            self._tell(Told(1.0, steps, math.nan, self._last, figures))
+            judged = self.progress.evaluations()
+        last = {
+            name.removeprefix("eval_"): value
+            for name, value in judged[-1].items()
+            if name.startswith("eval_") and value is not None and math.isfinite(value)
+        }
+        self._save(files.FINAL, last)
+        self._checkpoint()
+        summary = {
+            "folder": str(self.folder),
+            "steps": steps,
+            "seconds": round(self.seconds, 1),
+            "final": last,
+            "best": self.best,
+            "stage": self.curriculum.number,
+        }
+        plot_curve(self.progress.rows, self.folder / files.CURVE)
+        text = report_text(self.config, self.record, summary)
+        (self.folder / files.REPORT).write_text(text, encoding="utf-8")
+        return summary
+
+
+def finite(figures: Figures) -> dict[str, float | None]:
+    """Figures as JSON has them: null for what there is none of."""
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}

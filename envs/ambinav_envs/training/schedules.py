@@ -1,0 +1,47 @@
+"""Hyperparameters that change over the training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ambinav.errors import InputError
+from ambinav.sensing.fields import as_number
+
+ENDS = ("from", "to")
+
+
+@dataclass
+class Falling:
+    """A number that goes evenly from one value to another.
+
+    Stable-Baselines3 counts what remains by the steps of one call of `learn`; here the share of the
+    whole training is set from outside, since that may be told in minutes.
+
+    Attributes:
+        start: At the beginning.
+        end: At the end.
+        share: How much of the training is done, 0 to 1.
+    """
+
+    start: float
+    end: float
+    share: float = 0.0
+
+    def __call__(self, remaining: float) -> float:
+        """The value now."""
+        return self.start + (self.end - self.start) * min(self.share, 1.0)
+
+
+def schedule_of(value: Any, where: str) -> Any:
+    """A `Falling` of a mapping {from, to}; any other value as it is.
+
+    Raises:
+        InputError: a key is missing or unknown, or a value is no number.
+    """
+    if not isinstance(value, Mapping):
+        return value
+    if set(value) != set(ENDS):
+        raise InputError(f"{where} is {dict(value)!r}; give a number, or a mapping of from and to.")
+    return Falling(*(as_number(value[end], f"{where}.{end}") for end in ENDS))

@@ -1,0 +1,91 @@
+"""What comes of the episodes that are driven while a policy trains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
+from ambinav_envs.evaluation import Episodes
+from ambinav_envs.training.curriculum import RECENT
+
+FIGURES: Final = {
+    "episodes": "how many",
+    "arrived": "share",
+    "missed": "share",
+    "collided": "share",
+    "timeout": "share",
+    "lost": "share of those in which the robot was ever lost",
+    "length": "way driven by shortest way, of those that arrived",
+    "exposure": "ambiguity per metre driven",
+    "reward": "mean sum of rewards",
+}
+"""Figures of a number of episodes."""
+
+Episode = Mapping[str, Any]
+Figures = dict[str, float]
+
+
+class Tally(BaseCallback):
+    """Gathers the episodes that end, as a `VecMonitor` tells them.
+
+    Attributes:
+        fresh: Those since the last `take`.
+        stage: Whether each of the latest ones arrived, since the curriculum's stage began; at most
+            `RECENT`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fresh: list[Episode] = []
+        self.stage: list[bool] = []
+
+    def _on_step(self) -> bool:
+        for i in np.flatnonzero(self.locals["dones"]):
+            told = self.locals["infos"][i]["episode"]
+            self.fresh.append({key: _plain(told[key]) for key in KEPT})
+            self.stage.append(told["outcome"] == "arrived")
+        del self.stage[:-RECENT]
+        return True
+
+    def take(self) -> Figures:
+        """Figures of the episodes since the last call."""
+        made, self.fresh = figures_of(self.fresh), []
+        return made
+
+
+KEPT: Final = ("r", "outcome", "was_lost", "exposure", "travelled", "shortest")
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def figures_of(episodes: Sequence[Episode]) -> Figures:
+    """Figures of episodes as a `VecMonitor` tells them; nan where there are none."""
+    count = len(episodes)
+    if not count:
+        return {"episodes": 0.0} | {name: math.nan for name in FIGURES if name != "episodes"}
+    outcomes = [one["outcome"] for one in episodes]
+    travelled = sum(one["travelled"] for one in episodes)
+    there = [one for one in episodes if one["outcome"] == "arrived"]
+    ratios = [one["travelled"] / one["shortest"] for one in there]
+    shares = ("arrived", "missed", "collided", "timeout")
+    return {
+        "episodes": float(count),
+        **{name: outcomes.count(name) / count for name in shares},
+        "lost": sum(one["was_lost"] for one in episodes) / count,
+        "length": sum(ratios) / len(ratios) if ratios else math.nan,
+        "exposure": sum(one["exposure"] for one in episodes) / travelled if travelled else 0.0,
+        "reward": sum(one["r"] for one in episodes) / count,
+    }
+
+
+def figures_of_evaluation(episodes: Episodes) -> Figures:
+    """The same of an evaluation."""
+    summary = episodes.summary()
+    renamed = {"lost": "was_lost", "length": "length_ratio", "exposure": "exposure_per_metre"}
+    return {name: float(summary[renamed.get(name, name)]) for name in FIGURES}

@@ -1,0 +1,84 @@
+"""Training a policy from a configuration, in a folder of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numba
+import torch
+
+from ambinav.compare.lock import only_one
+from ambinav.errors import InputError
+from ambinav_envs.training import folder as files
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.config_file import difference, load_config
+from ambinav_envs.training.run import Run, Tell
+
+
+def train(
+    config: Training,
+    folder: Path,
+    *,
+    resume: bool = False,
+    command: Sequence[str] = (),
+    tell: Tell | None = None,
+) -> dict[str, Any]:
+    """Train a policy, and write everything about it to a folder.
+
+    Ctrl-C and termination are heard between two rounds: a checkpoint is written and the exception
+    goes on.
+
+    Args:
+        config: What is trained, of `load_config` or `parse_config`.
+        folder: Where; see docs/training.md for what lies in it then.
+        resume: Go on from the latest checkpoint there.
+        command: By which it was called, for the record.
+        tell: Called after every round.
+
+    Returns:
+        Figures of the training as plain values.
+
+    Raises:
+        InputError: there is a training in the folder (or none, to resume), its configuration is
+            another, a checkpoint is damaged, or an argument cannot be used.
+    """
+    check_folder(config, folder, resume)
+    threads = torch.get_num_threads(), numba.get_num_threads()
+    assert config.threads is not None
+    torch.set_num_threads(config.threads)
+    numba.set_num_threads(config.threads)
+    try:
+        with only_one(folder):
+            run = Run(config, folder, resume, command, tell or (lambda told: None))
+            return run.go()
+    finally:
+        torch.set_num_threads(threads[0])
+        numba.set_num_threads(threads[1])
+
+
+def check_folder(config: Training, folder: Path, resume: bool) -> None:
+    """Check that a training can begin in a folder, or go on there.
+
+    Raises:
+        InputError: it cannot; one sentence says why.
+    """
+    written = folder / files.CONFIG
+    if not resume:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: a file is there; choose another output.")
+        if written.is_file():
+            raise InputError(
+                f"{folder}: a training is there already; add --resume to go on with it, or choose "
+                "another output."
+            )
+        return
+    if not written.is_file():
+        raise InputError(f"{folder}: no training is there to be resumed; leave out --resume.")
+    changed = difference(config, load_config(written))
+    if changed is not None:
+        raise InputError(
+            f"{folder}: the configuration has changed: {changed}; put it back to resume, or choose "
+            "another output."
+        )

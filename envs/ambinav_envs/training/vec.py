@@ -1,0 +1,79 @@
+"""The environments that a policy is trained in, wrapped as Stable-Baselines3 wants them."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+
+from ambinav_envs.sb3 import NavigationVecEnv, make_sb3
+from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.training.config import Training
+
+TOLD: Final = ("outcome", "was_lost", "exposure", "travelled", "shortest")
+"""What the info of an episode's end tells beside return and length."""
+
+
+class TrainingEnvs:
+    """Environments, a monitor around them, and the normalisation if there is one.
+
+    Args:
+        config: What is trained.
+        state: Of `state`, to go on from there; None: from the configuration's seed.
+
+    Attributes:
+        monitor: Tells the figures of episodes that end.
+        normalize: Of observations and rewards; None where neither is normalised.
+    """
+
+    def __init__(self, config: Training, state: dict[str, Any] | None = None) -> None:
+        if state is None:
+            arguments = {**config.environment}
+            name = arguments.pop("id")
+            envs = make_sb3(name, config.envs, seed=config.seed, **arguments)
+        else:
+            envs = NavigationVecEnv(state["envs"])
+        self._envs = envs
+        self.monitor = VecMonitor(envs, info_keywords=TOLD)
+        self.normalize: VecNormalize | None = None
+        wanted = config.normalize
+        if wanted.observations or wanted.reward:
+            gamma = config.hyperparameters["gamma"]
+            self.normalize = VecNormalize(
+                self.monitor,
+                norm_obs=wanted.observations,
+                norm_reward=wanted.reward,
+                gamma=gamma,
+            )
+        if state is not None:
+            self.monitor.episode_returns, self.monitor.episode_lengths = state["episodes"]
+            if self.normalize is not None:
+                vars(self.normalize).update(state["moments"])
+
+    @property
+    def outer(self) -> VecEnv:
+        """What the algorithm is given."""
+        return self.monitor if self.normalize is None else self.normalize
+
+    @property
+    def simulation(self) -> Simulation:
+        """What truly happens."""
+        inner: Any = self._envs.envs.unwrapped
+        found: Simulation = inner.simulation
+        return found
+
+    def state(self) -> dict[str, Any]:
+        """All that the next step depends on; to be pickled before the next one is made."""
+        monitor, moments = self.monitor, {}
+        if self.normalize is not None:
+            names = ("ret_rms", "returns", *(("obs_rms",) if self.normalize.norm_obs else ()))
+            moments = {name: getattr(self.normalize, name) for name in names}
+        return {
+            "envs": self._envs.envs,
+            "episodes": (monitor.episode_returns, monitor.episode_lengths),
+            "moments": moments,
+        }
+
+    def close(self) -> None:
+        """Close the environments."""
+        self.outer.close()

@@ -1,0 +1,185 @@
+"""A small leaderboard from end to end: what is written, and going on after a break."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("ompl")
+
+from ambinav.compare.leaderboard import board as board_module
+from ambinav.compare.leaderboard import report as report_module
+from ambinav.compare.leaderboard.board import (
+    CONDITIONS,
+    Board,
+    Place,
+    Setting,
+    fitting,
+    settings_for,
+)
+from ambinav.compare.leaderboard.methods import all_methods, planner_methods, policy_method
+from ambinav.compare.leaderboard.report import OURS, benchmark
+from ambinav.compare.leaderboard.store import load_episodes, save_episodes
+from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.environment import Environment
+from tests.envs.cases import room
+
+HERE = Path(__file__).parent
+CONFIGS = HERE.parents[2] / "configs"
+OPTIONS = {"longest": 5.0, "max_steps": 150}
+
+
+def small(environment: Environment, **changed: Any) -> Board:
+    place = Place("room", environment, None)
+    values: dict[str, Any] = {
+        "methods": [*planner_methods(["reference:0.5"]), policy_method("plug.py:spinner", HERE)],
+        "settings": [Setting(f"room, {name}", place, name) for name in CONDITIONS],
+        "episodes": 4,
+        "seed": 3,
+        "options": OPTIONS,
+    }
+    return Board(**{**values, **changed})
+
+
+def test_what_is_written(tmp_path: Path) -> None:
+    board = small(room())
+    rows = benchmark(board, tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(OURS)
+    assert [(row.setting, row.method) for row in rows] == [
+        (f"room, {name}", method)
+        for name in CONDITIONS
+        for method in ("shortest", "reference 0.5", "plug.py:spinner")
+    ]
+    for row in rows:
+        key = "timeout" if row.method == "plug.py:spinner" else "arrived"
+        if row.setting == "room, as mapped":
+            assert row[key].value.value == 100.0
+    told = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert len(told["rows"]) == 6 and told["episodes"] == 4 and told["baseline"] == "shortest"
+    assert told["rows"][0]["figures"]["arrived"]["value"] == 100.0
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "## Room, disturbed" in text and "obstacles 6, people 3" in text
+    lines = text.splitlines()
+    # Tables are in one piece, and rows as wide as their headings.
+    for at, line in enumerate(lines):
+        if line.startswith("|---"):
+            assert lines[at - 1].count("|") == line.count("|") == lines[at + 1].count("|")
+
+
+def test_going_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    environment = room()
+    benchmark(small(environment), tmp_path / "whole")
+    drive: Callable[..., Any] = board_module._drive
+    drives = []
+
+    def interrupted(*arguments: Any) -> Any:
+        if len(drives) == 3:
+            raise KeyboardInterrupt
+        drives.append(arguments[2].name)
+        return drive(*arguments)
+
+    monkeypatch.setattr(board_module, "_drive", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        benchmark(small(environment), tmp_path / "out")
+    assert drives == ["shortest", "shortest", "reference 0.5"]
+    monkeypatch.setattr(board_module, "_drive", lambda *a: drives.append(a[2].name) or drive(*a))
+    benchmark(small(environment), tmp_path / "out")
+    assert drives[3:] == ["reference 0.5", "plug.py:spinner", "plug.py:spinner"]
+    for name in ("table.csv", "report.md"):
+        assert (tmp_path / "out" / name).read_text() == (tmp_path / "whole" / name).read_text()
+    # Another method more drives alone.
+    more = small(environment, methods=planner_methods(["reference:0.5", "reference:2"]))
+    benchmark(more, tmp_path / "out")
+    assert drives[6:] == ["reference 2"] * 2
+
+
+def test_what_changes_the_episodes_changes_their_key() -> None:
+    environment = room()
+    one = small(environment)
+    setting, method = one.settings[0], one.methods[1]
+    keys = {one.key(setting, method), one.key(setting, one.methods[0])}
+    keys.add(one.key(one.settings[1], method))
+    for changed in ({"episodes": 5}, {"seed": 4}, {"options": {"longest": 6.0}}):
+        keys.add(small(environment, **changed).key(setting, method))
+    assert len(keys) == 6
+    assert small(room()).key(setting, method) in keys
+
+
+def test_episodes_in_files(tmp_path: Path) -> None:
+    board = small(room(), methods=planner_methods([])[:1])
+    found = board_module.run(board, tmp_path, lambda text: lambda share: None)
+    episodes = found["room, as mapped"]["shortest"]
+    save_episodes(episodes, tmp_path / "a.npz")
+    again = load_episodes(tmp_path / "a.npz")
+    assert again is not None and again.building.tolist() == episodes.building.tolist()
+    (tmp_path / "a.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:100])
+    assert load_episodes(tmp_path / "a.npz") is None
+
+
+def test_settings() -> None:
+    demo = CONFIGS / "demo.geojson"
+    names = [setting.name for setting in settings_for([demo], 7)]
+    assert names == [
+        "procedural, as mapped", "procedural, disturbed", "demo, as mapped", "demo, disturbed",
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="two places are called 'demo'"):
+        settings_for([demo, demo], 7)
+
+
+PICKY = """
+from ambinav.errors import InputError, InputWarning
+
+
+def picky(observation_space, action_space):
+    raise InputError("it sees nothing.")
+
+
+def deep(observation_space, action_space):
+    return None
+
+
+deep.environment = {"layer": "fisher"}
+"""
+
+
+def test_who_does_not_fit(tmp_path: Path) -> None:
+    (tmp_path / "picky.py").write_text(PICKY)
+    asked = policy_method("picky.py:picky", tmp_path)
+    board = small(room(), methods=[*planner_methods([])[:1], asked])
+    with pytest.raises(InputError, match="it sees nothing"):
+        fitting(board)
+    kept = small(room(), methods=[board.methods[0], replace(asked, shipped=True)])
+    with pytest.warns(InputWarning, match="left out: it sees nothing"):
+        assert [method.name for method in fitting(kept).methods] == ["shortest"]
+    deep = policy_method("picky.py:deep", tmp_path)
+    with pytest.raises(InputError, match="trained to see the layer 'fisher'"):
+        fitting(small(room(), methods=[deep]))
+
+
+@pytest.mark.parametrize(
+    ("planners", "policies", "said"),
+    [
+        (["prmstr"], [], "prmstar"),
+        (["reference:x"], [], "weight in 'reference:x' is none"),
+        (["reference:-1"], [], "weight"),
+        ([], ["gone.zip"], "no such file"),
+        (["reference:2", "reference:2.0"], [], "two methods are called 'reference 2'"),
+    ],
+)
+def test_bad_methods(planners: list[str], policies: list[str], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        all_methods(planners, policies)
+
+
+def test_bad_options_and_folders(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="did you mean people"):
+        benchmark(small(room(), options={"peple": 2}), tmp_path / "out")
+    (tmp_path / "other.txt").touch()
+    with pytest.raises(InputError, match=r"holds other\.txt"):
+        benchmark(small(room()), tmp_path)
+    assert not (tmp_path / "work").exists() and report_module.WORK == "work"

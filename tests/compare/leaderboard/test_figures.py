@@ -1,0 +1,99 @@
+"""The table of a leaderboard, on episodes that are made up."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambinav.compare.leaderboard.figures import (
+    difference_text,
+    make_rows,
+    to_csv,
+    value_text,
+)
+from ambinav.compare.leaderboard.report import goal_text
+from ambinav_envs.evaluation import Episodes
+from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
+
+
+def episodes(outcome: Any, lost: Any = False, way: Any = 10.0) -> Episodes:
+    """Episodes with a shortest way of 10 m."""
+    codes = np.asarray(outcome)
+    count = len(codes)
+
+    def full(value: Any) -> Any:
+        return np.broadcast_to(np.asarray(value), count).copy()
+
+    return Episodes(
+        outcome=codes, was_lost=full(lost), error_max=full(0.5), error_mean=full(0.1),
+        exposure=0.2 * full(way), travelled=full(way), shortest=full(10.0), seconds=full(30.0),
+        reward=full(1.0), cost=full(0.0), building=full("a"), seed=np.arange(count),
+    )  # fmt: skip
+
+
+def test_shares_and_means() -> None:
+    found = episodes([ARRIVED, ARRIVED, MISSED, COLLIDED, TIMEOUT], way=[11.0, 13.0, 5.0, 0.1, 2.0])
+    (row,) = make_rows("here", {"one": found}, None, 1)
+    wanted = {"arrived": 40.0, "missed": 20.0, "collided": 20.0, "timeout": 20.0, "length": 1.2}
+    for key, value in wanted.items():
+        assert row[key].value.value == pytest.approx(value), key
+    # The one that drove 0.1 m says nothing of exposure per metre.
+    assert row["exposure"].value.count == 4
+    assert row["exposure"].value.value == pytest.approx(0.2)
+    assert row["length"].value.count == row["seconds"].value.count == 2
+    assert row["arrived"].value.low <= 40.0 <= row["arrived"].value.high
+
+
+def test_differences_are_paired() -> None:
+    way = np.linspace(10.0, 20.0, 40)
+    both = {
+        "base": episodes([ARRIVED] * 40, way=way),
+        "other": episodes([ARRIVED] * 40, way=way + 1),
+    }
+    base, other = make_rows("here", both, "base", 1)
+    assert base["length"].difference is None
+    told = other["length"].difference
+    assert told is not None and told.low == pytest.approx(0.1) == pytest.approx(told.high)
+    assert difference_text(other["length"]) == "**+0.100 [+0.100, +0.100]**"
+    assert difference_text(other["error"]) == "+0.000 [+0.000, +0.000]"
+    assert value_text(other["arrived"], brief=True) == "100 [100, 100]"
+
+
+def test_a_row_does_not_hang_on_the_others() -> None:
+    one = episodes([ARRIVED] * 10 + [MISSED] * 10)
+    alone = make_rows("here", {"one": one}, None, 1)[0]
+    among = make_rows("here", {"two": episodes([MISSED] * 20), "one": one}, None, 1)[1]
+    assert [c.value for c in alone.cells] == [c.value for c in among.cells]
+
+
+def test_csv() -> None:
+    both = {"base": episodes([ARRIVED] * 4), "other": episodes([COLLIDED] * 4)}
+    lines = to_csv(make_rows("here", both, "base", 1)).splitlines()
+    assert len(lines) == 1 + 2 * 10
+    assert lines[0].startswith("setting,method,figure,unit,episodes,counted,value,low,high")
+    assert "here,base,arrived,%,4,4,100,100,100,,," in lines
+    assert "here,other,length,,4,0,,,,,," in lines
+
+
+@pytest.mark.parametrize(
+    ("base", "other", "way", "said"),
+    [
+        (0, 0, 10.0, "nobody lost to begin with"),
+        (30, 5, 10.5, "met"),
+        (30, 5, 12.0, "halved, but too long a way"),
+        (30, 18, 10.0, "lost less often, not halved"),
+        (5, 30, 10.0, "lost more often"),
+        (5, 4, 10.0, "no difference shown"),
+    ],
+)
+def test_the_goal(base: int, other: int, way: float, said: str) -> None:
+    number = np.arange(40)
+    both = {
+        "base": episodes([ARRIVED] * 40, lost=number < base),
+        "other": episodes([ARRIVED] * 40, lost=number < other, way=way),
+    }
+    first, second = make_rows("here", both, "base", 1)
+    assert goal_text(first, first) == ""
+    assert goal_text(second, first) == said

@@ -1,0 +1,108 @@
+"""Policies that drive step by step, in a comparison."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+pytest.importorskip("gymnasium")
+
+from ambinav.cli import app
+from ambinav.compare.controllers import is_controller
+from ambinav.errors import InputError
+from tests.compare.conftest import write
+
+POLICY = """
+import numpy as np
+
+class ToTheWaypoint:
+    def __init__(self, speed):
+        self.speed = speed
+
+    def act(self, observations, starts):
+        _, cosine, sine = observations["waypoint"].T.astype(float)
+        ahead = np.maximum(cosine, 0.0) ** 4
+        return np.stack([2.0 * self.speed * ahead - 1.0, np.clip(sine, -1.0, 1.0)], axis=1)
+
+def go(observation_space, action_space):
+    assert observation_space["scan"].shape == (24,)
+    return ToTheWaypoint(1.0)
+
+def stay(observation_space, action_space):
+    return ToTheWaypoint(0.0)
+
+go.environment = stay.environment = {"waypoint": True, "waypoint_distance": 0.5}
+
+def route(environment, scanner, amap, pair):
+    return None
+
+class Maker:
+    def __call__(self, *arguments):
+        return None
+
+anything = Maker()
+"""
+
+
+@pytest.fixture
+def folder(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
+    (tmp_path / "drives.py").write_text(POLICY)
+    return tmp_path
+
+
+def compare(scenario: Path, out: Path) -> Result:
+    return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", "--json"])
+
+
+def test_a_policy_drives_beside_a_route(scenario: dict[str, Any], folder: Path) -> None:
+    driver = {"kind": "policy", "policy": "drives.py:go", "name": "go"}
+    scenario |= {"routes": ["shortest", driver], "localizer": "ekf"}
+    scenario["drive"] = {"runs": 4, "seed": 3}
+    scenario["people"] = {"count": 1}
+    path = write(folder, scenario)
+    done = compare(path, folder / "out")
+    assert done.exit_code == 0, done.output
+    table = (folder / "out" / "table.csv").read_text()
+    assert "there,go,arrived,%,4,100,100,100" in table
+    # The route that is shown goes from the start to the goal, as driven.
+    lines = (folder / "out" / "routes" / "02-there-go.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines if line[:1] in "0123456789-" and line[0] != "#"]
+    places = np.array([[float(row[0]), float(row[1])] for row in rows])
+    assert np.abs(places[[0, -1]] - [[1, 1], [7, 2]]).max() < 1e-6
+    # Nothing is driven again.
+    kept = {item.name for item in (folder / "out" / "work").glob("*.npz")}
+    assert compare(path, folder / "out").exit_code == 0
+    assert {item.name for item in (folder / "out" / "work").glob("*.npz")} == kept
+
+
+def test_one_that_does_not_get_there_is_refused(scenario: dict[str, Any], folder: Path) -> None:
+    scenario["routes"] = ["shortest", {"kind": "policy", "policy": "drives.py:stay"}]
+    done = compare(write(folder, scenario), folder / "out")
+    assert done.exit_code == 2
+    assert "route 'drives.py:stay': policy drives.py:stay does not get to the goal" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [("gone.zip", "there is no such file"), ("gone", "neither a file nor a baseline")],
+)
+def test_bad_names(policy: str, said: str, scenario: dict[str, Any], folder: Path) -> None:
+    scenario["routes"] = ["shortest", {"kind": "policy", "policy": policy}]
+    done = compare(write(folder, scenario), folder / "out")
+    assert done.exit_code == 2 and said in done.stderr and f"route '{policy}'" in done.stderr
+
+
+def test_who_drives_and_who_makes_routes(folder: Path) -> None:
+    told = {"go": True, "route": False, "anything": False}
+    for name, drives in told.items():
+        assert is_controller(f"drives.py:{name}", folder) is drives
+    assert is_controller("run/best.zip", folder)
+    with pytest.raises(InputError, match="no callable"):
+        is_controller("drives.py:gone", folder)

@@ -1,0 +1,153 @@
+"""Policy files: what comes out is what went in, and bad ones are told apart in one sentence."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambinav.drive.robot import Robot
+from ambinav.errors import InputError
+from ambinav.sensing.scanner import RangeScanner
+from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
+
+from stable_baselines3 import PPO  # isort: skip
+
+from ambinav_envs.policies import load_policy, read_card, save_policy
+from ambinav_envs.policies.file import CARD, FORMAT, arguments_of
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved(tmp_path_factory.mktemp("policy") / "small.zip")
+
+
+def rewritten(file: Path, out: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
+    """A copy of a zip file with other members; None leaves one out."""
+    with zipfile.ZipFile(file) as source, zipfile.ZipFile(out, "w") as copy:
+        for name in source.namelist():
+            content = change(name, source.read(name))
+            if content is not None:
+                copy.writestr(name, content)
+    return out
+
+
+def test_acts_as_the_model_does(tmp_path: Path) -> None:
+    envs = normalized()
+    made = model(envs)
+    path = tmp_path / "p.zip"
+    save_policy(made, path, environment={**OPTIONS, "id": NAME}, normalization=envs)
+    policy = load_policy(path)
+    policy.prepare(envs.venv.observation_space, envs.action_space)
+    seen = envs.get_original_obs()
+    wanted, _ = made.predict(envs.normalize_obs(seen), deterministic=True)
+    got = policy.act(seen, np.ones(2, dtype=np.bool_))
+    assert np.array_equal(got, wanted)
+
+
+def test_the_card(file: Path) -> None:
+    card = read_card(file)
+    assert card.algorithm == "PPO" and card.seed == 3 and card.steps == 0
+    assert card.environment == {**OPTIONS, "id": NAME}
+    assert card.observation["parts"]["scan"] == {"size": 60, "low": 0.0, "high": 1.0}
+    assert card.action == {"size": 2, "low": -1.0, "high": 1.0}
+    assert card.told == {"note": "a test"} and "torch" in card.versions
+
+
+def test_stable_baselines_reads_it_whole_and_slim(tmp_path: Path) -> None:
+    envs = normalized()
+    made = model(envs).learn(8)
+    seen = envs.reset()
+    sizes = {}
+    for slim in (False, True):
+        path = tmp_path / f"slim-{slim}.zip"
+        save_policy(made, path, environment={}, slim=slim)
+        again = PPO.load(path)
+        assert np.array_equal(*(m.predict(seen, deterministic=True)[0] for m in (made, again)))
+        assert bool(again.policy.optimizer.state_dict()["state"]) is not slim
+        sizes[slim] = path.stat().st_size
+    assert sizes[True] < 0.7 * sizes[False]
+
+
+def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
+    scanner = RangeScanner.from_preset("rplidar-a1").thinned(60)
+    told = {"robot": Robot(radius=0.3), "scanner": scanner, "buildings": 7, "first_building": 1}
+    path = tmp_path / "p.zip"
+    save_policy(model(normalized()), path, environment=told)
+    arguments = arguments_of(read_card(path))
+    assert set(arguments) == {"robot", "scanner"}
+    assert Robot(**arguments["robot"]) == Robot(radius=0.3)
+    assert arguments["scanner"].to_yaml() == scanner.to_yaml()
+
+
+def test_what_is_no_plain_value_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="card cannot be written"):
+        save_policy(model(normalized()), tmp_path / "p.zip", environment={"reward": object()})
+    assert not list(tmp_path.iterdir())
+
+
+def broken(file: Path, out: Path) -> Path:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 0xFF
+    out.write_bytes(content)
+    return out
+
+
+def cut(file: Path, out: Path) -> Path:
+    out.write_bytes(file.read_bytes()[:2000])
+    return out
+
+
+def without_card(file: Path, out: Path) -> Path:
+    return rewritten(file, out, lambda name, content: None if name == CARD else content)
+
+
+def of_the_future(file: Path, out: Path) -> Path:
+    def change(name: str, content: bytes) -> bytes:
+        if name != CARD:
+            return content
+        return json.dumps({**json.loads(content), "format": FORMAT + 1}).encode()
+
+    return rewritten(file, out, change)
+
+
+def without_weights(file: Path, out: Path) -> Path:
+    return rewritten(file, out, lambda name, content: None if name == "policy.pth" else content)
+
+
+def of_another_kind(file: Path, out: Path) -> Path:
+    def change(name: str, content: bytes) -> bytes:
+        if name != CARD:
+            return content
+        return json.dumps({**json.loads(content), "algorithm": "A2C"}).encode()
+
+    return rewritten(file, out, change)
+
+
+def with_bad_moments(file: Path, out: Path) -> Path:
+    return rewritten(file, out, lambda name, c: b"?" if name == "normalization.npz" else c)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (broken, "damaged|no policy file|cannot be loaded"),
+        (cut, "no policy file"),
+        (without_card, "ambinav.json is missing"),
+        (of_the_future, "not of format 1"),
+        (without_weights, "cannot be loaded"),
+        (of_another_kind, "algorithm is 'A2C'"),
+        (with_bad_moments, "normalisation cannot be read"),
+    ],
+)
+def test_bad_files(spoil: Any, said: str, file: Path, tmp_path: Path) -> None:
+    path = spoil(file, tmp_path / "bad.zip")
+    with pytest.raises(InputError, match=said) as caught:
+        load_policy(path)
+    assert "bad.zip" in str(caught.value) and str(caught.value).endswith(".")
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,155 @@
+"""Policies by what users name them by, and whether they fit an environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from ambinav.errors import InputError
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.spaces import action_space, observation_space
+from tests.envs.policies.models import OPTIONS, model, saved
+
+from ambinav_envs.policies import ModelPolicy, load_policy  # isort: skip
+from ambinav_envs.sb3 import make_sb3
+
+PLUG = """
+import numpy as np
+
+
+class Straight:
+    def act(self, observations, starts):
+        return np.zeros((len(starts), 2), dtype=np.float32)
+
+
+def straight(observation_space, action_space):
+    return Straight()
+
+
+straight.environment = {"waypoint": True}
+
+
+def empty(observation_space, action_space):
+    return object()
+
+
+def failing(observation_space, action_space):
+    raise RuntimeError("no weights")
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved(tmp_path_factory.mktemp("policy") / "small.zip")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "plug.py").write_text(PLUG)
+    return tmp_path
+
+
+def spaces_of(**options: Any) -> tuple[spaces.Dict, spaces.Space[Any]]:
+    parameters = NavigationParameters(**options)
+    return observation_space(parameters), action_space(parameters)
+
+
+def test_a_callable(folder: Path) -> None:
+    policy = load_policy("plug.py:straight", folder)
+    assert policy.environment == {"waypoint": True}
+    policy.prepare(*spaces_of())
+    assert policy.act({}, np.zeros(5, dtype=np.bool_)).shape == (5, 2)
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ("plug.py:empty", "without act"),
+        ("plug.py:failing", r"failed \(RuntimeError: no weights, plug.py line 2\d\)"),
+        ("plug.py:gone", "no callable 'gone'"),
+        ("none.py:go", "there is no file"),
+        ("gone.zip", "there is no such file"),
+        ("gone", "neither a file nor a baseline"),
+    ],
+)
+def test_bad_names(told: str, said: str, folder: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        load_policy(told, folder).prepare(*spaces_of())
+
+
+def test_more_than_it_wants_is_no_harm(file: Path) -> None:
+    load_policy(file).prepare(*spaces_of(window_cells=4, waypoint=True))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"window": False}, "wants the part 'window', and the environment has goal, scan"),
+        ({"window_cells": 5}, "'window' has 50 numbers and the policy wants 32"),
+        ({"window_cells": 4, "scanner": "rplidar-a1"}, "'scan' has 360 numbers and .* wants 60"),
+        ({"window_cells": 4, "discrete": True}, "gives 2 numbers .* takes one of 9 actions"),
+    ],
+)
+def test_what_does_not_fit_is_named(options: dict[str, Any], said: str, file: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        load_policy(file).prepare(*spaces_of(**options))
+
+
+def test_a_policy_of_one_row() -> None:
+    envs = make_sb3("ambinav/Navigation-v0", 2, **OPTIONS)
+    row = spaces.flatten_space(envs.observation_space)
+
+    class Flat:
+        observation_space, action_space = row, envs.action_space
+
+        def predict(self, seen: Any, **_: Any) -> tuple[Any, None]:
+            assert seen.shape == (2, *row.shape)
+            self.seen = seen
+            return np.zeros((2, 2)), None
+
+    policy = ModelPolicy(Flat())
+    policy.prepare(envs.observation_space, envs.action_space)
+    seen = envs.reset()
+    policy.act(seen, np.ones(2, dtype=np.bool_))
+    first = {name: part[0] for name, part in seen.items()}
+    assert np.array_equal(policy.model.seen[0], spaces.flatten(envs.observation_space, first))
+    with pytest.raises(InputError, match=r"one row of 102 numbers .* make 70"):
+        policy.prepare(*spaces_of(window=False))
+
+
+def test_a_recurrent_policy_keeps_its_state() -> None:
+    class Counting:
+        observation_space, action_space = spaces_of()
+
+        def predict(self, seen: Any, state: Any, episode_start: Any, **_: Any) -> tuple[Any, Any]:
+            state = np.zeros(2) if state is None else state
+            state = np.where(episode_start, 0.0, state) + 1.0
+            return np.tile(state[:, None], (1, 2)), state
+
+    policy = ModelPolicy(Counting())
+    policy.prepare(*spaces_of())
+    seen = {name: np.zeros((2, *part.shape)) for name, part in spaces_of()[0].items()}
+    for starts in ([True, True], [False, False], [False, True]):
+        actions = policy.act(seen, np.array(starts))
+    assert actions[:, 0].tolist() == [3.0, 1.0]
+    policy.prepare(*spaces_of())
+    assert policy.act(seen, np.zeros(2, dtype=np.bool_))[0, 0] == 1.0
+
+
+def test_loading_leaves_the_random_numbers_alone(file: Path) -> None:
+    np.random.seed(5)
+    wanted = np.random.random()
+    np.random.seed(5)
+    load_policy(file)
+    assert np.random.random() == wanted
+
+
+def test_a_live_model() -> None:
+    envs = make_sb3("ambinav/Navigation-v0", 2, **OPTIONS)
+    policy = ModelPolicy(model(envs))
+    policy.prepare(envs.observation_space, envs.action_space)
+    assert policy.act(envs.reset(), np.ones(2, dtype=np.bool_)).shape == (2, 2)

@@ -1,0 +1,208 @@
+"""The training as a whole: what it writes, that it repeats itself, and that it resumes exactly."""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+import torch
+from stable_baselines3 import PPO
+
+from ambinav.errors import InputError
+from ambinav_envs.policies import load_policy, read_card
+from ambinav_envs.training.checkpoints import checkpoints
+from ambinav_envs.training.config import Training
+from ambinav_envs.training.config_file import load_config
+from ambinav_envs.training.run import Told
+from ambinav_envs.training.train import train
+from ambinav_envs.training.vec import TrainingEnvs
+from tests.envs.training.cases import RECURRENT, SAC, TINY, tiny
+
+
+def weights(path: Path) -> dict[str, Any]:
+    """The parameters in a policy file or a checkpoint's model."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    _, params, _ = load_from_zip_file(path, device="cpu", load_data=False)
+    return params["policy"]
+
+
+def same(a: Path, b: Path) -> bool:
+    ours, theirs = weights(a), weights(b)
+    return ours.keys() == theirs.keys() and all(torch.equal(ours[k], theirs[k]) for k in ours)
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / "progress.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def figures(folder: Path) -> list[dict[str, str]]:
+    """The table of progress without what a clock tells."""
+    return [
+        {key: row[key] for key in row if key not in ("seconds", "steps_per_second")}
+        for row in rows(folder)
+    ]
+
+
+def interrupted_at(steps: int) -> Any:
+    def tell(told: Told) -> None:
+        if told.steps >= steps:
+            raise KeyboardInterrupt
+
+    return tell
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A training from its beginning to its end."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        cache = tmp_path_factory.getbasetemp() / "ambinav-cache"
+        patch.setenv("AMBINAV_CACHE", str(cache))
+        train(tiny(), folder, command=["ambinav", "train", "tiny.yaml", "-o", "run here"])
+    return folder
+
+
+def test_writes_all_that_it_says(whole: Path) -> None:
+    there = {path.name for path in whole.iterdir()}
+    wanted = {"config.yaml", "run.json", "progress.csv", "best.zip", "final.zip", "curve.png"}
+    assert wanted | {"report.md", "checkpoints"} <= there
+    assert load_config(whole / "config.yaml") == tiny()
+    told = json.loads((whole / "run.json").read_text())
+    assert told["seed"] == 3 and told["buildings"]["hashed"] == 2
+    assert told["buildings"]["sha256"] != told["judged_in"]["sha256"]
+    assert len(told["sessions"]) == 1
+    assert [row["steps"] for row in rows(whole)] == ["256", "512"]
+    assert all(row["eval_episodes"] == "4" for row in rows(whole))
+    assert "ambinav train tiny.yaml -o 'run here'" in (whole / "report.md").read_text()
+    assert checkpoints(whole / "checkpoints")[-1].name == "000000000512"
+
+
+def test_policy_files_are_policies(whole: Path) -> None:
+    card = read_card(whole / "final.zip")
+    assert (card.algorithm, card.steps, card.seed) == ("PPO", 512, 3)
+    assert card.environment["id"] == "ambinav/Hall-v0"
+    assert card.told["evaluation"]["episodes"] == 4
+    policy = load_policy(whole / "best.zip")
+    envs = TrainingEnvs(tiny())
+    seen = envs.outer.reset()
+    policy.prepare(envs.outer.observation_space, envs.outer.action_space)
+    actions = policy.act(seen, np.ones(8, dtype=np.bool_))
+    assert actions.shape == (8, 2)
+    assert same(whole / "final.zip", whole / "checkpoints" / "000000000512" / "model.zip")
+    again = PPO.load(whole / "best.zip", device="cpu")
+    assert np.allclose(again.predict(seen, deterministic=True)[0], actions)
+
+
+@pytest.mark.parametrize("other", [{}, SAC, RECURRENT], ids=["ppo", "sac", "recurrent"])
+def test_resumed_is_as_if_never_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: dict[str, Any]
+) -> None:
+    # Few steps from one look to the next, so that it is interrupted in the middle.
+    monkeypatch.setattr("ambinav_envs.training.models.SAC_ROUND", 256)
+    if "algorithm" in other:
+        pytest.importorskip("sb3_contrib")
+    config = tiny(**other)
+    straight, broken = tmp_path / "straight", tmp_path / "broken"
+    train(config, straight)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, broken, tell=interrupted_at(256))
+    (kept,) = checkpoints(broken / "checkpoints")
+    assert kept.name == "000000000256"
+    assert not (broken / "final.zip").exists()
+    train(config, broken, resume=True)
+    assert same(straight / "final.zip", broken / "final.zip")
+    assert same(straight / "best.zip", broken / "best.zip")
+    assert figures(straight) == figures(broken)
+    assert len(json.loads((broken / "run.json").read_text())["sessions"]) == 2
+
+
+def test_interrupted_before_it_begins(whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        train(tiny(), tmp_path / "out", tell=interrupted_at(0))
+    train(tiny(), tmp_path / "out", resume=True)
+    assert same(whole / "final.zip", tmp_path / "out" / "final.zip")
+
+
+def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -> None:
+    train(tiny(), tmp_path / "again")
+    with (
+        zipfile.ZipFile(whole / "final.zip") as ours,
+        zipfile.ZipFile(tmp_path / "again" / "final.zip") as theirs,
+    ):
+        assert ours.namelist() == theirs.namelist()
+        assert all(ours.read(name) == theirs.read(name) for name in ours.namelist())
+    assert figures(whole) == figures(tmp_path / "again")
+    train(tiny(seed=4), tmp_path / "other")
+    assert not same(whole / "final.zip", tmp_path / "other" / "final.zip")
+
+
+def test_goes_on_when_it_may_be_longer(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    train(tiny(steps=256), out)
+    before = (out / "final.zip").read_bytes()
+    summary = train(tiny(steps=512), out, resume=True)
+    assert summary["steps"] == 512 and (out / "final.zip").read_bytes() != before
+    assert train(tiny(steps=512), out, resume=True)["steps"] == 512
+
+
+def test_everything_at_once(tmp_path: Path) -> None:
+    """Normalised observations, discrete actions, falling rates, a curriculum, a limit of time."""
+    config = tiny(
+        steps=768,
+        minutes=30.0,
+        environment=TINY["environment"] | {"discrete": True, "window": True, "window_cells": 8},
+        normalize={"observations": True, "reward": False},
+        policy={"net_arch": [16], "window": "dense"},
+        curriculum=[{"longest": 4.0, "share": 0.5}],
+        hyperparameters=TINY["hyperparameters"] | {"learning_rate": {"from": 1e-3, "to": 1e-5}},
+    )
+    out = tmp_path / "out"
+    summary = train(config, out)
+    assert [row["longest"] for row in rows(out)] == ["4", "4", "8"]
+    assert summary["stage"] == 1
+    policy = load_policy(out / "final.zip")
+    envs = TrainingEnvs(config)
+    policy.prepare(envs.outer.observation_space, envs.outer.action_space)
+    envs.outer.reset()
+    assert policy.act(envs.normalize.get_original_obs(), np.ones(8, dtype=bool)).shape == (8,)
+    assert "8 m" not in (out / "report.md").read_text()
+
+
+def test_a_limit_of_time_ends_it(tmp_path: Path) -> None:
+    summary = train(tiny(steps=None, minutes=1e-9), tmp_path / "out")
+    assert summary["steps"] == 0 and summary["final"]["episodes"] == 4.0
+
+
+def refused(config: Training, folder: Path, resume: bool, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        train(config, folder, resume=resume)
+
+
+def test_what_cannot_begin_or_go_on_is_refused(whole: Path, tmp_path: Path) -> None:
+    refused(tiny(), whole, False, "add --resume")
+    refused(tiny(), tmp_path / "none", True, "leave out --resume")
+    assert not (tmp_path / "none").exists()
+    refused(tiny(seed=4), whole, True, "seed is 4 and was 3")
+    other = tiny(hyperparameters=TINY["hyperparameters"] | {"gamma": 0.9})
+    refused(other, whole, True, r"hyperparameters.gamma is 0.9 and was 0.99")
+    (tmp_path / "file").write_text("")
+    refused(tiny(), tmp_path / "file", False, "a file is there")
+
+
+@pytest.mark.parametrize("member", ["model.zip", "memory.pkl", "counters.json"])
+def test_a_damaged_checkpoint_is_told(tmp_path: Path, member: str) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        train(tiny(), out, tell=interrupted_at(256))
+    path = out / "checkpoints" / "000000000256" / member
+    path.write_bytes(path.read_bytes()[:40])
+    refused(tiny(), out, True, "the checkpoint is damaged")

@@ -1,0 +1,135 @@
+"""`ambinav evaluate` and `ambinav benchmark` as a user meets them."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+pytest.importorskip("gymnasium")
+
+from ambinav.cli.benchmark import benchmark
+from ambinav.cli.evaluate import evaluate
+from ambinav_envs.navigation import NavigationEnv
+
+ROOT = Path(__file__).parents[1]
+DEMO = str(ROOT / "configs" / "demo.geojson")
+PLUG = """
+import numpy as np
+
+
+class Spinner:
+    def act(self, observations, starts):
+        return np.tile(np.float32([-1.0, 0.3]), (len(starts), 1))
+
+
+def spinner(observation_space, action_space):
+    assert "waypoint" in observation_space.spaces
+    return Spinner()
+
+
+spinner.environment = {"waypoint": True, "max_steps": 5}
+"""
+
+app = typer.Typer(pretty_exceptions_enable=False)
+app.command("evaluate")(evaluate)
+app.command("benchmark")(benchmark)
+
+
+@pytest.fixture
+def runner(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> CliRunner:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
+    return CliRunner()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "plug.py").write_text(PLUG)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_evaluate(runner: CliRunner, folder: Path) -> None:
+    asked = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
+    done = runner.invoke(app, [*asked, "--json"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told["figures"]["timeout"]["value"] == 100.0
+    assert told["environment"]["people"] == 1 and told["environment"]["max_steps"] == 5
+    assert json.loads((folder / "out" / "evaluation.json").read_text()) == told
+    with (folder / "out" / "episodes.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["outcome"] for row in rows] == ["timeout"] * 3
+    # The seed makes the episode again.
+    _, info = NavigationEnv(map=DEMO, people=1).reset(seed=int(rows[2]["seed"]))
+    assert float(rows[2]["shortest"]) == pytest.approx(info["shortest"], rel=1e-5)
+    done = runner.invoke(app, asked)
+    assert "3 episodes in demo" in done.stdout and "exposure per metre" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["gone.zip"], "there is no such file"),
+        (["gone"], "neither a file nor a baseline"),
+        (["plug.py:spinner", "peple=3"], "did you mean people"),
+        (["plug.py:spinner", "people"], "write KEY=VALUE"),
+        (["plug.py:spinner", "people=[1"], "cannot be read"),
+        (["plug.py:spinner", "people=1", "people=2"], "people is there twice"),
+        (["plug.py:spinner", "-n", "0"], "--episodes: 0 is too few"),
+        (["plug.py:spinner", "--seed", "-1"], "--seed: -1 is negative"),
+        (["plug.py:spinner", "--suite", "ofice"], "office"),
+        (["plug.py:spinner", "--suite", "office", "--map", DEMO], "give one of the two"),
+        (["plug.py:spinner", "waypoint=false", "--map", DEMO], "failed (AssertionError"),
+    ],
+)
+def test_evaluate_bad_input(
+    arguments: list[str], said: str, runner: CliRunner, folder: Path
+) -> None:
+    done = runner.invoke(app, ["evaluate", *arguments])
+    assert done.exit_code == 2, done.output
+    assert said in done.stderr and done.stderr.startswith("ambinav: error: ")
+    assert done.stderr.count("\n") == 1 and not done.stdout
+
+
+def test_benchmark(runner: CliRunner, folder: Path) -> None:
+    pytest.importorskip("ompl")
+    from ambinav.cli import benchmark as module
+
+    asked = ["benchmark", "-o", "out", "-n", "2", "--quick", "--planner", "reference:1"]
+    asked += ["--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "QUICK_BUILDINGS", 1)
+        done = runner.invoke(app, [*asked, "--json"])
+        assert done.exit_code == 0, done.output
+        told = json.loads(done.stdout)
+        assert json.loads((folder / "out" / "report.json").read_text()) == told
+        methods = [method["name"] for method in told["methods"]]
+        assert {"waypoint follower", "shortest", "reference 1", "plug.py:spinner"} <= set(methods)
+        again = runner.invoke(app, asked)
+    assert "procedural, disturbed" in again.stdout and "plug.py:spinner" in again.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-n", "0"], "--episodes: 0 is too few"),
+        (["--planner", "prmstr"], "prmstar"),
+        (["--policy", "gone.zip"], "there is no such file"),
+        (["--map", "gone.yaml"], "gone.yaml"),
+        (["peple=3"], "did you mean people"),
+        (["-o", "plug.py"], "this is a file, not a folder"),
+    ],
+)
+def test_benchmark_bad_input(
+    arguments: list[str], said: str, runner: CliRunner, folder: Path
+) -> None:
+    pytest.importorskip("ompl")
+    done = runner.invoke(app, ["benchmark", *arguments])
+    assert done.exit_code == 2, done.output
+    assert said in done.stderr and not done.stdout
+    assert [path.name for path in folder.iterdir()] == ["plug.py"]
