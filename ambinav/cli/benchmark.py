@@ -81,12 +81,21 @@ def benchmark(
             show_default=False,
         ),
     ] = None,
+    suite: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--suite",
+            metavar="NAME",
+            help="A suite of buildings; may be given more than once.",
+            show_default="procedural and hall",
+        ),
+    ] = None,
     map_file: Annotated[
         list[Path] | None,
         typer.Option(
             "--map",
             metavar="FILE",
-            help="A building besides the procedural ones; may be given more than once.",
+            help="A building besides those of the suites; may be given more than once.",
             show_default=False,
         ),
     ] = None,
@@ -121,7 +130,7 @@ def benchmark(
         count = episodes or (QUICK_EPISODES if quick else EPISODES)
         board = Board(
             all_methods(planner or [], policy or []),
-            settings_for(map_file or [], QUICK_BUILDINGS if quick else BUILDINGS),
+            settings_for(map_file or [], QUICK_BUILDINGS if quick else BUILDINGS, suite or []),
             count,
             seed,
             common,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.plugins import load_callable
 from ambinav.drive.drive import PATIENCE, PERFECT, SPARE, drive
 from ambinav.drive.world import OUTCOMES
@@ -130,7 +131,7 @@ class PolicyController:
         layer = self._policy.environment.get("layer", "level")
         parameters = NavigationParameters.of(common | self._policy.seeing | {"layer": layer})
         self._policy.prepare(observation_space(parameters), action_space(parameters))
-        source = BuildingSource(environment, scanner, robot.radius)
+        source = BuildingSource(environment, scanner, robot.radius, layers=on_request(layer))
         self._observer = Observer(source, parameters, driver.start, driver.goal, runs)
         self._parameters = parameters
         self._starts = np.ones(runs, dtype=np.bool_)

@@ -33,7 +33,6 @@ def only_one(folder: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"{folder}: another comparison is at work here; wait for it, or choose another "
-                "output."
+                f"{folder}: another run is at work here; wait for it, or choose another output."
             ) from None
         yield

@@ -8,7 +8,6 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ambinav.ambiguity.layers.registry import layers
 from ambinav.errors import InputError
 from ambinav.geometry.steering import KINDS, Steering
 from ambinav.sensing.fields import nearest
@@ -79,11 +78,6 @@ class MapPart(Part):
     headings: int | None = Field(default=None, ge=1)
     map_std: float | None = Field(default=None, ge=0.0)
     layer: str = "level"
-
-    @property
-    def added(self) -> list[str]:
-        """The layer, if it is one that maps have on request alone."""
-        return [self.layer] if self.layer in layers() else []
 
 
 class PlanningPart(Part):

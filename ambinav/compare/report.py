@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.code import code_checksum
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
@@ -178,7 +179,7 @@ def _names(report: Document) -> list[str]:
 def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
-    asked["layers"] = loaded.scenario.map.added
+    asked["layers"] = on_request(loaded.scenario.map.layer)
     segments = loaded.environment.segments
     code = code_checksum(MAP_CODE)
     told = json.dumps([asked, loaded.scanner.to_yaml(), loaded.environment.name, code])

@@ -81,11 +81,11 @@ def parse_scenario(
     try:
         return Scenario.model_validate(whole)
     except ValidationError as error:
-        told = _sentence(error.errors(include_url=False)[0], where)
+        told = complaint(error.errors(include_url=False)[0], where)
         raise InputError(told) from error
 
 
-def _sentence(first: ErrorDetails, where: str) -> str:
+def complaint(first: ErrorDetails, where: str) -> str:
     """The first complaint as one sentence with place, value and remedy."""
     place = ""
     for part in first["loc"]:

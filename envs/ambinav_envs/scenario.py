@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ambinav.ambiguity.layers.registry import layers
+from ambinav.ambiguity.layers.registry import on_request
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.buildings.source import BuildingSource
@@ -42,9 +42,8 @@ def scenario(
         options = options | {"max_steps": max_episode_steps}
     parameters = NavigationParameters.of(options)
     what = map if map is not None else SUITE if suite is None else suite
-    asked = (parameters.layer,) if parameters.layer in layers() else ()
     source = BuildingSource(
         what, parameters.scanner, parameters.robot.radius, count=buildings, first=first_building,
-        layers=asked,
+        layers=on_request(parameters.layer),
     )  # fmt: skip
     return source, parameters

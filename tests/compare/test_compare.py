@@ -133,7 +133,7 @@ def is_alive(process: str) -> bool:
 def test_two_at_once_are_refused(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with only_one(out / "work"):
-        check_refused(compare(done.parent / "flat.yaml", out), "another comparison is at work")
+        check_refused(compare(done.parent / "flat.yaml", out), "another run is at work")
     assert [item.name for item in out.rglob("*")] == ["work", "lock"]
 
 

@@ -118,6 +118,11 @@ def layers() -> tuple[str, ...]:
     return (*_SHIPPED, *_registered)
 
 
+def on_request(name: str) -> tuple[str, ...]:
+    """The name for `build_map(..., layers=...)`, if maps have that layer on request alone."""
+    return (name,) if name in layers() else ()
+
+
 def layer(name: str) -> Layer:
     """The layer of this name.
 

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.leaderboard.methods import SHORTEST, Method, RouteFollower
 from ambinav.compare.leaderboard.store import key_of, load_episodes, save_episodes
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import Episodes, evaluate
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.policy import Policy
@@ -20,7 +22,8 @@ from ambinav_envs.spaces import action_space, observation_space
 
 UNSEEN: Final = 1_000_000
 """Number of the first building; whoever trains keeps below."""
-SUITE: Final = "procedural"
+SUITES: Final = ("procedural", "hall")
+"""Unless others are named. In halls a way around the open middle is what helps."""
 BASELINE: Final = SHORTEST
 """The method that all others are compared with."""
 
@@ -81,7 +84,8 @@ class Board:
         settings: Where.
         episodes: How many of each method in each setting.
         seed: Of the episodes, from 0 on.
-        options: Arguments of the environment that all have in common.
+        options: Arguments of the environment that all have in common, also in the place of what
+            a condition says.
     """
 
     methods: Sequence[Method]
@@ -96,7 +100,7 @@ class Board:
         Raises:
             InputError: an option is unknown or of no use.
         """
-        told = {**self.options, **CONDITIONS[setting.condition], **method.seeing}
+        told = {**CONDITIONS[setting.condition], **self.options, **method.seeing}
         return NavigationParameters.of(told)
 
     def key(self, setting: Setting, method: Method) -> str:
@@ -112,20 +116,25 @@ class Board:
         )
 
 
-def settings_for(maps: Sequence[Path], buildings: int) -> list[Setting]:
-    """Every place under every condition: the procedural suite, and then each map.
+def settings_for(maps: Sequence[Path], buildings: int, suites: Sequence[str] = ()) -> list[Setting]:
+    """Every place under every condition.
+
+    Args:
+        maps: Environment files.
+        buildings: How many of each suite.
+        suites: Names of suites; none: `SUITES`.
 
     Raises:
-        InputError: a map cannot be read, or two have the same name.
+        InputError: there is no such suite, a map cannot be read, or two have the same name.
     """
-    places = [Place(SUITE, SUITE, buildings)]
+    places = [Place(suite(name).name, name, buildings) for name in suites or SUITES]
     for path in maps:
         environment = load_environment(path)
         places.append(Place(environment.name, environment, None))
     names = [place.name for place in places]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"--map: two places are called {name!r}; rename a file.")
+            raise InputError(f"two places are called {name!r}; give it once, or rename a file.")
     return [
         Setting(f"{place.name}, {condition}", place, condition)
         for place in places
@@ -208,7 +217,7 @@ def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) 
         first, held = (0, 1) if place.count is None else (UNSEEN, place.count)
         sources[place.name] = BuildingSource(
             place.what, parameters.scanner, parameters.robot.radius, count=place.count,
-            first=first, held=held,
+            first=first, held=held, layers=on_request(parameters.layer),
         )  # fmt: skip
     return sources[place.name]
 

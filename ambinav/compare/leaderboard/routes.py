@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,8 @@ less where there is no way then."""
 PATIENCE = (1, 8)
 """So many times its iterations a planner gets, one after the other, until it finds a way."""
 GROUP = 16
-"""Plans of one process, where a planner needs fresh processes; see `ambinav_planners.seeded`."""
+"""Plans made at once; in one process, where a planner needs fresh ones (see
+`ambinav_planners.seeded`)."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,6 @@ class Routes:
             if not todo:
                 break
             found = self._planned(todo, margin)
-            self._known |= {key: poses for key, poses in found.items() if poses is not None}
             todo = {key: item for key, item in todo.items() if found[key] is None}
         self._known |= dict.fromkeys(todo)
         return [self._known[key] for key in keys]
@@ -101,15 +102,16 @@ class Routes:
         }
         found: dict[str, Floats | None] = dict.fromkeys(asked)
         keys = [key for key, item in asked.items() if item is not None]
-        size = GROUP if self._planner.uses_ompl else max(len(keys), 1)
-        for low in range(0, len(keys), size):
-            group = keys[low : low + size]
+        for low in range(0, len(keys), GROUP):
+            group = keys[low : low + GROUP]
             chosen = [item for key in group if (item := asked[key]) is not None]
             seed = self.choice.seed if self._planner.uses_ompl else None
             problems = [item.problem for item in chosen]
             ways = call_seeded(seed, plan_all, self.choice, problems)
             for key, item, way in zip(group, chosen, ways, strict=True):
-                found[key] = None if way is None else item.whole(way)
+                if way is not None:
+                    # At once, so that an interruption leaves it.
+                    found[key] = self._known[key] = item.whole(way)
         return found
 
     def save(self, path: Path) -> None:
@@ -123,7 +125,7 @@ class Routes:
     def load(self, path: Path) -> None:
         """Take in what `save` kept; nothing if there is no such file, or it is damaged."""
         with (
-            contextlib.suppress(OSError, ValueError, EOFError, zipfile.BadZipFile),
+            contextlib.suppress(OSError, ValueError, EOFError, zlib.error, zipfile.BadZipFile),
             path.open("rb") as file,
             np.load(file) as stored,
         ):

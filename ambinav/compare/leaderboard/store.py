@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -69,5 +70,5 @@ def load_episodes(path: Path) -> Episodes | None:
         # Opened here: of a damaged file numpy would leave it open.
         with path.open("rb") as file, np.load(file) as stored:
             return Episodes(**{item.name: stored[item.name] for item in fields(Episodes)})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
         return None

@@ -7,6 +7,7 @@ import io
 import json
 import platform
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -29,6 +30,11 @@ ALGORITHMS: Final = ("PPO", "SAC", "RecurrentPPO")
 
 DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
 """Arguments of an environment that a policy does not depend on."""
+UNREADABLE: Final = (
+    OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile,
+)  # fmt: skip
+"""What reading a damaged zip file may raise; RuntimeError: a bit says that it is encrypted, or
+packed in an unknown way."""
 # What a model remembers of its training and needs for nothing but that.
 _LEFT_OUT = (
     "_last_obs", "_last_original_obs", "_last_episode_starts", "_last_lstm_states",
@@ -152,7 +158,7 @@ def read_members(path: str | Path) -> tuple[Card, Normalization | None]:
             content = archive.read(CARD) if CARD in names else None
             moments = archive.read(MOMENTS) if MOMENTS in names else None
             broken = archive.testzip()
-    except (OSError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile, ValueError) as error:
+    except UNREADABLE as error:
         raise InputError(
             f"{path}: this is no policy file ({error}); copy or train it again."
         ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,7 +80,7 @@ class Normalization:
             with np.load(io.BytesIO(content)) as stored:
                 arrays = {name: stored[name] for name in stored.files}
             clip, epsilon = float(arrays.pop("clip")), float(arrays.pop("epsilon"))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile) as error:
             raise InputError(
                 f"the normalisation cannot be read ({error}); save it anew."
             ) from error

@@ -11,7 +11,7 @@ import numba
 import yaml
 from pydantic import ValidationError
 
-from ambinav.compare.scenario_file import _sentence as complaint
+from ambinav.compare.scenario_file import complaint
 from ambinav.errors import InputError
 from ambinav.sensing.fields import parse_yaml, read_text
 from ambinav_envs.buildings.source import BuildingSource

@@ -249,7 +249,8 @@ class Run:
         save_policy(
             self.model,
             self.folder / name,
-            environment=self.config.environment,
+            # The suite is named, for those who do not ask what the id stands for.
+            environment=self.config.environment | self.config.arguments,
             normalization=self._normalization,
             told={
                 "training": self.config.model_dump(mode="json"),

@@ -125,8 +125,12 @@ def test_settings() -> None:
     demo = CONFIGS / "demo.geojson"
     names = [setting.name for setting in settings_for([demo], 7)]
     assert names == [
-        "procedural, as mapped", "procedural, disturbed", "demo, as mapped", "demo, disturbed",
+        "procedural, as mapped", "procedural, disturbed", "hall, as mapped", "hall, disturbed",
+        "demo, as mapped", "demo, disturbed",
     ]  # fmt: skip
+    assert [one.place.count for one in settings_for([], 7, ["hall", "office"])] == [7] * 4
+    with pytest.raises(InputError, match="hall"):
+        settings_for([], 7, ["hal"])
     with pytest.raises(InputError, match="two places are called 'demo'"):
         settings_for([demo, demo], 7)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import zipfile
 from collections.abc import Callable
@@ -96,6 +97,17 @@ def broken(file: Path, out: Path) -> Path:
     content[len(content) // 3] ^= 0xFF
     out.write_bytes(content)
     return out
+
+
+def test_a_flipped_byte_anywhere_is_no_crash(file: Path, tmp_path: Path) -> None:
+    content = file.read_bytes()
+    rng = np.random.default_rng(0)
+    for at in rng.integers(0, len(content), 200):
+        spoilt = bytearray(content)
+        spoilt[at] ^= 0xFF
+        (tmp_path / "bad.zip").write_bytes(spoilt)
+        with contextlib.suppress(InputError):
+            read_card(tmp_path / "bad.zip")
 
 
 def cut(file: Path, out: Path) -> Path:

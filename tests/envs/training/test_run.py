@@ -92,6 +92,7 @@ def test_policy_files_are_policies(whole: Path) -> None:
     assert card.environment["id"] == "ambinav/Hall-v0"
     assert card.told["evaluation"]["episodes"] == 4
     policy = load_policy(whole / "best.zip")
+    assert policy.environment["suite"] == "hall" and "buildings" not in policy.environment
     envs = TrainingEnvs(tiny())
     seen = envs.outer.reset()
     policy.prepare(envs.outer.observation_space, envs.outer.action_space)
