@@ -10,12 +10,15 @@ import argparse
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numba
 import numpy as np
 from harness import add_out, interleave, report, spread, table
 from numpy.typing import NDArray
+from peers import IrSim, world_of
 
 from ambinav.drive.readings import Readings
 from ambinav_envs.navigation import NavigationEnv
@@ -158,10 +161,49 @@ def _often(run: Callable[[], object], times: int) -> None:
         run()
 
 
+def rows_beside_irsim(
+    python: Path, options: dict[str, Any], steps: int, repeats: int
+) -> tuple[str, list[tuple[str, ...]]]:
+    """Thousand steps a second of ir-sim and of the environments in turn; its version, and rows.
+
+    One building, no window: all else of the environments (filter, reward, infos) is made, and
+    what ir-sim makes of a step as well.
+    """
+    chosen = options | {"window": False, "buildings": 1, "max_episode_steps": 10**6}
+    rows, version = [], ""
+    for count in (1, 16):
+        ours = NavigationVectorEnv(count, **chosen) if count > 1 else NavigationEnv(**chosen)
+        ours.reset(seed=0)
+        # As `peer_irsim.ACTION`.
+        action = np.tile(np.array([-0.99, 0.2], dtype=np.float32), (count, 1))
+        single = action[0] if count == 1 else action
+        with TemporaryDirectory() as folder:
+            world = world_of(ours.simulation)
+            with IrSim(python, world, Path(folder), max(steps // count, 2)) as peer:
+                version, found = peer.version, []
+                for _ in range(repeats + 1):
+                    theirs = peer.steps * count / peer.seconds()
+                    begin = time.perf_counter()
+                    _often(partial(ours.step, single), steps)
+                    found.append((steps * count / (time.perf_counter() - begin), theirs))
+        # The first round compiles.
+        rates = np.array(found[1:]) / 1e3
+        rows.append(
+            (
+                str(count), spread(rates[:, 1].tolist(), 2), spread(rates[:, 0].tolist(), 1),
+                spread((rates[:, 0] / rates[:, 1]).tolist(), 0),
+            )
+        )  # fmt: skip
+    return version, rows
+
+
 def microseconds_of_resets(options: dict[str, Any], repeats: int) -> str:
     """What a new episode costs in a building that is known."""
     envs = NavigationVectorEnv(64, window=False, **options)
-    envs.reset(seed=0)
+    _visit(envs, options)
+    # Until every goal has been drawn, and its distances are known.
+    for seed in range(8 * options["buildings"]):
+        envs.reset(seed=1000 * seed)
     timing = interleave({"reset": envs.reset}, repeats)["reset"]
     return spread([seconds / 64 * 1e6 for seconds in timing.seconds], 0)
 
@@ -173,6 +215,9 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=100, help="of 64 robots in a round")
     parser.add_argument("--suite", default="procedural")
     parser.add_argument("--buildings", type=int, default=8)
+    parser.add_argument(
+        "--irsim-python", type=Path, help="a Python with ir-sim, to measure beside it"
+    )
     add_out(parser)
     args = parser.parse_args()
     options = {"suite": args.suite, "buildings": args.buildings}
@@ -189,10 +234,20 @@ def main() -> None:
             "## What a step is made of\n\n64 robots on one thread, microseconds a robot and step, "
             "the kernel alone.",
             table(("step", "microseconds"), rows_of_parts(options, args.repeats)),
-            f"A new episode: {microseconds_of_resets(options, args.repeats)} microseconds, most "
-            "of which is the field of distances to its goal.",
+            f"A new episode: {microseconds_of_resets(options, args.repeats)} microseconds where "
+            "the distances to its goal are known from an earlier one.",
         ]
     )
+    if args.irsim_python is not None:
+        version, beside = rows_beside_irsim(
+            args.irsim_python, options, 2 * args.steps, args.repeats
+        )
+        body += (
+            f"\n\n## Beside ir-sim {version}\n\nThe same walls, robot and beams, in turn, "
+            "thousand steps a second. ir-sim has no localizer, reward or infos; its robots share "
+            "one world and see each other.\n\n"
+        )
+        body += table(("robots", "ir-sim", "ambinav", "times as fast"), beside)
     report("The navigation environments", LIBRARIES, body, args.out)
 
 

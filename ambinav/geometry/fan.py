@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from ambinav.geometry.triangulation import LEFT, RIGHT, border_distance, locate
+from ambinav.geometry.triangulation import LEFT, PARALLEL, RIGHT, border_distance, locate
 from ambinav.geometry.twice import serial_and_parallel
 
 if TYPE_CHECKING:
@@ -80,34 +80,44 @@ def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs):
-    """Split the fan among the edges of its first triangle; how many pieces."""
+def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through):
+    """Split the fan among the edges of its first triangle; how many pieces.
+
+    `through` is work space, int32, shape (n,); -1 when this returns.
+    """
     ax, ay = corner[3 * t, 0] - px, corner[3 * t, 1] - py
     bx, by = corner[3 * t + 1, 0] - px, corner[3 * t + 1, 1] - py
     cx, cy = corner[3 * t + 2, 0] - px, corner[3 * t + 2, 1] - py
-    depth = 0
-    before = -1
     for i in range(n):
         a = ax * uy[i] - ay * ux[i] >= 0
         b = bx * uy[i] - by * ux[i] >= 0
         c = cx * uy[i] - cy * ux[i] >= 0
-        through = 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
-        if through != before:
+        through[i] = 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
+    depth = 0
+    before = -1
+    for i in range(n):
+        edge = through[i]
+        through[i] = -1
+        if edge != before:
             if depth > 0:
                 highs[depth - 1] = i
-            edges[depth] = twin[3 * t + through]
+            edges[depth] = twin[3 * t + edge]
             lows[depth] = i
             depth += 1
-            before = through
+            before = edge
     highs[depth - 1] = n
     return depth
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, distance, hit):
-    """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t."""
+    """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t.
+
+    The walk writes the edge of the first ray of each piece alone. Loops over all rays then spread
+    it and work out the distances: pieces are short, and many short loops take longer.
+    """
     edges, lows, highs = stack
-    depth = first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs)
+    depth = first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, hit)
     while depth > 0:
         depth -= 1
         h, low, high = edges[depth], lows[depth], highs[depth]
@@ -134,10 +144,22 @@ def cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, dist
             while h >= 0:
                 side = vx * (node[h, 1] - py) - vy * (node[h, 0] - px)
                 h = hops[h, RIGHT] if side > 0 else hops[h, LEFT]
-        k = -1 - h
-        for i in range(low, high):
-            distance[i] = border_distance(px, py, ux[i], uy[i], border, k)
-            hit[i] = k
+        hit[low] = -1 - h
+    k = hit[0]
+    for i in range(n):
+        k = hit[i] if hit[i] >= 0 else k
+        hit[i] = k
+    parallel = False
+    for i in range(n):
+        k = hit[i]
+        ax, ay = border[k, 0] - px, border[k, 1] - py
+        ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
+        cross = ux[i] * ey - uy[i] * ex
+        parallel |= not abs(cross) > PARALLEL * (abs(ex) + abs(ey))
+        distance[i] = (ax * ey - ay * ex) / cross
+    if parallel:
+        for i in range(n):
+            distance[i] = border_distance(px, py, ux[i], uy[i], border, hit[i])
 
 
 def _fans(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
-from ambinav.geometry.triangulation import border_distance, locate
+from ambinav.geometry.triangulation import locate
 from ambinav.sensing.scanner import RangeScanner
 
 
@@ -31,6 +31,7 @@ class CastTables(NamedTuple):
         start: x and y of each ray, shape (R, 2), metres, robot frame.
         border_segment: See `Environment`.
         border: `Environment.border_lines`.
+        normal: Unit normals of the border edges, shape (K, 2), into the free space.
         twin: See `Triangulation`, as are node, hops and corner.
         grid_x: See `Triangulation.index`, as is all that follows.
     """
@@ -45,6 +46,7 @@ class CastTables(NamedTuple):
     start: NDArray[np.float64]
     border_segment: NDArray[np.int32]
     border: NDArray[np.float64]
+    normal: NDArray[np.float64]
     twin: NDArray[np.int32]
     node: NDArray[np.float64]
     hops: NDArray[np.int32]
@@ -83,12 +85,20 @@ def cast_tables(
         np.ascontiguousarray(rays.origin[order]),
         environment.border_segment,
         environment.border_lines,
+        edge_normals(environment.border_lines),
         mesh.twin,
         mesh.node,
         mesh.hops,
         mesh.corner,
         *mesh.index,
     )
+
+
+def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals to the left of lines (K, 4) from one end to the other, shape (K, 2)."""
+    ex, ey = lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1]
+    length = np.sqrt(ex * ex + ey * ey)
+    return np.stack([-ey / length, ex / length], axis=1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -181,31 +191,3 @@ def nearest_echoes(tables, work, ranges, ray, edge):
         ranges[b] = d
         ray[b] = j
         edge[b] = k
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def ranges_on_lines(x, y, theta, tables, ranges, ray, edge, line):
-    """Ranges from a pose nearby, were each beam's ray to meet the line of the same wall.
-
-    Args:
-        x: Metres, map frame.
-        y: Metres, map frame.
-        theta: Radians.
-        tables: See `CastTables`.
-        ranges: As `expected_ranges` gave them; written where there is a ray, metres, negative
-            where the line is behind it.
-        ray: As `expected_ranges` gave it.
-        edge: Likewise.
-        line: As `information.linear_readings` gave it; the readings move along with the ranges.
-    """
-    co, si = math.cos(theta), math.sin(theta)
-    for b in range(ranges.size):
-        j = ray[b]
-        if j >= 0:
-            px = x + co * tables.start[j, 0] - si * tables.start[j, 1]
-            py = y + si * tables.start[j, 0] + co * tables.start[j, 1]
-            ux = co * tables.cosine[j] - si * tables.sine[j]
-            uy = si * tables.cosine[j] + co * tables.sine[j]
-            d = border_distance(px, py, ux, uy, tables.border, edge[b])
-            line[b, 0] += d - ranges[b]
-            ranges[b] = d

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.triangulation import PARALLEL
 from ambinav.localization.casting import (
     CastTables,
     cast_tables,
     expected_ranges,
-    ranges_on_lines,
     work_space,
 )
 from ambinav.localization.information import (
@@ -28,7 +28,7 @@ from ambinav.localization.information import (
     as_poses,
     beam_noise,
     informations,
-    linear_readings,
+    linear_reading,
 )
 from ambinav.localization.odometry import (
     OdometryModel,
@@ -174,6 +174,16 @@ class ExtendedKalmanFilter:
         return out
 
 
+# Rows of `Scratch.beam`: what is read, what is expected, its derivatives by x, y and theta, its
+# variance and one over that; normal of the wall, and where that is along it; direction and place
+# of the ray in the robot's frame, and its range.
+(
+    _READ, _LINE, _BY_X, _BY_Y, _BY_T, _VARIANCE, _WEIGHT, _NORMAL_X, _NORMAL_Y, _WALL,
+    _COSINE, _SINE, _START_X, _START_Y, _RANGE,
+) = range(15)  # fmt: skip
+_ROWS = 15
+
+
 class Scratch(NamedTuple):
     """Arrays that `update_pose` works in.
 
@@ -181,21 +191,22 @@ class Scratch(NamedTuple):
         ranges: Expected ranges, shape (B,).
         ray: Which ray each of them is of, int32, shape (B,).
         edge: Which border edge it meets, int32, shape (B,).
-        line: See `information.beam_lines`, shape (B, 5).
+        chosen: Numbers of the beams that tell something, int32, shape (B,).
+        beam: Of the beams that tell something, one after the other; rows as above, shape
+            (rows, B).
+        noise: For who simulates the readings, shape (B,).
         told: Information of a scan, shape (3, 3).
-        prior: Pose before the scan, shape (3,).
-        at: Pose about which the ranges are linear, shape (3,).
-        spread: Its covariance, shape (3, 3).
+        spread: Covariance after it, shape (3, 3).
         cast: See `casting.work_space`.
     """
 
     ranges: Floats
     ray: NDArray[np.int32]
     edge: NDArray[np.int32]
-    line: Floats
+    chosen: NDArray[np.int32]
+    beam: Floats
+    noise: Floats
     told: Floats
-    prior: Floats
-    at: Floats
     spread: Floats
     cast: tuple[Any, ...]
 
@@ -205,7 +216,8 @@ def scratch_for(beams, rays):
     """`Scratch` for scans of so many beams and rays."""
     return Scratch(
         np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
-        np.empty((beams, 5)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3)),
+        np.empty(beams, dtype=np.int32),
+        np.empty((_ROWS, beams)), np.empty(beams), np.empty((3, 3)), np.empty((3, 3)),
         work_space(rays),
     )  # fmt: skip
 
@@ -287,57 +299,99 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     Returns:
         How many beams were used.
     """
-    ranges, ray, edge, line, told, prior, at, spread, work = scratch
-    for i in range(3):
-        prior[i] = at[i] = mean[i]
-        for j in range(3):
-            spread[i, j] = cov[i, j]
-    used = 0
+    ranges, ray, edge, chosen, beam, _, told, spread, work = scratch
+    x, y, t = mean[0], mean[1], mean[2]
+    ax, ay, at = x, y, t
+    # Of the pose about which the ranges are linear.
+    xx, yy, tt = cov[0, 0], cov[1, 1], cov[2, 2]
+    xy, xt, yt = 2.0 * cov[0, 1], 2.0 * cov[0, 2], 2.0 * cov[1, 2]
+    count = used = 0
     for step in range(rounds):
         if step == 0 or recast:
-            expected_ranges(at[0], at[1], at[2], cast, work, ranges, ray, edge)
-            linear_readings(at[2], cast, noise, ranges, ray, edge, line)
+            expected_ranges(ax, ay, at, cast, work, ranges, ray, edge)
+            count = _take_in(at, reading, cast, noise, ranges, ray, edge, chosen, beam)
         else:
-            ranges_on_lines(at[0], at[1], at[2], cast, ranges, ray, edge, line)
-        bx, by, bt = at[0] - prior[0], at[1] - prior[1], wrapped(at[2] - prior[2])
+            _on_lines(ax, ay, at, beam, count)
+        bx, by, bt = ax - x, ay - y, wrapped(at - t)
         # Sums in variables of their own stay in registers, those in arrays do not.
-        xx, yy, tt = spread[0, 0], spread[1, 1], spread[2, 2]
-        xy, xt, yt = 2.0 * spread[0, 1], 2.0 * spread[0, 2], 2.0 * spread[1, 2]
         txx = tyy = ttt = txy = txt = tyt = px = py = pt = 0.0
         used = 0
-        for b in range(ranges.size):
-            z, variance = reading[b], line[b, 4]
-            if not (math.isfinite(z) and variance < math.inf):
-                continue
-            off = z - line[b, 0]
-            gx, gy, gt = line[b, 1], line[b, 2], line[b, 3]
-            expected = variance + gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
-            expected += gt * gt * tt
+        for m in range(count):
+            off = beam[_READ, m] - beam[_LINE, m]
+            gx, gy, gt = beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m]
+            expected = gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
+            expected += beam[_VARIANCE, m] + gt * gt * tt
             if off * off > gate * gate * expected:
                 continue
             used += 1
             # The residual that the prior would have were the range linear from here on.
             off += gx * bx + gy * by + gt * bt
-            weight = 1.0 / variance
+            weight = beam[_WEIGHT, m]
             wx, wy, wt = gx * weight, gy * weight, gt * weight
             px, py, pt = px + wx * off, py + wy * off, pt + wt * off
             txx, txy, txt = txx + wx * gx, txy + wx * gy, txt + wx * gt
             tyy, tyt, ttt = tyy + wy * gy, tyt + wy * gt, ttt + wt * gt
         told[0, 0], told[1, 1], told[2, 2] = txx, tyy, ttt
         told[0, 1], told[0, 2], told[1, 2] = txy, txt, tyt
-        told[1, 0], told[2, 0], told[2, 1] = told[0, 1], told[0, 2], told[1, 2]
+        told[1, 0], told[2, 0], told[2, 1] = txy, txt, tyt
         for i in range(3):
             for j in range(3):
                 spread[i, j] = cov[i, j]
         posterior(spread, told)
-        for i in range(3):
-            at[i] = prior[i] + spread[i, 0] * px + spread[i, 1] * py + spread[i, 2] * pt
-        at[2] = wrapped(at[2])
+        ax = x + spread[0, 0] * px + spread[0, 1] * py + spread[0, 2] * pt
+        ay = y + spread[1, 0] * px + spread[1, 1] * py + spread[1, 2] * pt
+        at = wrapped(t + spread[2, 0] * px + spread[2, 1] * py + spread[2, 2] * pt)
+        xx, yy, tt = spread[0, 0], spread[1, 1], spread[2, 2]
+        xy, xt, yt = 2.0 * spread[0, 1], 2.0 * spread[0, 2], 2.0 * spread[1, 2]
+    mean[0], mean[1], mean[2] = ax, ay, at
     for i in range(3):
-        mean[i] = at[i]
         for j in range(3):
             cov[i, j] = spread[i, j]
     return used
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _take_in(theta, reading, cast, noise, ranges, ray, edge, chosen, beam):
+    """Write the beams that tell something, as they were met, to `beam`; how many."""
+    co, si = math.cos(theta), math.sin(theta)
+    count = 0
+    for b in range(ranges.size):
+        # Chosen without a branch, which the processor would guess wrong every other time.
+        told = (ray[b] >= 0) & (ranges[b] > noise.near[b]) & math.isfinite(reading[b])
+        chosen[count] = b
+        count += told & (not noise.frontier[edge[b]])
+    for m in range(count):
+        # Without a sign, numba need not ask at each access whether an index counts from the end.
+        b = np.uint64(chosen[m])
+        j, k, d = np.uint64(ray[b]), np.uint64(edge[b]), ranges[b]
+        line, gx, gy, gt, variance = linear_reading(d, b, j, k, co, si, cast, noise)
+        beam[_READ, m], beam[_LINE, m], beam[_RANGE, m] = reading[b], line, d
+        beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gx, gy, gt
+        beam[_VARIANCE, m], beam[_WEIGHT, m] = variance, 1.0 / variance
+        nx, ny = cast.normal[k, 0], cast.normal[k, 1]
+        beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = nx, ny
+        beam[_WALL, m] = nx * cast.border[k, 0] + ny * cast.border[k, 1]
+        beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
+        beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _on_lines(x, y, theta, beam, count):
+    """Move readings along to a pose nearby, were each ray to meet the line of the same wall."""
+    co, si = math.cos(theta), math.sin(theta)
+    for m in range(count):
+        px = x + co * beam[_START_X, m] - si * beam[_START_Y, m]
+        py = y + si * beam[_START_X, m] + co * beam[_START_Y, m]
+        ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
+        uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
+        nx, ny = beam[_NORMAL_X, m], beam[_NORMAL_Y, m]
+        facing = nx * ux + ny * uy
+        d = (beam[_WALL, m] - nx * px - ny * py) / facing
+        # A ray along the wall stays as it was.
+        d = d if abs(facing) > PARALLEL else beam[_RANGE, m]
+        beam[_LINE, m] += d - beam[_RANGE, m]
+        beam[_RANGE, m] = d
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -149,27 +149,39 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
         line[b, 4] = math.inf
         if j < 0 or not d > noise.near[b] or noise.frontier[k]:
             continue
-        ux = co * cast.cosine[j] - si * cast.sine[j]
-        uy = si * cast.cosine[j] + co * cast.sine[j]
-        ex, ey = cast.border[k, 2] - cast.border[k, 0], cast.border[k, 3] - cast.border[k, 1]
-        length = math.sqrt(ex * ex + ey * ey)
-        nx, ny = -ey / length, ex / length
-        facing = nx * ux + ny * uy
-        facing = math.copysign(max(abs(facing), GRAZING), facing)
-        # How the sensor and the end of its beam swing when the robot turns.
-        sx = -si * cast.start[j, 0] - co * cast.start[j, 1] - d * uy
-        sy = co * cast.start[j, 0] - si * cast.start[j, 1] + d * ux
-        place = d / noise.far[b] * (TABLE - 1)
-        low = min(int(place), TABLE - 2)
-        share = place - low
-        r = noise.row[b]
-        rise = (noise.bias[r, low + 1] - noise.bias[r, low]) * (TABLE - 1) / noise.far[b]
-        scale = -(1.0 + rise) / facing
-        line[b, 0] = d + noise.bias[r, low] * (1.0 - share) + noise.bias[r, low + 1] * share
-        line[b, 1] = nx * scale
-        line[b, 2] = ny * scale
-        line[b, 3] = (nx * sx + ny * sy) * scale
-        line[b, 4] = noise.variance[r, low] * (1.0 - share) + noise.variance[r, low + 1] * share
+        line[b, 0], line[b, 1], line[b, 2], line[b, 3], line[b, 4] = linear_reading(
+            d, b, j, k, co, si, cast, noise
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def linear_reading(d, b, j, k, co, si, cast, noise):
+    """A row of `beam_lines`: of beam b, whose ray j meets edge k at distance d.
+
+    The robot's heading is given by its cosine and sine.
+    """
+    ux = co * cast.cosine[j] - si * cast.sine[j]
+    uy = si * cast.cosine[j] + co * cast.sine[j]
+    nx, ny = cast.normal[k, 0], cast.normal[k, 1]
+    facing = nx * ux + ny * uy
+    facing = math.copysign(max(abs(facing), GRAZING), facing)
+    # How the sensor and the end of its beam swing when the robot turns.
+    sx = -si * cast.start[j, 0] - co * cast.start[j, 1] - d * uy
+    sy = co * cast.start[j, 0] - si * cast.start[j, 1] + d * ux
+    per_metre = (TABLE - 1) / noise.far[b]
+    place = d * per_metre
+    low = np.uint64(min(max(int(place), 0), TABLE - 2))
+    share = place - float(low)
+    r, after = np.uint64(noise.row[b]), low + np.uint64(1)
+    rise = (noise.bias[r, after] - noise.bias[r, low]) * per_metre
+    scale = -(1.0 + rise) / facing
+    return (
+        d + noise.bias[r, low] * (1.0 - share) + noise.bias[r, after] * share,
+        nx * scale,
+        ny * scale,
+        (nx * sx + ny * sy) * scale,
+        noise.variance[r, low] * (1.0 - share) + noise.variance[r, after] * share,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)

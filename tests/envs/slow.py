@@ -17,6 +17,7 @@ from ambinav.drive.noise import report
 from ambinav.drive.world import moved
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.random import uniform, ziggurat
+from ambinav.sensing import RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.layout import EYES, TERMS, WHEELS
@@ -80,23 +81,32 @@ class SlowNavigation:
 
     def read(self) -> Floats:
         """Readings: true ranges, bias, noise, bins."""
-        true = self.p.scanner.scan(self.building.environment, *self.truth).astype(np.float64)
+        scanner = self.p.scanner
+        sensors = [scanner.sensors[k] for k in scanner.sensor_of_beam]
+        # In full precision: a reading hangs on which bin it is in.
+        true, _ = self.building.environment.cast_hits(
+            self.truth[0], self.truth[1], self.truth[2] + scanner.mounts[:, 2], 99.0
+        )
+        true = np.where(true <= [s.max_range for s in sensors], true, math.inf)
         out = np.empty_like(true)
-        for b, d in enumerate(true):
-            s = self.p.scanner.sensors[self.p.scanner.sensor_of_beam[b]]
-            noise, chance = ziggurat(self.eyes), uniform(self.eyes)
+        noises = [ziggurat(self.eyes) for _ in true]
+        for b, (d, s, noise) in enumerate(zip(true, sensors, noises, strict=True)):
             value = d + float(s.bias_at(d)) + float(s.std_at(d)) * noise
-            if chance < s.random_share:
-                value = s.min_range + s.resolution * chance / s.random_share * s.bins
-            elif chance < s.random_share + s.lost_share or value >= s.max_range:
+            if value >= s.max_range:
                 out[b] = math.inf
-                continue
             elif value < s.min_range:
                 out[b] = -math.inf
-                continue
-            low = s.min_range + s.resolution * math.floor((value - s.min_range) / s.resolution)
-            out[b] = (low + min(low + s.resolution, s.max_range)) / 2.0
-        return out
+            else:
+                out[b] = middle(s, value)
+        share = sensors[0].random_share + sensors[0].lost_share
+        b = -1
+        while True:
+            b += 1 + int(math.log(1.0 - uniform(self.eyes)) / math.log1p(-share))
+            if b >= len(out):
+                return out
+            chance = share * uniform(self.eyes) / sensors[b].random_share
+            low = sensors[b].min_range + sensors[b].resolution * chance * sensors[b].bins
+            out[b] = middle(sensors[b], low) if chance < 1.0 else math.inf
 
     def update(self, readings: Floats) -> None:
         """Iterated Kalman update for lasers at the robot's centre.
@@ -181,3 +191,10 @@ class SlowNavigation:
                     if free[row, column]:
                         out[0, r, c] = values[row, column]
         return out.ravel()
+
+
+def middle(sensor: RangeSensor, value: float) -> float:
+    """Of the bin that a range is in."""
+    low = math.floor((value - sensor.min_range) / sensor.resolution) * sensor.resolution
+    low += sensor.min_range
+    return (low + min(low + sensor.resolution, sensor.max_range)) / 2.0

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from scipy import stats
 
-from ambinav.localization.random import normals, states, uniform, ziggurat
+from ambinav.localization.random import normals, states, uniform, ziggurat, ziggurats
 
 COUNT = 200_000
 
@@ -27,6 +27,11 @@ def normals_of(state, out):
 def ziggurats_of(state, out):
     for i in range(out.size):
         out[i] = ziggurat(state)
+
+
+@njit
+def ziggurats_at_once(state, out):
+    ziggurats(state, out)
 
 
 def xoshiro(words: list[int], count: int) -> list[int]:
@@ -98,3 +103,15 @@ def test_rows_are_independent_and_do_not_depend_on_their_number() -> None:
         uniforms_of(state, row)
     between = np.corrcoef(drawn)[np.triu_indices(50, 1)]
     assert np.abs(between).max() < 5.0 / np.sqrt(4000)
+
+
+def test_normals_at_once_are_those_one_by_one() -> None:
+    state = states(np.random.default_rng(5), 2)
+    state[1] = state[0]
+    one_by_one, at_once = np.empty(20_000), np.empty(20_000)
+    ziggurats_of(state[0], one_by_one)
+    ziggurats_at_once(state[1], at_once)
+    # So many that all rare branches are taken.
+    assert np.abs(at_once).max() > 3.66
+    np.testing.assert_array_equal(at_once, one_by_one)
+    np.testing.assert_array_equal(state[0], state[1])

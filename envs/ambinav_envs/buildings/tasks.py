@@ -172,24 +172,54 @@ def draw_into(state, shortest, longest, table, field, task):
         Whether there is a task.
     """
     task[:] = 0.0
-    far_end = -1
+    far_end, farthest = -1, 0.0
     for attempt in range(_DRAWN + _FAR_ENDS if table.standing.size > 0 else 0):
         goal = table.standing[int(uniform(state) * table.standing.size)]
         if attempt > _DRAWN and far_end >= 0:
             goal = far_end
         task[3], task[4] = _beside(state, goal, table)
         label = spread_from(task[3], task[4], table, field)
-        start, away, far_end = _pick(state, shortest, longest, label, table, field)
-        task[5] = max(task[5], away)
-        if start >= 0:
-            task[0], task[1] = _beside(state, start, table)
-            task[5] = _read(task[0], task[1], table, field)
-            if not shortest <= task[5] <= longest:
-                task[0], task[1] = _centre(start, table)
-                task[5] = field.ravel()[start]
-            task[2] = math.pi * (2.0 * uniform(state) - 1.0)
+        found, away, far_end = start_for(state, shortest, longest, label, table, field, task)
+        if found:
             return True
+        farthest = max(farthest, away)
+    task[5] = farthest
     return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def start_for(state, shortest, longest, label, table, field, task):
+    """Draw a start for a goal whose field and label are known.
+
+    Args:
+        state: See `draw_into`, as the next two, table and field.
+        shortest: See there.
+        longest: See there.
+        label: See `spread_from`.
+        table: See there.
+        field: Only read.
+        task: x, y and theta of the start become its first three, the distance the last of six.
+
+    Returns:
+        Whether there is one, the greatest distance of a cell to stand at, and that cell or -1.
+    """
+    start, away, far_end = _pick(state, shortest, longest, label, table, field)
+    if start >= 0:
+        task[0], task[1] = _beside(state, start, table)
+        task[5] = _read(task[0], task[1], table, field)
+        if not shortest <= task[5] <= longest:
+            task[0], task[1] = _centre(start, table)
+            task[5] = field.ravel()[start]
+        task[2] = math.pi * (2.0 * uniform(state) - 1.0)
+    return start >= 0, away, far_end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw_places(state, table, points):
+    """Draw places where the robot can stand with `MARGIN` to spare, to `points` (N, 2)."""
+    for k in range(len(points)):
+        cell = table.standing[int(uniform(state) * table.standing.size)]
+        points[k, 0], points[k, 1] = _beside(state, cell, table)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -124,7 +124,7 @@ GROUND = record(
     # See `ambinav.localization.casting.CastTables`.
     grid_x=_REAL, grid_y=_REAL, cell=_REAL, rows=_WHOLE, columns=_WHOLE, half_edges=_WHOLE,
     edges=_WHOLE, items=_WHOLE, border_segment=_WHOLE, border=_WHOLE, twin=_WHOLE, node=_WHOLE,
-    corner=_WHOLE, grid_start=_WHOLE, item=_WHOLE, triangle=_WHOLE,
+    corner=_WHOLE, grid_start=_WHOLE, item=_WHOLE, triangle=_WHOLE, normal=_WHOLE,
     # See `ambinav.localization.information.BeamNoise`.
     frontier=_WHOLE, bias=_WHOLE, variance=_WHOLE,
     # See `ambinav.geometry.obstacles.pack`.

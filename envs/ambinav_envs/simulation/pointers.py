@@ -24,6 +24,35 @@ def _pointer(typing_context: Any, address: Any) -> Any:
     return types.voidptr(types.int64), code
 
 
+@intrinsic
+def borrowed(typing_context: Any, arrays: Any) -> Any:
+    """An array, or a tuple of such, without counts of references.
+
+    For the loops of a kernel whose caller keeps the arrays: counting takes longer than the rest,
+    and threads that count the references of the same array wait for each other.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _uncounted(context, builder, arrays, arguments[0])
+
+    return arrays(arrays), code
+
+
+def _uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """The code of `borrowed`."""
+    if isinstance(kind, types.BaseTuple):
+        for k, part in enumerate(kind):
+            one = _uncounted(context, builder, part, builder.extract_value(value, k))
+            value = builder.insert_value(value, one, k)
+        return value
+    if not isinstance(kind, types.Array):
+        return value
+    array = context.make_array(kind)(context, builder, value)
+    array.meminfo = cgutils.get_null_value(array.meminfo.type)
+    array.parent = cgutils.get_null_value(array.parent.type)
+    return array._getvalue()
+
+
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def array_at(address, shape, dtype):
     """The C-contiguous array of a shape and a type that lies at an address."""

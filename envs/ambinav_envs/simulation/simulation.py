@@ -171,10 +171,13 @@ class Simulation:
             else:
                 site = self._known.of(self.source.get(given["building"]))
             p = self.parameters
-            task = draw_task(
-                site.places, streams[TASK], p.shortest, p.longest,
-                start=given["start"], goal=given["goal"],
-            )  # fmt: skip
+            ends = given["start"], given["goal"]
+            if ends == (None, None):
+                task = site.goals.draw(streams[TASK], p.shortest, p.longest)
+            else:
+                task = draw_task(
+                    site.places, streams[TASK], p.shortest, p.longest, start=ends[0], goal=ends[1]
+                )
             self._settle(i, site, task)
             self._start(i, task, streams, own)
         chosen = np.array(rows, dtype=np.int64)
@@ -232,21 +235,18 @@ class Simulation:
         self, i: int, task: Task, streams: NDArray[np.uint64], own: np.random.Generator
     ) -> None:
         """Make the record of robot i that of an episode which begins."""
-        state, p = self.state, self.parameters
-        state[i] = np.zeros((), dtype=STATE)
-        state["random"][i] = streams
-        state["truth"][i] = task.start
-        state["goal"][i] = task.goal
-        state["distance"][i] = state["shortest"][i] = task.distance
-        state["outcome"][i] = RUNNING
-        std = np.array(p.start_std)
+        state, std = self.state, np.array(self.parameters.start_std)
         estimate = task.start + std * own.standard_normal(3)
-        state["mean"][i] = estimate
-        state["covariance"][i] = np.diag(std * std)
+        state[i] = np.zeros((), dtype=STATE)
+        row = state[i]
+        row["random"], row["truth"], row["goal"] = streams, task.start, task.goal
+        row["distance"] = row["shortest"] = task.distance
+        row["outcome"], row["mean"] = RUNNING, estimate
+        row["covariance"][[0, 1, 2], [0, 1, 2]] = std * std
         if self._particles:
             site = self.sites[i]
             assert site is not None
-            mcl = p.particles
+            p, mcl = self.parameters, self.parameters.particles
             field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
             environment = site.building.environment
             localizer = MonteCarloLocalizer(environment, p.scanner, mcl, rng=own, field=field)

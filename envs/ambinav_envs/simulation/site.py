@@ -15,6 +15,7 @@ from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.building import Building
+from ambinav_envs.buildings.goals import Goals
 from ambinav_envs.buildings.places import Places
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.eyes import Eyes, eyes_of
@@ -35,6 +36,7 @@ class Site:
     Attributes:
         building: As given.
         places: Where the robot fits.
+        goals: Where episodes lead to.
         bounds: Left, lower, right and upper end, metres.
         tables: For casting rays.
         ground: `GROUND`, shape (1,), all but the ways to a goal. It is valid as long as the site
@@ -50,6 +52,7 @@ class Site:
         environment = building.environment
         self.building = building
         self.places: Places = building.places
+        self.goals = Goals(self.places)
         self.bounds = np.array(environment.bounds)
         beams = np.arange(parameters.scanner.beams)
         self.tables: CastTables = cast_tables(environment, parameters.scanner, beams)
@@ -77,6 +80,7 @@ class Site:
             twin=(tables.twin, np.int32), node=(tables.node, np.float64),
             corner=(tables.corner, np.float64), grid_start=(tables.grid_start, np.int32),
             item=(tables.item, np.int32), triangle=(tables.triangle, np.float64),
+            normal=(tables.normal, np.float64),
             frontier=(kinds == FRONTIER, np.bool_), bias=(noise[0], np.float64),
             variance=(noise[1], np.float64), table=(table, np.float64),
             bound=(bound, np.float32), level=(level.values, np.float32),
@@ -107,7 +111,8 @@ def address(array: NDArray[Any], dtype: Any) -> int:
     """Where an array lies, for kernels that take it for C-contiguous and of this type."""
     if array.dtype != dtype or not array.flags.c_contiguous:
         raise TypeError(f"an array is {array.dtype}, {array.flags}; a kernel wants {dtype}")
-    return array.ctypes.data
+    # Half as long as array.ctypes.data.
+    return int(array.__array_interface__["data"][0])
 
 
 class Sites:

@@ -55,6 +55,7 @@ from ambinav_envs.simulation.layout import (
 )
 from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
+from ambinav_envs.simulation.pointers import borrowed
 
 # The halves of a step; a localizer that is no kernel comes between the two.
 FIRST, SECOND, WHOLE = 1, 2, 3
@@ -244,14 +245,24 @@ def begin_one(memory, eyes, view, figures, bounds, i, part, scratch):
     return True
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def step_some(memory, eyes, view, figures, actions, active, part, low, high):
+    """One step of the active ones of robots `low` to `high` - 1."""
+    kept = scratch_for(eyes.near.size, eyes.cosine.size)
+    memory, eyes, view, scratch = borrowed(memory), borrowed(eyes), borrowed(view), borrowed(kept)
+    figures, actions = borrowed(figures), borrowed(actions)
+    for i in range(low, high):
+        if active[i]:
+            step_one(memory, eyes, view, figures, actions, i, part, scratch)
+    # Here, so that it is not given back before.
+    kept.noise[0] = 0.0
+
+
 def _step(memory, eyes, view, figures, actions, active, part, blocks):
     # Threads take the robots in so many blocks, each with work arrays of its own.
     for block in prange(blocks):
-        scratch = scratch_for(eyes.near.size, eyes.cosine.size)
         low, high = block * active.size // blocks, (block + 1) * active.size // blocks
-        for i in range(low, high):
-            if active[i]:
-                step_one(memory, eyes, view, figures, actions, i, part, scratch)
+        step_some(memory, eyes, view, figures, actions, active, part, low, high)
 
 
 step_serial, step_parallel = serial_and_parallel(_step)

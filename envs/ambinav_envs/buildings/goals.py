@@ -1,0 +1,75 @@
+"""Goals that the episodes in a building share, and the ways to them, which take the most time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.localization.random import states, uniform
+from ambinav_envs.buildings.places import Places
+from ambinav_envs.buildings.tasks import Task, draw_places, draw_task, spread_from, start_for
+
+FEWEST, MOST = 32, 256
+"""How many a building has."""
+# Bytes that the ways to all goals of a building may take, but for the fewest.
+_MEMORY = 2_000_000
+# How many of them are tried before a goal is drawn from anywhere.
+_TRIES = 8
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Goal:
+    """One of them; see `Task`, and `spread_from` for the label."""
+
+    place: Floats
+    field: NDArray[np.float32]
+    label: int
+
+
+class Goals:
+    """Some places of a building, the same ones in every process.
+
+    The distances to each are worked out when it is first drawn, and kept.
+
+    Args:
+        places: Where the robot fits.
+    """
+
+    def __init__(self, places: Places) -> None:
+        self._places = places
+        self._known: dict[int, _Goal] = {}
+        count = min(max(_MEMORY // (4 * places.room.size), FEWEST), MOST)
+        self._points = np.empty((count if len(places.standing) else 0, 2))
+        state = states(np.random.Generator(np.random.PCG64(0)), 1)[0]
+        draw_places(state, places.table, self._points)
+
+    def draw(self, state: NDArray[np.uint64], shortest: float, longest: float) -> Task:
+        """Draw one of them, and a start as `draw_task` does.
+
+        If there is no start for those drawn, the goal is drawn from anywhere. See `draw_task` for
+        the arguments and errors.
+        """
+        task = np.empty(6)
+        for _ in range(_TRIES if 0.0 <= shortest < longest and len(self._points) else 0):
+            goal = self._goal(int(uniform(state) * len(self._points)))
+            if goal.label >= 0:
+                found, _, _ = start_for(
+                    state, float(shortest), float(longest), goal.label, self._places.table,
+                    goal.field, task,
+                )  # fmt: skip
+                if found:
+                    return Task(task[:3], goal.place, float(task[5]), goal.field)
+        return draw_task(self._places, state, shortest, longest)
+
+    def _goal(self, which: int) -> _Goal:
+        """The goal of this number."""
+        if which not in self._known:
+            place = self._points[which].copy()
+            field = np.empty(self._places.room.shape, dtype=np.float32)
+            label = spread_from(place[0], place[1], self._places.table, field)
+            self._known[which] = _Goal(place, field, int(label))
+        return self._known[which]
