@@ -94,7 +94,8 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     ## Starting State
 
-    A building of the suite, a goal and a start are drawn: the shortest way between them is
+    A building of the suite, one of its goals (32 to 256, the same for everyone, since the ways to
+    them are worked out once) and a start anywhere are drawn: the shortest way between them is
     `shortest` to `longest` long (2 to 15 m). The robot stands and faces any way; its first
     estimate errs by draws of the deviations `start_std` (5 cm, 5 cm, 0.02 rad), which the
     localizer is told. `reset(options={"start": (x, y, theta), "goal": (x, y), "building": key})`

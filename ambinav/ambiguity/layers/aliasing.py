@@ -45,7 +45,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.aliasing_kernel import search
+from ambinav.ambiguity.layers.aliasing_kernel import COMPARED, orbit_rows, search
 from ambinav.ambiguity.layers.aliasing_scans import Scans
 from ambinav.ambiguity.layers.aliasing_signature import Signatures
 from ambinav.ambiguity.layers.aliasing_tree import Tree
@@ -55,7 +55,9 @@ from ambinav.errors import InputError
 
 LEAST_LIKENESS = 0.01
 # Poses searched for in one call of the kernel.
-BATCH = 512
+BATCH = 1024
+SIDE = 2
+"""Lattice cells along a bundle's side; wider ones share more and leave out less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +70,19 @@ class LookAlikes:
         found: Up to `count` look-alikes, float64, shape (P, K, count, 4): x and y (metres), turn
             from the pose's heading to that of the look-alike (radians, in (-pi, pi]), likeness.
             NaN where there are no more.
-        compared: How many pairs of scans were compared in full.
+        left: How many pairs of poses and turns each step left: signature and count of the bundle,
+            count, gap, and, of these compared in full, the alike ones; int64, shape (4,).
     """
 
     share: NDArray[np.float64]
     area: NDArray[np.float64]
     found: NDArray[np.float64]
-    compared: int
+    left: NDArray[np.int64]
+
+    @property
+    def compared(self) -> int:
+        """How many pairs of scans were compared in full."""
+        return int(self.left[COMPARED])
 
 
 def look_alikes(
@@ -106,20 +114,28 @@ def look_alikes(
     mass = np.zeros((poses, 2))
     found = np.full((poses, count, 4), np.nan)
     explored = np.flatnonzero(scans.explored)
-    compared = 0
+    left = np.zeros(4, dtype=np.int64)
     if explored.size:
         signatures = Signatures.of(scans, threshold)
         tree = Tree.over(signatures, explored, scans.turns)
         places = np.zeros(cells, dtype=np.int32) if place is None else place.astype(np.int32)
-        for begin in range(0, explored.size, BATCH):
+        rows = orbit_rows(scans)
+        bundles = _bundles(scans, explored)
+        parts = -(-explored.size // BATCH)
+        for part in range(parts):
             # Far apart, so that hard poses are shared among the threads.
-            some = explored[begin // BATCH :: -(-explored.size // BATCH)].astype(np.int32)
-            mass[some], found[some], counts = search(
-                some, scans, signatures, tree, places[scans.cell], ground.radius, threshold, count
-            )
-            compared += int(counts.sum())
+            some = bundles[part::parts]
+            if not some:
+                continue
+            poses_of = np.concatenate(some).astype(np.int32)
+            begins = np.cumsum([0, *(len(bundle) for bundle in some)])
+            mass[poses_of], found[poses_of], steps = search(
+                poses_of, begins, scans, rows, signatures, tree, places[scans.cell], ground.radius,
+                threshold, count,
+            )  # fmt: skip
+            left += steps.sum(axis=0)
             if report is not None:
-                report(min((begin + BATCH) / explored.size, 1.0))
+                report((part + 1) / parts)
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
     area = np.where(scans.explored, mass[:, 1] * ground.spacing**2, np.nan)
@@ -131,8 +147,21 @@ def look_alikes(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
         np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
-        compared,
+        left,
     )
+
+
+def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Poses of one heading in squares of `SIDE` x `SIDE` cells, which see nearly the same."""
+    side = SIDE * scans.spacing
+    square = np.column_stack([
+        scans.heading[explored],
+        np.floor(scans.y[explored] / side + 1e-6),
+        np.floor(scans.x[explored] / side + 1e-6),
+    ])  # fmt: skip
+    _, of = np.unique(square, axis=0, return_inverse=True)
+    order = np.argsort(of.ravel(), kind="stable")
+    return np.split(explored[order], np.flatnonzero(np.diff(of.ravel()[order])) + 1)
 
 
 def compute(ground: Ground, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:

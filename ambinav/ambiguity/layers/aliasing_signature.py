@@ -38,6 +38,12 @@ So for every turn
     low(l) - odd - blind <= N(l) <= high(l) + odd.
 
 Turns map beams on beams of the same sensor, so each may have its own unit of length.
+
+**Bundle.** Poses close to each other see nearly the same, and are asked for together first: let
+each beam, and each N(l), run from the least to the largest of them, let a beam tell something only
+if it does at all of them, and let `blind` be their largest. A beam all of whose values lie outside
+lies outside for each of them, so both bounds above hold for the bundle where they hold for one of
+its poses: what it leaves out, each of them would. The rest each looks through by itself.
 """
 
 from __future__ import annotations

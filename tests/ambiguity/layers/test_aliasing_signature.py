@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from ambinav.ambiguity.indistinguishability import evidence, evidence_table
 from ambinav.ambiguity.layers.aliasing_kernel import orbit_rows, possible
 from ambinav.ambiguity.layers.aliasing_scans import Scans
+from ambinav.ambiguity.layers.aliasing_sieve import sift
 from ambinav.ambiguity.layers.aliasing_signature import Signatures
+from ambinav.ambiguity.layers.aliasing_tree import Tree
 from ambinav.ambiguity.returns import BLIND
 
 LIMIT = np.array([4.0, 6.0])
@@ -56,6 +58,17 @@ def phi(p: np.ndarray, q: np.ndarray, offset: np.ndarray, sensor: np.ndarray) ->
     told = np.array([float(evidence(a, b)) for a, b in zip(z, WIDTH[sensor], strict=True)])
     prior = offset[:2] @ offset[:2] / CELL[0] + offset[2] ** 2 / CELL[1]
     return float(np.sum(told / np.sqrt(1 + (told / cap) ** 2)) / TAU + prior / 2)
+
+
+def sifted(both: Scans, sig: Signatures, bundle: list[int]) -> int:
+    """How many blocks a bundle leaves of a tree that holds pose 1 alone."""
+    tree = Tree.over(sig, np.array([1]), both.turns)
+    return sift(
+        np.array(bundle, dtype=np.int32), both.told, sig.code, sig.above, sig.blind, sig.odd, 1,
+        tree.skip, tree.first, tree.last, tree.node_low, tree.node_high, tree.block_low,
+        tree.block_high, tree.low, tree.width, tree.offset, tree.pose.shape[1],
+        np.empty(len(tree.pose), dtype=np.int32),
+    )  # fmt: skip
 
 
 @settings(max_examples=300, deadline=None)
@@ -104,7 +117,13 @@ def test_no_pair_that_is_alike_is_left_out(seed, shape, threshold, odd, pull):
     outside = ((sig.code[0] < low) | (sig.code[0] > high)) & both.told[0]
     assert outside.sum() <= sig.odd
     rows, beams_of = orbit_rows(both)
-    assert possible(rows[0], rows[1], k, *beams_of, TAU, threshold)
+    assert possible(rows, 0, 1, k, *beams_of, TAU, threshold)
+    # Nor in a bundle with quite another pose that is left out by itself.
+    other = p.copy()
+    other[0] = rng.uniform(0.1, 7.0, beams)
+    three = scans(np.stack([p, stored, other]), turns)
+    sig = Signatures.of(three, threshold)
+    assert sifted(three, sig, [0]) == sifted(three, sig, [0, 2]) == sifted(three, sig, [2, 0]) == 1
 
 
 @pytest.mark.parametrize("turns", [1, 12])
@@ -116,5 +135,6 @@ def test_pairs_that_are_quite_unlike_are_left_out(turns):
     both = scans(data, turns)
     sig = Signatures.of(both, 4.6)
     assert (sig.above[0] + sig.odd + sig.blind[0] < sig.low_above[1]).any()
+    assert sifted(both, sig, [0]) == sifted(both, sig, [0, 0]) == 0
     rows, beams_of = orbit_rows(both)
-    assert not possible(rows[0], rows[1], 0, *beams_of, TAU, 4.6)
+    assert not possible(rows, 0, 1, 0, *beams_of, TAU, 4.6)
