@@ -14,8 +14,12 @@ from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.policies.models import OPTIONS, model, saved
 
-from ambinav_envs.policies import ModelPolicy, load_policy  # isort: skip
+from ambinav_envs.policies import ModelPolicy, baselines, load_policy  # isort: skip
+from ambinav_envs.evaluation import evaluate
+from ambinav_envs.policies.load import BASELINES
 from ambinav_envs.sb3 import make_sb3
+from ambinav_envs.scenario import scenario
+from ambinav_envs.simulation.layout import ARRIVED
 
 PLUG = """
 import numpy as np
@@ -153,3 +157,16 @@ def test_a_live_model() -> None:
     policy = ModelPolicy(model(envs))
     policy.prepare(envs.observation_space, envs.action_space)
     assert policy.act(envs.reset(), np.ones(2, dtype=np.bool_)).shape == (2, 2)
+
+
+@pytest.mark.parametrize("name", ["ppo-ambiguity", "ppo-shortest"])
+def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
+    assert name in baselines()
+    assert (BASELINES / f"{name}.md").read_text(encoding="utf-8").startswith(f"# {name}\n")
+    policy = load_policy(name)
+    # One building is enough to see that it arrives.
+    told = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0}
+    told.pop("suite")
+    source, parameters = scenario("corridor", None, 1, 0, None, told)
+    episodes = evaluate(policy, source, parameters, 20, 1)
+    assert episodes.ended(ARRIVED).mean() >= 0.8
