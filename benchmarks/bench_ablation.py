@@ -47,7 +47,6 @@ PLANNERS = {
     "planner, shortest": PlannerChoice("reference", 0.0),
     "planner, weight 2": PlannerChoice("reference", 2.0),
     "planner, weight 5": PlannerChoice("reference", 5.0),
-    "planner belief, weight 5": PlannerChoice("belief", 5.0),
 }
 SHOWN = ("lost", "arrived", "missed", "collided", "timeout", "error", "length", "exposure")
 TITLES = {figure.key: f"{figure.title} {figure.unit}".strip() for figure in FIGURES}
@@ -169,7 +168,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("out/ablation"), help="of trainings")
     parser.add_argument("--weights", type=float, nargs="+", default=(0.0, 1.0))
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--episodes", type=int, default=500)
+    parser.add_argument("--episodes", type=int, default=300)
     parser.add_argument("--jobs", type=int, default=2)
     add_out(parser)
     args = parser.parse_args()
