@@ -134,7 +134,7 @@ def test_audit_command(folder: Path) -> None:
     ("scanner", "names", "message"),
     [
         ("laser.yaml", "fishr", "'fishr' is no layer that can be added; did you mean fisher"),
-        ("laser.yaml", "fisher,", "'' is no layer that can be added; there are fisher, "),
+        ("laser.yaml", "fisher,", "'' is no layer that can be added; there are position, fisher, "),
         (
             "sonar.yaml",
             "fisher,wall_normals",
