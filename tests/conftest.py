@@ -19,8 +19,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Tests that step the environments' kernels, which take minutes to compile: side by side, two workers
-# would both compile them.
+# Tests that step the environments' kernels, which take minutes to compile: side by side, two
+# workers would both compile them.
 STEPPING = ("tests/envs/", "tests/compare/leaderboard/", "tests/compare/test_controllers",
             "tests/test_cli_train", "tests/test_cli_evaluate")  # fmt: skip
 
