@@ -19,20 +19,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-# Tests that step the environments' kernels, which take minutes to compile: side by side, two
-# workers would both compile them.
-STEPPING = ("tests/envs/", "tests/compare/leaderboard/", "tests/compare/test_controllers",
-            "tests/test_cli_train", "tests/test_cli_evaluate")  # fmt: skip
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the tests of a file, and all that step environments, on one worker (loadgroup)."""
-    for item in items:
-        file = item.path.relative_to(config.rootpath).as_posix()
-        group = "envs" if file.startswith(STEPPING) else file
-        item.add_marker(pytest.mark.xdist_group(group))
-
-
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The folder of recorded maps and logs; without AMBINAV_DATA the test is skipped.
