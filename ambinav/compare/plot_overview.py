@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from ambinav.compare.plot_rows import label_rows, stacked
 from ambinav.compare.tables import Cell, Row, judge
 from ambinav.compare.words import ERROR
 from ambinav.maps import drawing
@@ -38,21 +38,10 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
         rows: The table, pairs one after the other.
         title: Of the picture.
     """
-    pairs = list(dict.fromkeys(row.pair for row in rows))
-    places: list[tuple[float, Row]] = []
-    headings: list[tuple[float, str]] = []
-    y = 0.0
-    for pair in pairs:
-        headings.append((y, pair))
-        y += 1.0
-        for row in rows:
-            if row.pair == pair:
-                places.append((y, row))
-                y += 1.0
-        y += 0.4
+    stack = stacked(rows, lambda row: row.pair)
     walls = any(row["collided"].value.value for row in rows)
     keys = ("lost", "error_p95", "collided") if walls else ("lost", "error_p95")
-    figure = Figure(figsize=(10.0, 1.5 + 0.27 * y), dpi=drawing.DPI, facecolor="white")
+    figure = Figure(figsize=(10.0, 1.5 + 0.27 * stack.height), dpi=drawing.DPI, facecolor="white")
     figure.set_layout_engine("constrained", wspace=0.05)
     FigureCanvasAgg(figure)
     panels = figure.subplots(
@@ -61,7 +50,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
     lost, length = panels[0], panels[-1]
     bases = {row.pair: row for row in rows if row.is_baseline}
     shown = set()
-    for at, row in places:
+    for at, row in stack.places:
         look = _look(row, bases[row.pair])
         shown.add(look)
         for axes, key in zip(panels, keys, strict=False):
@@ -69,17 +58,7 @@ def plot_overview(rows: Sequence[Row], title: str) -> Figure:
         ratio = 100.0 * (row.planned / bases[row.pair].planned - 1.0)
         length.plot(ratio, at, clip_on=False, zorder=4, **_mark(look))
     _scales(dict(zip(keys, panels, strict=False)), length, rows)
-    lost.set_yticks(
-        [at for at, _ in places],
-        [textwrap.shorten(row.route, LETTERS, placeholder="...") for _, row in places],
-    )
-    lost.set_ylim(y - 0.6, -0.6)
-    for at, pair in headings:
-        lost.annotate(
-            textwrap.shorten(pair, 2 * LETTERS), (0.0, at), xytext=(-9, 0), ha="right", va="center",
-            xycoords=lost.get_yaxis_transform(), textcoords="offset points", fontsize=10,
-            fontweight="bold", annotation_clip=False,
-        )  # fmt: skip
+    label_rows(lost, stack, lambda row: row.route, LETTERS)
     figure.suptitle(title, x=0.01, ha="left", fontsize=13)
     handles = [
         Line2D([], [], color=colour, linewidth=2.0, label=name, **_mark(look))

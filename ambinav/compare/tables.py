@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.compare.criterion import Change, Verdict
+from ambinav.compare.intervals import csv_cells, interval_text
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined_metrics
 from ambinav.compare.scenario import ALL_PAIRS
@@ -185,43 +186,28 @@ def to_csv(rows: Sequence[Row]) -> str:
     for row in rows:
         for cell in row.cells:
             figures = [
-                f for part in (cell.value, cell.difference, cell.ratio) for f in _three(part)
+                f for part in (cell.value, cell.difference, cell.ratio) for f in csv_cells(part)
             ]
             figure = cell.figure
             writer.writerow([row.pair, row.route, figure.key, figure.unit, row.runs, *figures])
     return out.getvalue()
 
 
-def _three(interval: Interval | None) -> list[str]:
-    if interval is None:
-        return ["", "", ""]
-    three = (interval.value, interval.low, interval.high)
-    return ["" if math.isnan(f) else f"{f:.6g}" for f in three]
-
-
 def value_text(cell: Cell) -> str:
     """The figure with its interval, for readers."""
-    return _text(cell.value, cell.figure.digits)
+    return interval_text(cell.value, cell.figure.digits)
 
 
 def difference_text(cell: Cell) -> str:
     """The difference to the baseline with its interval and signs."""
-    return "" if cell.difference is None else _text(cell.difference, cell.figure.digits, "+")
+    return (
+        "" if cell.difference is None else interval_text(cell.difference, cell.figure.digits, "+")
+    )
 
 
 def ratio_text(cell: Cell) -> str:
     """The ratio to the baseline with its interval."""
-    return "" if cell.ratio is None else _text(cell.ratio, 2)
-
-
-def _text(interval: Interval, digits: int, sign: str = "") -> str:
-    if math.isnan(interval.value):
-        return "-"
-    value, low, high = (
-        f"{round(f, digits) + 0.0:{sign}.{digits}f}"
-        for f in (interval.value, interval.low, interval.high)
-    )
-    return f"{value} [{low}, {high}]".replace("inf", "∞")
+    return "" if cell.ratio is None else interval_text(cell.ratio, 2)
 
 
 def judge(row: Row, baseline: Row) -> Verdict:

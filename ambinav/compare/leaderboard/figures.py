@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.compare.intervals import csv_cells, interval_text
 from ambinav.drive.bootstrap import Interval, bootstrap, paired
 
 if TYPE_CHECKING:
@@ -163,19 +163,12 @@ def to_csv(rows: Sequence[Row]) -> str:
     writer.writerow(COLUMNS)
     for row in rows:
         for cell in row.cells:
-            told = [text for part in (cell.value, cell.difference) for text in _three(part)]
+            told = [text for part in (cell.value, cell.difference) for text in csv_cells(part)]
             writer.writerow(
                 [row.setting, row.method, cell.figure.key, cell.figure.unit, row.episodes,
                  cell.value.count, *told]
             )  # fmt: skip
     return out.getvalue()
-
-
-def _three(interval: Interval | None) -> list[str]:
-    if interval is None:
-        return ["", "", ""]
-    three = (interval.value, interval.low, interval.high)
-    return ["" if math.isnan(f) else f"{f:.6g}" for f in three]
 
 
 def plain(interval: Interval | None) -> dict[str, float | int | None] | None:
@@ -190,27 +183,17 @@ def plain(interval: Interval | None) -> dict[str, float | int | None] | None:
 
 def value_text(cell: Cell, *, brief: bool = False) -> str:
     """The figure with its interval, for readers; brief: whole percents."""
-    return _text(cell.value, 0 if brief and cell.figure.unit == "%" else cell.figure.digits)
+    return interval_text(cell.value, 0 if brief and cell.figure.unit == "%" else cell.figure.digits)
 
 
 def difference_text(cell: Cell) -> str:
     """The difference to the baseline with its interval and signs; bold where it does not hold 0."""
     if cell.difference is None:
         return ""
-    text = _text(cell.difference, cell.figure.digits, "+")
+    text = interval_text(cell.difference, cell.figure.digits, "+")
     return f"**{text}**" if is_shown(cell.difference) else text
 
 
 def is_shown(difference: Interval) -> bool:
     """Whether the interval does not hold 0."""
     return bool(difference.low > 0.0 or difference.high < 0.0)
-
-
-def _text(interval: Interval, digits: int, sign: str = "") -> str:
-    if math.isnan(interval.value):
-        return "-"
-    value, low, high = (
-        f"{round(f, digits) + 0.0:{sign}.{digits}f}"
-        for f in (interval.value, interval.low, interval.high)
-    )
-    return f"{value} [{low}, {high}]"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import Final
 
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ambinav.compare.leaderboard.figures import Row
+from ambinav.compare.plot_rows import label_rows, stacked
 from ambinav.maps import drawing
 
 ENDS: Final = {
@@ -39,24 +39,14 @@ def plot_board(rows: Sequence[Row], title: str) -> Figure:
         rows: The table, settings one after the other.
         title: Of the picture.
     """
-    places: list[tuple[float, Row]] = []
-    headings: list[tuple[float, str]] = []
-    y = 0.0
-    for setting in dict.fromkeys(row.setting for row in rows):
-        headings.append((y, setting))
-        y += 1.0
-        for row in rows:
-            if row.setting == setting:
-                places.append((y, row))
-                y += 1.0
-        y += 0.4
-    figure = Figure(figsize=(12.0, 1.5 + 0.27 * y), dpi=drawing.DPI, facecolor="white")
+    stack = stacked(rows, lambda row: row.setting)
+    figure = Figure(figsize=(12.0, 1.5 + 0.27 * stack.height), dpi=drawing.DPI, facecolor="white")
     figure.set_layout_engine("constrained", wspace=0.05)
     FigureCanvasAgg(figure)
     ends, *panels = figure.subplots(
         1, 1 + len(PANELS), sharey=True, width_ratios=(1.6, *(1.0 for _ in PANELS))
     ).tolist()
-    for at, row in places:
+    for at, row in stack.places:
         _bar(ends, at, row)
         for axes, key in zip(panels, PANELS, strict=True):
             _point(axes, at, row, key)
@@ -70,17 +60,7 @@ def plot_board(rows: Sequence[Row], title: str) -> Figure:
             axes.axvline(1.0, color="#333333", linewidth=0.8, linestyle=":", zorder=1)
         else:
             axes.set_xlim(0.0, max(high, 5.0 if key == "lost" else 0.0))
-    ends.set_yticks(
-        [at for at, _ in places],
-        [textwrap.shorten(row.method, LETTERS, placeholder="...") for _, row in places],
-    )
-    ends.set_ylim(y - 0.6, -0.6)
-    for at, setting in headings:
-        ends.annotate(
-            textwrap.shorten(setting, 2 * LETTERS), (0.0, at), xytext=(-9, 0), ha="right",
-            va="center", xycoords=ends.get_yaxis_transform(), textcoords="offset points",
-            fontsize=10, fontweight="bold", annotation_clip=False,
-        )  # fmt: skip
+    label_rows(ends, stack, lambda row: row.method, LETTERS)
     for axes in (ends, *panels):
         axes.set_axisbelow(True)
         axes.spines[["top", "right", "left"]].set_visible(False)
