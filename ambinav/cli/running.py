@@ -85,6 +85,9 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
+    from ambinav.compiling import announce
+
+    announce()
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bars:
 

@@ -80,6 +80,19 @@ def _piece_free(x, y, ux, uy, curvature, length, heading, turn, table, bound, fo
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def line_free(x0, y0, x1, y1, table, bound, forbidden):
+    """As `motion_free` on a line, of a disc: without all that polygons need, which is much."""
+    dx, dy = x1 - x0, y1 - y0
+    length = math.sqrt(dx * dx + dy * dy)
+    ux, uy = (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
+    reach = max(table[OUTER] - ROUNDING, ROUNDING)
+    clear, _ = clear_along(x0, y0, ux, uy, 0.0, length, reach, table, bound)
+    return clear and (
+        forbidden.size == 0 or not enters(x0, y0, ux, uy, 0.0, length, table, forbidden)
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
     """Whether the footprint meets no wall and no forbidden cell on a motion from a free pose.
 

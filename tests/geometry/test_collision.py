@@ -18,6 +18,7 @@ from ambinav.geometry.environment import Environment, load_environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.polygon_sweep import SKIN
 from ambinav.geometry.steering import Steering
+from ambinav.geometry.sweep import line_free
 from tests.geometry import scenes
 
 Array = NDArray[Any]
@@ -347,6 +348,19 @@ def test_forbidden_cells_are_those_under_the_path(steering: Steering) -> None:
     cell = np.column_stack([x, y, np.zeros(len(x))])
     assert not checker.poses_free(cell).any()
     assert checker.why_not(*cell[0]) == "in a forbidden zone"
+
+
+def test_a_disc_s_line_is_its_motion_in_the_plane(demo: Environment) -> None:
+    rng = np.random.default_rng(17)
+    for forbidden in (None, rng.random((60, 90)) < 0.05):
+        zones = {} if forbidden is None else {"forbidden": forbidden}
+        checker = CollisionChecker(
+            demo, Footprint.disc(0.25), STEERINGS[0], **zones, origin=(5.0, 5.0), spacing=0.2
+        )
+        a, b = pairs(checker, 300, 18)
+        lines = [line_free(*p[:2], *q[:2], *checker.arrays) for p, q in zip(a, b, strict=True)]
+        assert (checker.motions_free(a, b) == lines).all()
+        assert 0.1 < np.mean(lines) < 0.9
 
 
 # -- all of it alike ---------------------------------------------------------------------------

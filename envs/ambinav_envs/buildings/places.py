@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
-from ambinav.geometry.curves import FACING
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.sweep import motion_free
+from ambinav.geometry.sweep import line_free
 from ambinav_envs.buildings.geodesic import LENGTHS, SIDES, STEPS, distance_at
 
 SPACING = 0.2
@@ -206,10 +205,9 @@ def _join(room, links, spacing, low_x, low_y, table, bound, forbidden, moves):
                     joined = False
                 else:
                     # Room on the way is at least the mean of both ends' less half the way.
-                    joined = here + there >= LENGTHS[k] * spacing or motion_free(
-                        FACING, 0.0, x, y, 0.0, low_x + c * spacing, low_y + r * spacing, 0.0,
-                        table, bound, forbidden,
-                    )  # fmt: skip
+                    joined = here + there >= LENGTHS[k] * spacing or line_free(
+                        x, y, low_x + c * spacing, low_y + r * spacing, table, bound, forbidden
+                    )
                 if joined:
                     bits |= 1 << k
             moves[row, column] = bits

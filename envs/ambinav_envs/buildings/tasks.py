@@ -10,8 +10,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.curves import FACING
-from ambinav.geometry.sweep import motion_free
+from ambinav.geometry.sweep import line_free
 from ambinav.localization.random import uniform
 from ambinav_envs.buildings.geodesic import distance_at, geodesic
 from ambinav_envs.buildings.places import MARGIN, Places
@@ -251,9 +250,7 @@ def _joined(x, y, table, seeds, first):
             if (
                 away <= _REACH * table.spacing
                 and table.room[row, column] >= 0.0
-                and motion_free(
-                    FACING, 0.0, x, y, 0.0, cx, cy, 0.0, table.walls, table.bound, table.forbidden
-                )
+                and line_free(x, y, cx, cy, table.walls, table.bound, table.forbidden)
             ):
                 seeds[count], first[count] = row * columns + column, away
                 count += 1

@@ -135,6 +135,8 @@ GROUND = record(
     # Ways to the goal, see `ambinav_envs.buildings.geodesic`.
     field=_WHOLE, links=_WHOLE, moves=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE,
     field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
+    # Left, lower, right and upper end, metres.
+    bounds=(_REAL, 4),
 )  # fmt: skip
 """The building around a robot and the ways in it to its goal: where the arrays are, and how long.
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.compiling import announce
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.errors import InputError
 from ambinav.localization.mcl import MonteCarloLocalizer
@@ -34,7 +34,8 @@ from ambinav_envs.simulation.layout import (
     View,
 )
 from ambinav_envs.simulation.site import Site, Sites, address, eyes_for
-from ambinav_envs.simulation.step import FIRST, SECOND, WHOLE, begin, step_parallel, step_serial
+from ambinav_envs.simulation.step import BEGIN, JUDGE, SHOW, STEP, UP_TO_LOOK, advance
+from ambinav_envs.simulation.threads import share
 from ambinav_envs.spaces import view_for
 
 Floats = NDArray[np.float64]
@@ -42,10 +43,8 @@ Floats = NDArray[np.float64]
 OPTIONS = ("start", "goal", "building")
 """What `reset` takes as options."""
 
-# From so many robots on threads are worth waking.
-PARALLEL_FROM = 16
-# So many blocks of robots for each thread.
-BLOCKS = 4
+# For who does not act.
+NOTHING: Floats = np.empty((0, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +79,7 @@ class Simulation:
     def __init__(
         self, source: BuildingSource, parameters: NavigationParameters, count: int
     ) -> None:
+        announce()
         self.source = source
         self.parameters = parameters
         self.count = count
@@ -88,6 +88,7 @@ class Simulation:
         self._known = Sites(parameters)
         self._filters: list[MonteCarloLocalizer | None] = [None] * count
         self._eyes: Eyes | None = None
+        self._everyone = np.arange(count)
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
             np.zeros(count, dtype=GROUND),
@@ -181,10 +182,7 @@ class Simulation:
             self._settle(i, site, task)
             self._start(i, task, streams, own)
         chosen = np.array(rows, dtype=np.int64)
-        self._begin(chosen, out, FIRST if self._particles else WHOLE)
-        if self._particles:
-            self._filter(rows)
-            self._begin(chosen, out, SECOND)
+        self._advance(chosen, BEGIN, out)
 
     def step(self, actions: Floats, active: NDArray[np.bool_], out: Outcome) -> None:
         """Let robots drive on for one time step.
@@ -194,18 +192,8 @@ class Simulation:
             active: Which robots, bool, shape (N,); the others stay as they are.
             out: Their rows are written.
         """
-        threads = numba.get_num_threads()
-        alone = self.count < PARALLEL_FROM or threads == 1
-        kernel = step_serial if alone else step_parallel
-        # So many that a thread that is held up leaves its rest to the others.
-        blocks = 1 if alone else min(self.count // 8, BLOCKS * threads)
-        fixed = (self._memory, self._eyes, out.view, out.figures, actions, active)
-        if self._particles:
-            kernel(*fixed, FIRST, blocks)
-            self._filter(np.flatnonzero(active).tolist())
-            kernel(*fixed, SECOND, blocks)
-        else:
-            kernel(*fixed, WHOLE, blocks)
+        rows = self._everyone if active.all() else np.flatnonzero(active)
+        self._advance(rows, STEP, out, actions)
 
     def look(self, out: Outcome) -> None:
         """Write again what the last step or reset made robots see; zeros for those in no episode.
@@ -216,7 +204,7 @@ class Simulation:
             part[:] = 0.0
         rows = [i for i, site in enumerate(self.sites) if site is not None]
         if rows:
-            self._begin(np.array(rows, dtype=np.int64), out, SECOND)
+            self._kernel(np.array(rows, dtype=np.int64), SHOW, out, NOTHING)
 
     @property
     def _particles(self) -> bool:
@@ -253,16 +241,35 @@ class Simulation:
             localizer.start(estimate, np.diag(std * std))
             self._filters[i] = localizer
 
-    def _begin(self, rows: NDArray[np.int64], out: Outcome, part: int) -> None:
-        bounds = np.array([site.bounds for i in rows if (site := self.sites[i]) is not None])
-        full = begin(self._memory, self._eyes, out.view, out.figures, bounds, rows, part)
-        if full >= 0:
-            site, people = self.sites[full], self.parameters.people
-            assert site is not None
-            raise InputError(
-                f"people: there is no room for {people.count} with a radius of {people.radius:g} m "
-                f"in {site.building.environment.name!r}; give fewer or smaller ones."
-            )
+    def _advance(
+        self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING
+    ) -> None:
+        """Do parts of a step with some robots, see `step.advance`, and with their filters."""
+        if self._particles:
+            self._kernel(rows, parts & UP_TO_LOOK, out, actions)
+            self._filter(rows.tolist())
+            self._kernel(rows, parts & (JUDGE | SHOW), out, actions)
+        else:
+            self._kernel(rows, parts, out, actions)
+
+    def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
+        fixed = self._memory, self._eyes, out.view, out.figures, actions
+
+        def some(low: int, high: int) -> None:
+            full = advance(*fixed, rows[low:high], parts)
+            if full >= 0:
+                self._refuse(full)
+
+        share(some, len(rows))
+
+    def _refuse(self, i: int) -> None:
+        """Say that there is no room for people around robot i."""
+        site, people = self.sites[i], self.parameters.people
+        assert site is not None
+        raise InputError(
+            f"people: there is no room for {people.count} with a radius of {people.radius:g} m "
+            f"in {site.building.environment.name!r}; give fewer or smaller ones."
+        )
 
     def _filter(self, rows: Sequence[int]) -> None:
         """Let the particle filters of some robots take in their readings."""

@@ -37,7 +37,6 @@ class Site:
         building: As given.
         places: Where the robot fits.
         goals: Where episodes lead to.
-        bounds: Left, lower, right and upper end, metres.
         tables: For casting rays.
         ground: `GROUND`, shape (1,), all but the ways to a goal. It is valid as long as the site
             lives.
@@ -53,7 +52,6 @@ class Site:
         self.building = building
         self.places: Places = building.places
         self.goals = Goals(self.places)
-        self.bounds = np.array(environment.bounds)
         beams = np.arange(parameters.scanner.beams)
         self.tables: CastTables = cast_tables(environment, parameters.scanner, beams)
         # The service refuses layers that are no amount of ambiguity.
@@ -74,6 +72,7 @@ class Site:
             inverse=1.0 / level.spacing, field_rows=places.room.shape[0],
             field_columns=places.room.shape[1], field_x=places.origin[0],
             field_y=places.origin[1], field_inverse=1.0 / places.spacing,
+            bounds=environment.bounds,
         )  # fmt: skip
         self._point(
             border_segment=(tables.border_segment, np.int32), border=(tables.border, np.float64),
@@ -97,7 +96,7 @@ class Site:
             self._likelihood[key] = LikelihoodField.of(environment, resolution, reach)
         return self._likelihood[key]
 
-    def _put(self, **numbers: float) -> None:
+    def _put(self, **numbers: float | tuple[float, ...]) -> None:
         for name, number in numbers.items():
             self.ground[name] = number
 

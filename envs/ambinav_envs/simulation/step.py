@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit, prange
+from numba import njit
 
 from ambinav.drive.follower import limited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import reckon, report
 from ambinav.drive.world import free_share, path, unicycle
-from ambinav.geometry.twice import serial_and_parallel
 from ambinav.localization.ekf import scratch_for, update_pose
 from ambinav.localization.odometry import wrapped
 from ambinav.service.field import integral_straight
@@ -57,8 +56,10 @@ from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
 from ambinav_envs.simulation.pointers import borrowed
 
-# The halves of a step; a localizer that is no kernel comes between the two.
-FIRST, SECOND, WHOLE = 1, 2, 3
+# What `advance` does. A localizer that is no kernel comes between the looking and the rest.
+PLACE, DRIVE, LOOK, JUDGE, SHOW = 1, 2, 4, 8, 16
+STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
+UP_TO_LOOK = PLACE | DRIVE | LOOK
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -204,75 +205,67 @@ def tell(state, off, figures, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def step_one(memory, eyes, view, figures, actions, i, part, scratch):
-    """One step of robot i, or the half of it that `part` says."""
+def act(memory, actions, i):
+    """Let robot i drive as its action says, see `spaces.continuous`."""
     settings = memory.settings[0]
-    if part & FIRST:
-        share = 0.5 * (min(max(actions[i, 0], -1.0), 1.0) + 1.0)
-        speed = settings.min_speed + share * (settings.max_speed - settings.min_speed)
-        rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
-        move(memory, i, speed, rate)
-        look(memory, eyes, i, scratch)
-        localize(memory, eyes, i, scratch)
-    if part & SECOND:
-        judge(memory, i, figures)
-        observe(memory, eyes, view, i)
+    share = 0.5 * (min(max(actions[i, 0], -1.0), 1.0) + 1.0)
+    speed = settings.min_speed + share * (settings.max_speed - settings.min_speed)
+    rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
+    move(memory, i, speed, rate)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def place(memory, i):
+    """Put boxes and people around robot i, which is at `truth`; whether there is room for them."""
+    state, settings, ground = memory.state[i], memory.settings[0], memory.ground[i]
+    table, _ = walls_of(ground)
+    x, y = state.truth[0], state.truth[1]
+    state.boxes = clutter(
+        memory.boxes, i, x, y, state.goal[0], state.goal[1], ground.bounds, settings, table,
+        state.random[CLUTTER],
+    )  # fmt: skip
+    return gather(memory.people, i, x, y, ground.bounds, settings, table, state.random[WALKERS])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def begin_one(memory, eyes, view, figures, bounds, i, part, scratch):
-    """Begin the episode of robot i at `truth` and `goal`, or the half of that which `part` says.
+def advance(memory, eyes, view, figures, actions, rows, parts):
+    """Step some robots, begin their episodes, or do a part of that.
+
+    All of it is one kernel, so that what steps and beginnings share is compiled once.
+
+    Args:
+        memory: See `Memory`.
+        eyes: See `Eyes`.
+        view: Rows `rows` are written, see `View`.
+        figures: Columns `rows` are written, see `ROWS`.
+        actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.
+        rows: Which robots.
+        parts: What of it, `STEP` or `BEGIN` or some of their bits.
 
     Returns:
-        Whether there is room for the people.
+        The first robot without room for its people, with which the work ends; -1 for none.
     """
-    state, settings = memory.state[i], memory.settings[0]
-    if part & FIRST:
-        table, _ = walls_of(memory.ground[i])
-        x, y = state.truth[0], state.truth[1]
-        state.boxes = clutter(
-            memory.boxes, i, x, y, state.goal[0], state.goal[1], bounds, settings, table,
-            state.random[CLUTTER],
-        )  # fmt: skip
-        if not gather(memory.people, i, x, y, bounds, settings, table, state.random[WALKERS]):
-            return False
-        look(memory, eyes, i, scratch)
-        localize(memory, eyes, i, scratch)
-    if part & SECOND:
-        figures[:, i] = 0.0
-        tell(state, errors(state)[0], figures, i)
-        observe(memory, eyes, view, i)
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def step_some(memory, eyes, view, figures, actions, active, part, low, high):
-    """One step of the active ones of robots `low` to `high` - 1."""
     kept = scratch_for(eyes.near.size, eyes.cosine.size)
     memory, eyes, view, scratch = borrowed(memory), borrowed(eyes), borrowed(view), borrowed(kept)
     figures, actions = borrowed(figures), borrowed(actions)
-    for i in range(low, high):
-        if active[i]:
-            step_one(memory, eyes, view, figures, actions, i, part, scratch)
+    full = -1
+    for k in range(rows.size):
+        i = rows[k]
+        if parts & PLACE and not place(memory, i):
+            full = i
+            break
+        if parts & DRIVE:
+            act(memory, actions, i)
+        if parts & LOOK:
+            look(memory, eyes, i, scratch)
+            localize(memory, eyes, i, scratch)
+        if parts & JUDGE:
+            judge(memory, i, figures)
+        elif parts & SHOW:
+            figures[:, i] = 0.0
+            tell(memory.state[i], errors(memory.state[i])[0], figures, i)
+        if parts & SHOW:
+            observe(memory, eyes, view, i)
     # Here, so that it is not given back before.
     kept.noise[0] = 0.0
-
-
-def _step(memory, eyes, view, figures, actions, active, part, blocks):
-    # Threads take the robots in so many blocks, each with work arrays of its own.
-    for block in prange(blocks):
-        low, high = block * active.size // blocks, (block + 1) * active.size // blocks
-        step_some(memory, eyes, view, figures, actions, active, part, low, high)
-
-
-step_serial, step_parallel = serial_and_parallel(_step)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def begin(memory, eyes, view, figures, bounds, rows, part):
-    """`begin_one` of some robots; the first without room for its people, or -1."""
-    scratch = scratch_for(eyes.near.size, eyes.cosine.size)
-    for k in range(rows.size):
-        if not begin_one(memory, eyes, view, figures, bounds[k], rows[k], part, scratch):
-            return rows[k]
-    return -1
+    return full
