@@ -32,6 +32,10 @@ ENVIRONMENTS = {
     "freiburg-079": "maps_from_logs/freiburg-079.yaml",
     "aws_small_house": "maps/aws_small_house.yaml",
     "nav2_tb3_sandbox": "maps/nav2_tb3_sandbox.yaml",
+    "belgioioso": "maps_from_logs/belgioioso.yaml",
+    "mrpt_uwb_hall": "maps/mrpt_uwb_hall.yaml",
+    "stata_basement": "maps/stata_basement.yaml",
+    "navrep_markclutter": "maps/navrep_markclutter.yaml",
 }
 BUNDLED = ("demo",)
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")
