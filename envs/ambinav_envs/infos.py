@@ -34,7 +34,7 @@ _MASKS = tuple(
 )  # fmt: skip
 
 
-def ends(simulation: Simulation, active: Bools | None = None) -> tuple[Bools, Bools]:
+def ends(simulation: Simulation, active: Bools | None) -> tuple[Bools, Bools]:
     """Which robots' episodes have ended by themselves, and which were cut off; shape (N,)."""
     outcome = simulation.state["outcome"]
     terminated, truncated = (outcome != RUNNING) & (outcome != TIMEOUT), outcome == TIMEOUT

@@ -11,10 +11,10 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav_envs.infos import ends, info_of_one
+from ambinav_envs.infos import info_of_one
 from ambinav_envs.rendering import MODES, metadata_for, renderer_for
 from ambinav_envs.scenario import scenario
-from ambinav_envs.simulation.layout import REWARD
+from ambinav_envs.simulation.layout import REWARD, RUNNING, TIMEOUT
 from ambinav_envs.simulation.simulation import Outcome, Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
 
@@ -172,7 +172,6 @@ class NavigationEnv(gym.Env[Observation, Any]):
         self.metadata = metadata_for(parameters.dt)
         self.render_mode = render_mode
         self._renderer = renderer_for(self.simulation, render_mode, render_view)
-        self._active = np.ones(1, dtype=np.bool_)
         self._running = False
 
     def reset(
@@ -210,13 +209,14 @@ class NavigationEnv(gym.Env[Observation, Any]):
         if not self._running:
             raise ResetNeeded("no episode is going on; call reset first.")
         out = self.simulation.outcome()
-        self.simulation.step(chosen, self._active, out)
-        (terminated,), (truncated,) = ends(self.simulation)
-        done = bool(terminated or truncated)
+        self.simulation.step(chosen, None, out)
+        outcome = int(self.simulation.state["outcome"][0])
+        terminated, truncated = outcome not in (RUNNING, TIMEOUT), outcome == TIMEOUT
+        done = outcome != RUNNING
         self._running = not done
         self._show()
         info = info_of_one(self.simulation, out, done)
-        return _first(out), float(out.figures[REWARD, 0]), bool(terminated), bool(truncated), info
+        return _first(out), float(out.figures[REWARD, 0]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture, shape (640, 960, 3), with the mode "rgb_array".

@@ -66,11 +66,10 @@ def _row(low: Any, high: Any, size: int | None = None) -> spaces.Box:
     return spaces.Box(lows, highs, dtype=np.float32)
 
 
-def view_for(parameters: NavigationParameters, count: int) -> View:
-    """Arrays for the observations of so many robots; parts that are off have no columns."""
+def columns_of(parameters: NavigationParameters) -> tuple[int, ...]:
+    """Columns of each part of a `View`, none for parts that are off."""
     window = 2 * parameters.window_cells**2 if parameters.window else 0
-    sizes = (parameters.scanner.beams, 3, 2, 5, window, 3 if parameters.waypoint else 0)
-    return View(*(np.empty((count, size), dtype=np.float32) for size in sizes))
+    return parameters.scanner.beams, 3, 2, 5, window, 3 if parameters.waypoint else 0
 
 
 def observation_of(view: View) -> dict[str, NDArray[np.float32]]:

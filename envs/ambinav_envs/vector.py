@@ -133,8 +133,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         if not self._started.all():
             raise ResetNeeded("no episodes are going on; call reset first.")
         out = self.simulation.outcome()
-        active = ~self._ended
-        if self.mode is AutoresetMode.DISABLED and self._ended.any():
+        active = ~self._ended if self._ended.any() else None
+        if self.mode is AutoresetMode.DISABLED and active is not None:
             raise ResetNeeded(
                 f"the episode of robot {int(self._ended.argmax())} has ended; call reset with "
                 "options={'reset_mask': ...} first."

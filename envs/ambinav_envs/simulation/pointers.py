@@ -12,6 +12,15 @@ from typing import Any
 from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+
+def address(array: NDArray[Any], dtype: Any) -> int:
+    """Where an array lies, for kernels that take it for C-contiguous and of this type."""
+    if array.dtype != dtype or not array.flags.c_contiguous:
+        raise TypeError(f"an array is {array.dtype}, {array.flags}; a kernel wants {dtype}")
+    # Half as long as array.ctypes.data.
+    return int(array.__array_interface__["data"][0])
 
 
 @intrinsic

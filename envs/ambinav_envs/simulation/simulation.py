@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.eyes import Eyes
+from ambinav_envs.simulation.fixed import fixed_of
 from ambinav_envs.simulation.layout import (
     BUILDING,
     GROUND,
@@ -33,10 +33,11 @@ from ambinav_envs.simulation.layout import (
     Memory,
     View,
 )
-from ambinav_envs.simulation.site import Site, Sites, address, eyes_for
+from ambinav_envs.simulation.pointers import address
+from ambinav_envs.simulation.site import Site, Sites, eyes_for
 from ambinav_envs.simulation.step import BEGIN, JUDGE, SHOW, STEP, UP_TO_LOOK, advance
 from ambinav_envs.simulation.threads import share
-from ambinav_envs.spaces import view_for
+from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
 
@@ -47,8 +48,7 @@ OPTIONS = ("start", "goal", "building")
 NOTHING: Floats = np.empty((0, 2))
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(NamedTuple):
     """What a step or a reset has made: of all robots, in arrays that nothing else uses.
 
     Attributes:
@@ -88,7 +88,11 @@ class Simulation:
         self._known = Sites(parameters)
         self._filters: list[MonteCarloLocalizer | None] = [None] * count
         self._eyes: Eyes | None = None
+        # Where the arrays lie, from the first episode on.
+        self._fixed: NDArray[np.void] | None = None
         self._everyone = np.arange(count)
+        self._columns = columns_of(parameters)
+        self._particles = parameters.localizer == LOCALIZERS[MCL]
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
             np.zeros(count, dtype=GROUND),
@@ -102,7 +106,7 @@ class Simulation:
         """Everything but what depends on where arrays lie."""
         plain = self.__dict__.copy()
         plain["_memory"] = self._memory._replace(ground=np.zeros(0, dtype=GROUND))
-        plain["_known"] = None
+        plain["_known"] = plain["_fixed"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
@@ -140,7 +144,8 @@ class Simulation:
 
     def outcome(self) -> Outcome:
         """Arrays for a step to write to."""
-        return Outcome(view_for(self.parameters, self.count), np.empty((ROWS, self.count)))
+        parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
+        return Outcome(View(*parts), np.empty((ROWS, self.count)))
 
     def reset(
         self,
@@ -184,15 +189,15 @@ class Simulation:
         chosen = np.array(rows, dtype=np.int64)
         self._advance(chosen, BEGIN, out)
 
-    def step(self, actions: Floats, active: NDArray[np.bool_], out: Outcome) -> None:
+    def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
         """Let robots drive on for one time step.
 
         Args:
             actions: Shape (N, 2), see `spaces.continuous`.
-            active: Which robots, bool, shape (N,); the others stay as they are.
+            active: Which robots, bool, shape (N,), the others stay as they are; None: all.
             out: Their rows are written.
         """
-        rows = self._everyone if active.all() else np.flatnonzero(active)
+        rows = self._everyone if active is None else np.flatnonzero(active)
         self._advance(rows, STEP, out, actions)
 
     def look(self, out: Outcome) -> None:
@@ -206,15 +211,13 @@ class Simulation:
         if rows:
             self._kernel(np.array(rows, dtype=np.int64), SHOW, out, NOTHING)
 
-    @property
-    def _particles(self) -> bool:
-        return LOCALIZERS.index(self.parameters.localizer) == MCL
-
     def _settle(self, i: int, site: Site, task: Task) -> None:
         """Put robot i into a building, with a goal."""
         self.sites[i], self.tasks[i] = site, task
         if self._eyes is None:
             self._eyes = eyes_for(self.parameters, site)
+        if self._fixed is None:
+            self._fixed = fixed_of(self._memory, self._eyes)
         ground = self._memory.ground
         ground[i] = site.ground[0]
         ground["field"][i] = address(task.field, np.float32)
@@ -253,7 +256,7 @@ class Simulation:
             self._kernel(rows, parts, out, actions)
 
     def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
-        fixed = self._memory, self._eyes, out.view, out.figures, actions
+        fixed = self._fixed, out.view, out.figures, actions
 
         def some(low: int, high: int) -> None:
             full = advance(*fixed, rows[low:high], parts)

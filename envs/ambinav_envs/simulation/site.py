@@ -20,6 +20,7 @@ from ambinav_envs.buildings.places import Places
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.eyes import Eyes, eyes_of
 from ambinav_envs.simulation.layout import GROUND
+from ambinav_envs.simulation.pointers import address
 
 # So many buildings are kept ready; those that robots are in stay anyway.
 KEPT = 512
@@ -104,14 +105,6 @@ class Site:
         for name, (array, dtype) in arrays.items():
             self._kept.append(array)
             self.ground[name] = address(array, dtype)
-
-
-def address(array: NDArray[Any], dtype: Any) -> int:
-    """Where an array lies, for kernels that take it for C-contiguous and of this type."""
-    if array.dtype != dtype or not array.flags.c_contiguous:
-        raise TypeError(f"an array is {array.dtype}, {array.flags}; a kernel wants {dtype}")
-    # Half as long as array.ctypes.data.
-    return int(array.__array_interface__["data"][0])
 
 
 class Sites:

@@ -19,6 +19,7 @@ from ambinav.localization.odometry import wrapped
 from ambinav.service.field import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
 from ambinav_envs.simulation.eyes import look
+from ambinav_envs.simulation.fixed import eyes_at, memory_at
 from ambinav_envs.simulation.ground import (
     beam_noise_of,
     cast_tables_of,
@@ -228,14 +229,13 @@ def place(memory, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(memory, eyes, view, figures, actions, rows, parts):
+def advance(fixed, view, figures, actions, rows, parts):
     """Step some robots, begin their episodes, or do a part of that.
 
     All of it is one kernel, so that what steps and beginnings share is compiled once.
 
     Args:
-        memory: See `Memory`.
-        eyes: See `Eyes`.
+        fixed: See `layout.FIXED`.
         view: Rows `rows` are written, see `View`.
         figures: Columns `rows` are written, see `ROWS`.
         actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.
@@ -245,8 +245,9 @@ def advance(memory, eyes, view, figures, actions, rows, parts):
     Returns:
         The first robot without room for its people, with which the work ends; -1 for none.
     """
+    memory, eyes = memory_at(fixed[0]), eyes_at(fixed[0])
     kept = scratch_for(eyes.near.size, eyes.cosine.size)
-    memory, eyes, view, scratch = borrowed(memory), borrowed(eyes), borrowed(view), borrowed(kept)
+    view, scratch = borrowed(view), borrowed(kept)
     figures, actions = borrowed(figures), borrowed(actions)
     full = -1
     for k in range(rows.size):

@@ -31,13 +31,14 @@ def share(work: Callable[[int, int], None], count: int) -> None:
         work: To be done; pieces run at the same time, on as many threads as numba is set to.
         count: How many rows.
     """
-    threads = min(numba.get_num_threads(), count // LEAST)
+    most = count // LEAST
+    threads = min(numba.get_num_threads(), most) if most > 1 else 1
     if threads < 2:
         work(0, count)
         return
     if threads not in _pools:
         _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
-    edges = np.linspace(0, count, min(count // LEAST, PIECES * threads) + 1).astype(int).tolist()
+    edges = np.linspace(0, count, min(most, PIECES * threads) + 1).astype(int).tolist()
     pieces = iter(list(pairwise(edges)))
 
     def some() -> None:
