@@ -7,7 +7,7 @@ VENV ?= .venv
 OUT ?= out/demo
 SCANNER ?= hokuyo-urg-04lx
 ENDS ?= --start 3 3 --goal 42 20
-PYTEST_ARGS ?= -n 2
+PYTEST_ARGS ?= -n 2 --dist worksteal
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
 BIN := $(VENV)/bin

@@ -16,7 +16,7 @@ from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.seeded import call_seeded
 
 START, GOAL = (3.0, 3.0), (12.0, 6.0)
-JOBS = {"rrtstar": 2500, "bitstar": 7000, "fmt": 500, "prmstar": 400}
+JOBS = {"rrtstar": 1000, "bitstar": 3000, "fmt": 300, "prmstar": 300}
 SCRIPT = """
 import json, sys
 from ambinav import AmbiguityMap
@@ -63,9 +63,8 @@ def test_the_same_seed_gives_the_same_route(stored: Path, robot: RoutePlanner) -
     assert set(again) == {("prmstar", 1), ("rrtstar", 1)}
     assert all(again[key] == first[key] for key in again)
     # A later plan is that of a fresh process.
-    for name in ("bitstar", "fmt"):
-        alone = in_a_fresh_process(stored, [(name, JOBS[name], 1)])
-        assert alone[name, 1] == first[name, 1], name
+    alone = in_a_fresh_process(stored, [("bitstar", JOBS["bitstar"], 1)])
+    assert alone["bitstar", 1] == first["bitstar", 1]
     # Random numbers drawn before do not matter.
     jobs = [("prmstar", 0, None), ("rrtstar", JOBS["rrtstar"], 1)]
     assert in_a_fresh_process(stored, jobs)["rrtstar", 1] == first["rrtstar", 1]
