@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,20 +26,24 @@ import yaml
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 
+from ambinav.compare.intervals import interval_text
+from ambinav.compare.leaderboard.draws import episode_weights, interval_of, ratios
 from ambinav.compare.leaderboard.figures import FIGURES
 from ambinav.compare.leaderboard.methods import RouteFollower
 from ambinav.compare.leaderboard.routes import PlannerChoice
-from ambinav.drive.bootstrap import DRAWS, Interval
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav.drive.bootstrap import Interval
+from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.policies import load_policy
 from ambinav_envs.rewards import PRESETS
 from ambinav_envs.scenario import scenario
+from ambinav_envs.training.folder import CONFIG as CONFIG_FILE
 
 CONFIG = ROOT / "benchmarks" / "ablation.yaml"
 LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy")
-# Buildings that no training sees, as many as are drawn from, and the seed of the episodes.
-UNSEEN = {"first_building": 1_000_000, "buildings": 100}
-SEED = 7
+# How many buildings the episodes are in, and the seed of the episodes.
+BUILDINGS, SEED = 100, 7
+# Environment i of a training starts from its seed + i.
+APART = 1000
 SETTINGS: dict[str, dict[str, Any]] = {
     "as trained: boxes that the map lacks, odometry twice as bad as told": {},
     "known: no boxes, odometry as told": {"obstacles": 0, "odometry_scale": 1.0},
@@ -48,6 +53,7 @@ PLANNERS = {
     "planner, weight 2": PlannerChoice("reference", 2.0),
     "planner, weight 5": PlannerChoice("reference", 5.0),
 }
+OF_EACH_SEED = ("lost", "arrived", "collided", "timeout", "length")
 SHOWN = ("lost", "arrived", "missed", "collided", "timeout", "error", "length", "exposure")
 TITLES = {figure.key: f"{figure.title} {figure.unit}".strip() for figure in FIGURES}
 Floats = NDArray[np.float64]
@@ -58,7 +64,7 @@ class Arm:
     """One weight of the term `ambiguity`, trained with some seeds."""
 
     weight: float
-    seeds: int
+    seeds: Sequence[int]
     folder: Path
 
     @property
@@ -86,7 +92,12 @@ def train(arm: Arm, seed: int) -> None:
     if (folder / "final.zip").is_file():
         return
     command = [sys.executable, "-m", "ambinav.cli", "train", str(arm.config), "-o", str(folder)]
-    command += ["--seed", str(seed), "--json", *(["--resume"] if folder.exists() else [])]
+    command += [
+        "--seed",
+        str(seed),
+        "--json",
+        *(["--resume"] if (folder / CONFIG_FILE).is_file() else []),
+    ]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{folder}: {done.stderr}")
@@ -95,71 +106,110 @@ def train(arm: Arm, seed: int) -> None:
 
 def driven(driver: Any, told: dict[str, Any], episodes: int) -> Episodes:
     """What a policy or a planner makes of the episodes."""
-    arguments = {key: value for key, value in told.items() if key != "id"}
-    drawn = arguments | {"suite": "hall"} | UNSEEN
-    source, parameters = scenario(
-        drawn.pop("suite"), None, drawn.pop("buildings"), drawn.pop("first_building"), None, drawn
-    )
+    options = {key: value for key, value in told.items() if key not in ("id", "buildings")}
+    source, parameters = scenario("hall", None, BUILDINGS, UNSEEN, None, options)
     return evaluate(driver, source, parameters, episodes, SEED)
 
 
-def values(runs: list[Episodes], key: str) -> Floats:
-    """A figure of each seed and episode, shape (S, E), nan where an episode has none."""
+def parts_of(runs: Sequence[Episodes], key: str) -> tuple[Floats, Floats]:
+    """What a figure is the ratio of the sums of, by seed and episode: two of shape (S, E)."""
     figure = next(figure for figure in FIGURES if figure.key == key)
-    return np.array([figure.values(run) for run in runs])
+    above, below = zip(*(figure.parts(run) for run in runs), strict=True)
+    return np.array(above), np.array(below)
 
 
-def resampled(rows: Floats, rng: np.random.Generator) -> Floats:
-    """Means of draws of seeds and, the same for all of them, of episodes; shape (DRAWS,)."""
-    seeds, episodes = rows.shape
-    out = np.empty(DRAWS)
-    for k in range(DRAWS):
-        chosen = rows[rng.integers(seeds, size=seeds)][:, rng.integers(episodes, size=episodes)]
-        out[k] = np.nanmean(chosen)
-    return out
+def drawn(runs: Sequence[Episodes], parts: Sequence[Floats]) -> list[Floats]:
+    """Sums of each part, (S, E), over draws of seeds and, the same for all, of episodes: (D,).
+
+    Buildings are drawn first, then episodes in them; of all methods the same.
+    """
+    rng = np.random.default_rng(SEED)
+    weights = np.vstack(list(episode_weights(runs[0].building, rng)))
+    count = len(runs)
+    seeds = rng.multinomial(count, np.full(count, 1.0 / count), size=len(weights))
+    return [((seeds @ part) * weights).sum(axis=1) for part in parts]
 
 
-def interval(runs: list[Episodes], key: str) -> str:
-    """Mean over seeds and episodes, and its interval."""
-    rows = values(runs, key)
-    if np.isnan(rows).all():
-        return "-"
-    digits = next(figure.digits for figure in FIGURES if figure.key == key)
-    draws = resampled(rows, np.random.default_rng(SEED))
-    low, high = np.quantile(draws, (0.025, 0.975))
-    return f"{np.nanmean(rows):.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+def interval(runs: Sequence[Episodes], key: str) -> str:
+    """A figure over seeds and episodes, and its interval."""
+    parts = parts_of(runs, key)
+    above, below = (np.array(part.sum()) for part in parts)
+    count = np.count_nonzero(parts[1])
+    found = interval_of(float(ratios(above, below)), ratios(*drawn(runs, parts)), count)
+    return interval_text(found, next(figure.digits for figure in FIGURES if figure.key == key))
 
 
-def ratio(ours: list[Episodes], theirs: list[Episodes], key: str) -> Interval:
-    """Ratio of the means; both draw the same seeds and episodes."""
-    draws = [resampled(values(runs, key), np.random.default_rng(SEED)) for runs in (ours, theirs)]
-    rate = draws[0] / np.maximum(draws[1], 1e-9)
-    low, high = np.quantile(rate, (0.025, 0.975))
-    value = np.nanmean(values(ours, key)) / max(float(np.nanmean(values(theirs, key))), 1e-9)
-    return Interval(float(value), float(low), float(high), len(ours))
+def ratio(ours: Sequence[Episodes], theirs: Sequence[Episodes], key: str) -> Interval:
+    """Ratio of a figure; of seeds and episodes that have one on both sides."""
+    parts = [*parts_of(ours, key), *parts_of(theirs, key)]
+    both = (parts[1] > 0.0) & (parts[3] > 0.0)
+    parts = [np.where(both, part, 0.0) for part in parts]
+    whole = [np.array(part.sum()) for part in parts]
+    rate, draws = (
+        ratios(ratios(*one[:2]), ratios(*one[2:])) for one in (whole, drawn(ours, parts))
+    )
+    return interval_of(float(rate), draws, np.count_nonzero(both))
+
+
+def compared(ours: Sequence[Episodes], theirs: Sequence[Episodes]) -> str:
+    """How a method does by another one, in words."""
+    return "; ".join(
+        f"{word} {interval_text(ratio(ours, theirs, key), 3)}"
+        for key, word in (("lost", "lost"), ("length", "way"))
+    )
 
 
 def body(found: dict[str, dict[str, list[Episodes]]], arms: list[Arm], episodes: int) -> str:
     """The report."""
     told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    seeds = arms[0].seeds
+    shared = len(seeds) > 1 and seeds[1] - seeds[0] < told["envs"]
     parts = [
-        f"`{CONFIG.relative_to(ROOT)}`: {told['algorithm']}, {told['steps']:,} steps, "
-        f"{arms[0].seeds} seeds an arm; {episodes} episodes in unseen halls each. In brackets: "
-        "95 % intervals by the bootstrap over seeds and episodes. Error: mean of a drive; length "
-        "ratio: way by shortest way, of those that arrived."
+        f"`{CONFIG.relative_to(ROOT)}`: {told['algorithm']}, {told['steps']:,} steps, seeds "
+        f"{', '.join(map(str, seeds))} in each arm; {episodes} episodes each, in {BUILDINGS} "
+        "unseen halls. In brackets: 95 % intervals by the bootstrap over seeds, buildings and "
+        "episodes in them. Error: mean of a drive; length ratio: way by shortest way, of those "
+        "that arrived; exposure: of all episodes by all metres. Ratios of ways are of the seeds "
+        "and episodes that arrived on both sides.",
+        f"{len(seeds)} seeds are few: percentile intervals of so few groups hold less than the "
+        "95 % that they say."
+        + (
+            f" And environment i of a training starts from its seed + i, of {told['envs']}: "
+            "trainings with neighbouring seeds share most of their random numbers, so that they "
+            "differ less than others would."
+            if shared
+            else ""
+        ),
     ]
     for setting, methods in found.items():
         rows = [(name, *(interval(runs, key) for key in SHOWN)) for name, runs in methods.items()]
         parts += [f"## {setting[0].upper()}{setting[1:]}"]
         parts += [table(("", *(TITLES[key] for key in SHOWN)), rows)]
-        base = methods[arms[0].name]
-        for arm in arms[1:]:
-            said = [
-                f"{word} {ratio(methods[arm.name], base, key)}"
-                for key, word in (("lost", "lost"), ("length", "length ratio"))
-            ]
-            parts += [f"Weight {arm.weight:g} by weight {arms[0].weight:g}: {'; '.join(said)}."]
+        base, shortest = methods[arms[0].name], methods[next(iter(PLANNERS))]
+        lines = [
+            f"- PPO, weight {arm.weight:g} by weight {arms[0].weight:g}: "
+            f"{compared(methods[arm.name], base)}"
+            for arm in arms[1:]
+        ]
+        lines += [
+            f"- {name} by shortest: {compared(methods[name], shortest)}"
+            for name in list(PLANNERS)[1:]
+        ]
+        parts += ["\n".join(lines), "Each seed:"]
+        of_each = [
+            (f"{arm.name}, seed {seed}", *(_figure(run, key) for key in OF_EACH_SEED))
+            for arm in arms
+            for seed, run in zip(arm.seeds, methods[arm.name], strict=True)
+        ]
+        parts += [table(("", *(TITLES[key] for key in OF_EACH_SEED)), of_each)]
     return "\n\n".join(parts)
+
+
+def _figure(run: Episodes, key: str) -> str:
+    """A figure of one training."""
+    figure = next(figure for figure in FIGURES if figure.key == key)
+    above, below = (np.array(part.sum()) for part in figure.parts(run))
+    return f"{float(ratios(above, below)):.{figure.digits}f}"
 
 
 def main() -> None:
@@ -167,24 +217,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/ablation"), help="of trainings")
     parser.add_argument("--weights", type=float, nargs="+", default=(0.0, 1.0))
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=5, help="how many")
+    parser.add_argument("--apart", type=int, default=APART, help="from one seed to the next")
     parser.add_argument("--episodes", type=int, default=300)
     parser.add_argument("--jobs", type=int, default=2)
     add_out(parser)
     args = parser.parse_args()
     args.folder.mkdir(parents=True, exist_ok=True)
-    arms = [Arm(weight, args.seeds, args.folder) for weight in args.weights]
+    seeds = range(0, args.seeds * args.apart, args.apart)
+    arms = [Arm(weight, seeds, args.folder) for weight in args.weights]
     with ThreadPoolExecutor(args.jobs) as pool:
-        runs = [(arm, seed) for seed, arm in product(range(args.seeds), arms)]
+        runs = [(arm, seed) for seed, arm in product(seeds, arms)]
         list(pool.map(lambda run: train(*run), runs))
     told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))["environment"]
     found: dict[str, dict[str, list[Episodes]]] = {}
     for setting, changed in SETTINGS.items():
         methods = found.setdefault(setting, {})
         for arm in arms:
-            policies = [
-                load_policy(arm.run_folder(seed) / "final.zip") for seed in range(args.seeds)
-            ]
+            policies = [load_policy(arm.run_folder(seed) / "final.zip") for seed in seeds]
             methods[arm.name] = [driven(one, told | changed, args.episodes) for one in policies]
         for name, choice in PLANNERS.items():
             methods[name] = [driven(RouteFollower(choice), told | changed, args.episodes)]

@@ -14,6 +14,7 @@ from ambinav.geometry.environment import Environment
 from ambinav_envs.infos import info_of_one
 from ambinav_envs.rendering import MODES, metadata_for, renderer_for
 from ambinav_envs.scenario import scenario
+from ambinav_envs.seeds import as_seed
 from ambinav_envs.simulation.layout import REWARD, RUNNING, TIMEOUT
 from ambinav_envs.simulation.simulation import Outcome, Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
@@ -131,7 +132,7 @@ class NavigationEnv(gym.Env[Observation, Any]):
     | `first_building`    | 0              | number of the first of them                          |
     | `render_mode`       | `None`         | "human" or "rgb_array"                               |
     | `render_view`       | "auto"         | "whole" building, "follow" the robot; auto: by size  |
-    | `max_episode_steps` | `None`         | the same as `max_steps`                              |
+    | `max_episode_steps` | `None`         | as `max_steps`; `gym.make` does not pass it on       |
     | `discrete`          | `False`        | nine actions instead of continuous ones              |
     | `localizer`         | "ekf"          | "ekf", "mcl", "perfect" or "odometry"                |
     | `odometry_scale`    | 1.0            | how many times worse odometry is than modelled       |
@@ -141,6 +142,9 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. What
     cannot be used raises `ambinav.errors.InputError`.
+
+    `gym.make` keeps `max_episode_steps` for Gymnasium's own `TimeLimit`, which truncates without an
+    `info["outcome"]`: give it `max_steps` instead. `gym.make_vec` passes it on to the environment.
 
     `env.unwrapped.simulation` is what truly happens, for those who may look.
 
@@ -185,9 +189,10 @@ class NavigationEnv(gym.Env[Observation, Any]):
                 left out is drawn.
 
         Raises:
-            InputError: an option cannot be used.
+            InputError: the seed or an option cannot be used; then no episode is going on.
         """
-        super().reset(seed=seed)
+        self._running = False
+        super().reset(seed=as_seed(seed))
         out = self.simulation.outcome()
         self.simulation.reset([0], [self.np_random], options, out)
         self._running = True

@@ -6,7 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
+
+import numpy as np
 
 from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
@@ -14,7 +16,7 @@ from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
-from ambinav.sensing.fields import as_count, as_number, nearest
+from ambinav.sensing.fields import as_count, as_number, as_numbers, nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.rewards import weights_of
@@ -29,7 +31,10 @@ _ABOVE_ZERO = (
 )  # fmt: skip
 _AT_LEAST_ZERO = ("odometry_scale", "shortest")
 _SWITCHES = ("discrete", "window", "waypoint", "end_when_lost")
-_COUNTS = ("max_steps", "iterations", "window_cells")
+# Counts from 1 on, and the greatest value of each.
+_COUNTS: Final = {"max_steps": 10**9, "iterations": 1000, "window_cells": 256}
+MOST_AROUND: Final = 1000
+"""So many people, and so many boxes, may be around a robot; each robot of a batch has its own."""
 
 
 def default_scanner() -> RangeScanner:
@@ -51,11 +56,11 @@ class NavigationParameters:
         min_speed: Lowest speed that an action can ask for, metres per second: 0, or below to
             drive backwards.
         discrete: Whether actions are one of nine, see `spaces.ACTIONS`.
-        max_steps: Steps after which an episode is truncated.
+        max_steps: Steps after which an episode is truncated; at most 10^9.
         localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization, some
             hundred times as slow), "perfect" (knows the truth), "odometry" (dead reckoning).
-        iterations: Rounds of the Kalman filter's update; later ones stay on the walls that the
-            first one met. One round alone is surer of itself than it may be.
+        iterations: Rounds of the Kalman filter's update, at most 1000; later ones stay on the
+            walls that the first one met. One round alone is surer of itself than it may be.
         gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
         map_std: Deviation of the walls' position that the filter reckons with; None: as the map's.
         mcl: Parameters of the Monte Carlo localizer; None: AMCL's with the odometry's alphas.
@@ -69,18 +74,20 @@ class NavigationParameters:
         shortest: Least length of the shortest way from start to goal.
         longest: Greatest length of it.
         window: Whether the observation holds a window of the ambiguity map.
-        window_cells: Its edge, cells.
+        window_cells: Its edge, cells; at most 256.
         window_spacing: Edge of a cell.
         waypoint: Whether the observation holds the place ahead on the shortest way.
         waypoint_distance: How far ahead.
         reward: Name of a preset, or weights by term; see `rewards`.
-        gamma: Discount in the progress term. 1 counts plain metres; at the agent's own discount
-            the term changes no policy's rank.
+        gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
+            the terms of an episode add up to the length of the way at its start, less what is
+            left at its end, discounted: so all that the term changes is what an end is worth, by
+            how far from the goal it is.
         layer: Layer of the ambiguity map for reward, exposure and window.
-        people: Who walks about: how many, or `People`. They keep off the robot, and walk through
-            boxes.
-        obstacles: How many boxes stand in the way that the map does not have, at most: those that
-            find no room are left out.
+        people: Who walks about: how many (at most 1000), or `People`. They keep off the robot, and
+            walk through boxes.
+        obstacles: How many boxes stand in the way that the map does not have, at most (and at most
+            1000): those that find no room are left out.
         obstacle_sizes: Their least and greatest edge.
 
     Raises:
@@ -124,17 +131,20 @@ class NavigationParameters:
         self._set("robot", _part(self.robot, "robot", Robot))
         self._set("odometry", _part(self.odometry, "odometry", OdometryNoise))
         if self.mcl is not None:
-            values = dict(self.mcl) if isinstance(self.mcl, Mapping) else self.mcl
-            made = MclParameters.from_dict(values) if isinstance(values, dict) else values
-            self._set("mcl", _part(made, "mcl", MclParameters))
-        people = self.people
-        count = isinstance(people, int) and not isinstance(people, bool)
-        self._set("people", _part({"count": people} if count else people, "people", People))
-        for key in _COUNTS:
+            self._set("mcl", _part(self.mcl, "mcl", MclParameters))
+        people: Any = self.people
+        if isinstance(people, int | np.integer) and not isinstance(people, bool):
+            people = {"count": int(people)}
+        self._set("people", _part(people, "people", People))
+        if self.people.count > MOST_AROUND:
+            raise InputError(f"people are {self.people.count}; give at most {MOST_AROUND}.")
+        for key, most in _COUNTS.items():
             self._set(key, as_count(getattr(self, key), key))
+            self._require(key, getattr(self, key) <= most, f"at most {most}")
         for key in _SWITCHES:
-            if not isinstance(getattr(self, key), bool):
+            if not isinstance(getattr(self, key), bool | np.bool_):
                 raise InputError(f"{key} is {getattr(self, key)!r}; give true or false.")
+            self._set(key, bool(getattr(self, key)))
         for key in (*_ABOVE_ZERO, *_AT_LEAST_ZERO, "min_speed"):
             self._set(key, as_number(getattr(self, key), key))
         for key in _ABOVE_ZERO:
@@ -144,9 +154,12 @@ class NavigationParameters:
         if self.map_std is not None:
             self._set("map_std", as_number(self.map_std, "map_std"))
             self._require("map_std", self.map_std >= 0.0, "at least 0")
-        if isinstance(self.obstacles, bool) or not isinstance(self.obstacles, int):
-            raise InputError(f"obstacles is {self.obstacles!r}; give a whole number from 0 on.")
+        obstacles: object = self.obstacles
+        if isinstance(obstacles, bool) or not isinstance(obstacles, int | np.integer):
+            raise InputError(f"obstacles is {obstacles!r}; give a whole number from 0 on.")
+        self._set("obstacles", int(obstacles))
         self._require("obstacles", self.obstacles >= 0, "a whole number from 0 on")
+        self._require("obstacles", self.obstacles <= MOST_AROUND, f"at most {MOST_AROUND}")
         self._set("start_std", _numbers(self.start_std, "start_std", 3))
         self._require("start_std", min(self.start_std) > 0.0, "three deviations above 0")
         self._set("obstacle_sizes", _numbers(self.obstacle_sizes, "obstacle_sizes", 2))
@@ -219,12 +232,13 @@ def _scanner(value: object) -> RangeScanner:
     if isinstance(value, str):
         return RangeScanner.from_preset(value)
     raise InputError(
-        f"scanner is {value!r}; give a RangeScanner, the name of a preset or a YAML file."
+        f"scanner is of the type {type(value).__name__}; give a RangeScanner, the name of a "
+        "preset or a YAML file."
     )
 
 
 def _part(value: object, name: str, kind: type[Part]) -> Part:
-    """A part of the parameters, made of a mapping where that is given."""
+    """A part of the parameters, made of a mapping where that is given; errors name the part."""
     if isinstance(value, kind):
         return value
     if not isinstance(value, Mapping):
@@ -237,10 +251,17 @@ def _part(value: object, name: str, kind: type[Part]) -> Part:
         return kind(**value)
     except TypeError as error:
         raise InputError(f"{name} is {dict(value)!r}; {error}.") from error
+    except InputError as error:
+        text = str(error)
+        if text.startswith(f"{name}: "):
+            raise
+        raise InputError(f"{name}: {text}") from error
 
 
 def _numbers(value: object, name: str, count: int) -> tuple[float, ...]:
     """So many finite numbers."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if not isinstance(value, list | tuple) or len(value) != count:
         raise InputError(f"{name} is {value!r}; give {count} numbers.")
-    return tuple(as_number(item, f"{name}[{i}]") for i, item in enumerate(value))
+    return as_numbers(value, name)

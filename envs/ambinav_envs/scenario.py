@@ -9,6 +9,8 @@ from ambinav.ambiguity.layers.registry import on_request
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.buildings.suites import suite as named
+from ambinav_envs.buildings.suites import suite_names
 from ambinav_envs.parameters import NavigationParameters
 
 SUITE = "procedural"
@@ -26,24 +28,46 @@ def scenario(
     """Where the buildings come from, and the parameters.
 
     Args:
-        suite: Name of a suite of buildings.
-        map: An environment file, or an environment, instead.
+        suite: Name of a suite of buildings, whatever files there are.
+        map: An environment file, whatever suites there are, or an environment, instead.
         buildings: How many of the suite's buildings are drawn from; None: a new one every time.
         first_building: Number of the first of them.
-        max_episode_steps: As the parameter `max_steps`, by the name that Gymnasium has for it.
+        max_episode_steps: As the parameter `max_steps`, by the name that Gymnasium has for it;
+            `gymnasium.make` keeps it to itself and does not pass it on.
         options: Fields of `NavigationParameters`.
 
     Raises:
         InputError: something of it is unknown or of no use.
     """
-    if suite is not None and map is not None:
-        raise InputError(f"suite is {suite!r} and map {map!r}; give one of the two.")
     if max_episode_steps is not None:
         options = options | {"max_steps": max_episode_steps}
     parameters = NavigationParameters.of(options)
-    what = map if map is not None else SUITE if suite is None else suite
     source = BuildingSource(
-        what, parameters.scanner, parameters.robot.radius, count=buildings, first=first_building,
-        layers=on_request(parameters.layer),
+        _buildings_of(suite, map), parameters.scanner, parameters.robot.radius, count=buildings,
+        first=first_building, layers=on_request(parameters.layer),
     )  # fmt: skip
     return source, parameters
+
+
+def _buildings_of(suite: object, map: object) -> str | Path | Environment:
+    """The name of a suite, or a map."""
+    if suite is not None and map is not None:
+        raise InputError("suite and map are both given; give one of the two.")
+    if map is not None:
+        if not isinstance(map, str | Path | Environment):
+            raise InputError(
+                f"map is of the type {type(map).__name__}; give an environment file or an "
+                "Environment."
+            )
+        if isinstance(map, str) and map in suite_names():
+            raise InputError(f"map is {map!r}, which is a suite; give suite={map!r}, or a file.")
+        return Path(map) if isinstance(map, str) else map
+    if suite is None:
+        return SUITE
+    if not isinstance(suite, str):
+        raise InputError(
+            f"suite is of the type {type(suite).__name__}; give a suite's name, or map."
+        )
+    if Path(suite).suffix:
+        raise InputError(f"suite is {suite!r}, which is a file's name; give it as map.")
+    return named(suite).name

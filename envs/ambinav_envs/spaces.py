@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from typing import Any
 
 import numpy as np
@@ -77,23 +78,28 @@ def observation_of(view: View) -> dict[str, NDArray[np.float32]]:
     return {name: part for name, part in view._asdict().items() if part.shape[1] > 0}
 
 
-def continuous(actions: object, count: int | None, discrete: bool) -> Floats:
+def continuous(
+    actions: object, count: int | None, discrete: bool, active: NDArray[np.bool_] | None = None
+) -> Floats:
     """Actions of so many robots as float64, shape (count, 2); each is clipped to [-1, 1] later.
 
     Args:
         actions: As the agent gives them, shape (count, 2), or (count,) if they are discrete.
         count: How many robots; None for one whose action comes without that axis.
         discrete: Whether they are numbers of `ACTIONS`.
+        active: Whose are looked at, bool, shape (count,), those of the others may be any numbers;
+            None: all.
 
     Raises:
-        InputError: the shape is another, a number is not finite, or there is no such action.
+        InputError: the shape is another, a number is not finite, or there is no such action; of
+            many the first bad one is named.
     """
     try:
         given = np.asarray(actions)
-        if given.dtype.kind not in "fiub":
-            raise ValueError
-    except ValueError as error:
-        raise InputError(f"action is {actions!r}; give numbers.") from error
+    except (TypeError, ValueError) as error:
+        raise InputError(f"action is {_short(actions)}; give numbers.") from error
+    if given.dtype.kind not in "fiub":
+        raise InputError(f"action is {_short(actions)}; give numbers.")
     shape = (() if count is None else (count,)) + (() if discrete else (2,))
     if given.shape != shape:
         raise InputError(
@@ -101,12 +107,38 @@ def continuous(actions: object, count: int | None, discrete: bool) -> Floats:
             + ("the number of an action." if discrete else "speed and turn rate.")
         )
     if discrete:
-        if given.dtype.kind not in "iu" or not ((given >= 0) & (given < len(ACTIONS))).all():
-            raise InputError(
-                f"action is {actions!r}; give whole numbers from 0 to {len(ACTIONS) - 1}."
-            )
-        return np.asarray(ACTIONS[given.reshape(-1)], dtype=np.float64)
-    chosen = given.astype(np.float64).reshape(-1, 2)
-    if not np.isfinite(chosen).all():
-        raise InputError(f"action is {actions!r}; give finite numbers, -1 to 1.")
+        numbers = given.reshape(-1)
+        good: NDArray[np.bool_] = (numbers >= 0) & (numbers < len(ACTIONS))
+        if given.dtype.kind not in "iu":
+            good = np.zeros(numbers.shape, dtype=np.bool_)
+        if not good.all():
+            _refuse(numbers, good, count, active, f"a whole number from 0 to {len(ACTIONS) - 1}")
+            numbers = np.where(good, numbers, 0)
+        return np.asarray(ACTIONS[numbers.astype(np.int64)], dtype=np.float64)
+    # In C order whatever they are: for any other the kernel would be compiled again.
+    chosen = np.array(given, dtype=np.float64, order="C").reshape(-1, 2)
+    finite = np.isfinite(chosen)
+    if not finite.all():
+        _refuse(chosen, np.asarray(finite.all(axis=1)), count, active, "finite numbers, -1 to 1")
     return chosen
+
+
+def _refuse(
+    rows: NDArray[Any],
+    good: NDArray[np.bool_],
+    count: int | None,
+    active: NDArray[np.bool_] | None,
+    what: str,
+) -> None:
+    """Say which of the actions that are looked at is bad, if one is."""
+    bad = ~good if active is None else ~good & active
+    if bad.any():
+        i = int(bad.argmax())
+        whose = "" if count is None else f" of robot {i}"
+        raise InputError(f"action{whose} is {rows[i].tolist()}; give {what}.")
+
+
+def _short(value: object) -> str:
+    """A value in one short line."""
+    text = " ".join(reprlib.repr(value).split())
+    return text if len(text) <= 80 else f"{text[:80]} ..."

@@ -21,6 +21,7 @@ from ambinav_envs.infos import ends, info_of_all, part_of
 from ambinav_envs.navigation import Observation
 from ambinav_envs.rendering import metadata_for, renderer_for
 from ambinav_envs.scenario import scenario
+from ambinav_envs.seeds import as_seeds
 from ambinav_envs.simulation.layout import REWARD
 from ambinav_envs.simulation.simulation import Outcome, Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
@@ -104,16 +105,16 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
                 (N,): whose episodes begin, all others go on.
 
         Raises:
-            InputError: a seed or an option cannot be used.
+            InputError: a seed or an option cannot be used; if it is an option, robots whose
+                episodes were to begin have none then.
         """
-        self._seed(seed)
         options = dict(options or {})
         chosen = self._mask(options.pop("reset_mask", None))
+        self._seed(seed)
         out = self.simulation.outcome()
         if not chosen.all():
             self.simulation.look(out)
-        self.simulation.reset(np.flatnonzero(chosen).tolist(), self._generators, options, out)
-        self._started |= chosen
+        self._begin(np.flatnonzero(chosen).tolist(), options, out)
         self._ended[chosen] = False
         self._show()
         info = info_of_all(self.simulation, out, np.zeros(self.num_envs, dtype=np.bool_))
@@ -126,14 +127,17 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             actions: Shape (N, 2), or (N,) if they are discrete.
 
         Raises:
-            InputError: the actions have another shape, or are not finite.
+            InputError: the actions have another shape, or are not finite; or a next episode
+                cannot begin, and that robot has none then.
             ResetNeeded: a robot has no episode.
         """
-        chosen = continuous(actions, self.num_envs, self.simulation.parameters.discrete)
-        if not self._started.all():
-            raise ResetNeeded("no episodes are going on; call reset first.")
-        out = self.simulation.outcome()
         active = ~self._ended if self._ended.any() else None
+        chosen = continuous(actions, self.num_envs, self.simulation.parameters.discrete, active)
+        if not self._started.all():
+            raise ResetNeeded(
+                f"robot {int(self._started.argmin())} has no episode; call reset first."
+            )
+        out = self.simulation.outcome()
         if self.mode is AutoresetMode.DISABLED and active is not None:
             raise ResetNeeded(
                 f"the episode of robot {int(self._ended.argmax())} has ended; call reset with "
@@ -143,14 +147,16 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         anew = np.flatnonzero(self._ended).tolist()
         terminated, truncated = ends(self.simulation, active)
         done = terminated | truncated
+        same_step = self.mode is AutoresetMode.SAME_STEP
+        if not same_step:
+            self._ended = done.copy()
         if anew:
-            self.simulation.reset(anew, self._generators, None, out)
+            self._begin(anew, None, out)
         rewards = out.figures[REWARD]
-        if self.mode is AutoresetMode.SAME_STEP and done.any():
+        if same_step and done.any():
             rewards = rewards.copy()
             info = self._follow(out, done)
         else:
-            self._ended = done.copy()
             info = info_of_all(self.simulation, out, done)
         self._show()
         return observation_of(out.view), rewards, terminated, truncated, info
@@ -189,6 +195,12 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             if self.render_mode == "human":
                 self.render()
 
+    def _begin(self, rows: list[int], options: dict[str, Any] | None, out: Outcome) -> None:
+        """Begin episodes of some robots, which have none if that is refused."""
+        self._started[rows] = False
+        self.simulation.reset(rows, self._generators, options, out)
+        self._started[rows] = True
+
     def _follow(self, out: Outcome, done: Bools) -> dict[str, Any]:
         """Begin the next episodes in the same step; its info, with what the last ones ended in."""
         last = part_of(info_of_all(self.simulation, out, done), done)
@@ -197,7 +209,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         for i in rows:
             parts = observation_of(out.view).items()
             final[i] = {name: part[i].copy() for name, part in parts}
-        self.simulation.reset(rows, self._generators, None, out)
+        self._begin(rows, None, out)
         nobody = np.zeros(self.num_envs, dtype=np.bool_)
         return info_of_all(self.simulation, out, nobody) | {
             "final_obs": final,
@@ -208,15 +220,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
     def _seed(self, seed: int | Sequence[int | None] | None) -> None:
         """Start random numbers anew, or for the first time."""
-        seeds: Sequence[int | None]
-        if seed is None or isinstance(seed, int | np.integer):
-            seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
-        else:
-            seeds = seed
-        if len(seeds) != self.num_envs:
-            raise InputError(
-                f"seed holds {len(seeds)} seeds; give one, or one for each of {self.num_envs}."
-            )
+        seeds = as_seeds(seed, self.num_envs)
         if not self._generators:
             made = [seeding.np_random(value) for value in seeds]
             self._generators, self._seeds = [m[0] for m in made], [m[1] for m in made]
@@ -229,10 +233,14 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         """Whose episodes begin."""
         if mask is None:
             return np.ones(self.num_envs, dtype=np.bool_)
-        chosen = np.asarray(mask)
+        try:
+            chosen = np.asarray(mask)
+            what = f"{chosen.dtype} of the shape {chosen.shape}"
+        except (TypeError, ValueError):
+            chosen, what = np.empty(0), "of rows of different lengths"
         if chosen.shape != (self.num_envs,) or chosen.dtype != np.bool_ or not chosen.any():
             raise InputError(
-                f"reset_mask is {mask!r}; give {self.num_envs} booleans, at least one of them true."
+                f"reset_mask is {what}; give {self.num_envs} booleans, at least one of them true."
             )
         return chosen
 

@@ -150,7 +150,8 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         """Begin an episode of every robot, or of those in `options["reset_mask"]`."""
         seen, info = self.env.reset(seed=seed, options=options)
         mask = (options or {}).get("reset_mask")
-        begun = np.ones(self.num_envs, dtype=np.bool_) if mask is None or not self._stack else mask
+        everyone = np.ones(self.num_envs, dtype=np.bool_)
+        begun = everyone if mask is None or not self._stack else np.asarray(mask, dtype=np.bool_)
         self._fill(seen, begun)
         self._ended = self._ended & ~begun
         return self._copy(), info

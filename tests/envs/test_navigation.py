@@ -92,6 +92,9 @@ def test_options_place_the_robot() -> None:
     building = env.simulation.sites[0]
     assert building is not None
     env.reset(options={"building": building.building.key})
+    # Arrays and NumPy's numbers are as good.
+    ends = {"start": np.array((2.0, 3.0, 0.5)), "goal": np.array((2.0, 8.0))}
+    equal(env.reset(seed=0, options=ends | {"building": np.int64(0)}), (seen, info))
 
 
 @pytest.mark.parametrize(
@@ -107,8 +110,11 @@ def test_options_place_the_robot() -> None:
 )
 def test_bad_options_are_refused(options: dict[str, Any], what: str) -> None:
     env = NavigationEnv(map=room())
+    env.reset(seed=0)
     with pytest.raises(InputError, match=what):
         env.reset(seed=0, options=options)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(2))
 
 
 @pytest.mark.parametrize(
@@ -136,10 +142,24 @@ def test_bad_options_are_refused(options: dict[str, Any], what: str) -> None:
         ({"shortest": 5.0, "longest": 4.0}, "longest"),
         ({"start_std": (0.1, 0.1)}, "start_std"),
         ({"start_std": (0.1, 0.0, 0.1)}, "start_std"),
+        ({"start_std": np.array(0.1)}, "start_std is 0.1; give 3 numbers"),
+        ({"start_std": [[0.1], [0.1, 0.1], 0.1]}, "start_std"),
         ({"success_radius": 0.1}, "success_radius"),
         ({"layer": "zone"}, "zone"),
         ({"layer": "levle"}, "levle"),
-        ({"suite": "hall"}, "one of the two"),
+        ({"suite": "hall"}, "^suite and map are both given; give one of the two"),
+        ({"buildings": 0}, "buildings is 0"),
+        ({"first_building": 1}, "first_building 1"),
+        ({"first_building": 0.5}, "first_building 0.5"),
+        ({"scanner": np.ones((50, 50))}, "scanner is of the type ndarray"),
+        ({"mcl": {"max_particles": 0}}, "^mcl: max_particles is 0"),
+        ({"mcl": {"max_particle": 9}}, "^mcl: 'max_particle' is unknown; did you mean"),
+        ({"localizer": "mcl", "mcl": {"laser_min_range": 99.0}}, "^mcl: laser_min_range is 99"),
+        ({"window_cells": 257}, "window_cells is 257; give at most 256"),
+        ({"obstacles": 1001}, "obstacles is 1001; give at most 1000"),
+        ({"people": 1001}, "people are 1001; give at most 1000"),
+        ({"max_steps": 10**9 + 1}, "max_steps is 1000000001; give at most 1000000000"),
+        ({"iterations": 10**30}, "iterations is 10*; give at most 1000"),
         ({"max_episode_steps": 0}, "max_steps"),
         ({"robot": {"radius": 7.0}}, "room"),
         ({"shortest": 100.0, "longest": 200.0}, "100"),
@@ -149,6 +169,30 @@ def test_bad_arguments_are_refused(options: dict[str, Any], what: str) -> None:
     with pytest.raises(InputError, match=what) as caught:
         NavigationEnv(map=room(), **options).reset(seed=0)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"map": "hall"}, "map is 'hall', which is a suite; give suite='hall'"),
+        ({"map": "nowhere"}, "nowhere: the suffix"),
+        ({"map": 3}, "map is of the type int"),
+        ({"suite": "hal"}, "no suite 'hal' of buildings; did you mean hall"),
+        ({"suite": "a/hall"}, "no suite 'a/hall'"),
+        ({"suite": "hall.yaml"}, "suite is 'hall.yaml', which is a file's name; give it as map"),
+        ({"suite": room()}, "suite is of the type Environment; give a suite's name, or map"),
+    ],
+)
+def test_a_suite_is_a_name_and_a_map_a_file(options: dict[str, Any], what: str) -> None:
+    with pytest.raises(InputError, match=what):
+        NavigationEnv(**options)
+
+
+@pytest.mark.parametrize("seed", [1.5, -1, True, "1", [1]])
+def test_bad_seeds_are_refused(seed: Any) -> None:
+    env = NavigationEnv(map=room())
+    with pytest.raises(InputError, match=r"seed is .*; give a whole number from 0 on\.$"):
+        env.reset(seed=seed)
 
 
 def test_bad_actions_are_refused() -> None:
@@ -178,4 +222,12 @@ def test_parameters_from_plain_values() -> None:
         {"scanner": "rplidar-a1", "robot": {"radius": 0.3}, "people": {"count": 2, "speed": 0.5}}
     )
     assert p.scanner.beams > 0 and p.robot.radius == 0.3 and p.people.speed == 0.5
+    numbers = NavigationParameters(
+        people=np.int64(2), obstacles=np.int32(3), window=np.bool_(False),
+        start_std=np.array([0.1, 0.1, 0.05]), obstacle_sizes=np.array([0.2, 0.4]),
+    )  # fmt: skip
+    plain = NavigationParameters(
+        people=2, obstacles=3, window=False, start_std=(0.1, 0.1, 0.05), obstacle_sizes=(0.2, 0.4)
+    )  # type: ignore[arg-type]
+    assert repr(numbers) == repr(plain)
     assert pickle.loads(pickle.dumps(p)) == p

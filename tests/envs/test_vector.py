@@ -6,18 +6,21 @@ import hashlib
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium
-import numba
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
+from ambinav import threads
 from ambinav.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.simulation.simulation import LEAST
+from ambinav_envs.spaces import continuous
 from ambinav_envs.vector import NavigationVectorEnv
 from tests.envs.cases import equal, room
 
@@ -26,8 +29,17 @@ OPTIONS: dict[str, Any] = {
     "longest": 8.0, "max_steps": 40, "people": 2, "obstacles": 3, "waypoint": True,
     "odometry_scale": 2.0,
 }  # fmt: skip
-# Enough for the kernel that uses threads.
-COUNT = 20
+# The fewest that threads share, and one more.
+COUNT = 2 * LEAST + 1
+AT_THE_WALL = {"building": 0, "start": (14.5, 6.0, 0.0), "goal": (13.0, 1.0)}
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def two_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many threads as it takes to share work, on machines with one core too."""
+    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
+    threads._pools.clear()
 
 
 def actions(count: int, steps: int, seed: int = 0) -> Any:
@@ -58,7 +70,7 @@ def digest(envs: NavigationVectorEnv, steps: int) -> str:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("localizer", ["ekf", "odometry"])
-def test_is_the_single_environment_many_times(mode: str, localizer: str) -> None:
+def test_is_the_single_environment_many_times(mode: str, localizer: str, two_threads: None) -> None:
     options = OPTIONS | {"map": room(), "localizer": localizer}
     many = NavigationVectorEnv(COUNT, autoreset_mode=mode, **options)
     single = SyncVectorEnv([lambda: NavigationEnv(**options)] * COUNT, autoreset_mode=mode)
@@ -67,12 +79,13 @@ def test_is_the_single_environment_many_times(mode: str, localizer: str) -> None
     assert many.metadata == single.metadata
     equal(many.reset(seed=5), single.reset(seed=5))
     ends = 0
-    for action in actions(COUNT, 100):
+    for action in actions(COUNT, 70):
         got, wanted = many.step(action), single.step(action)
         equal(got, wanted)
         ends += int(got[2].sum() + got[3].sum())
         assert many.observation_space.contains(got[0])
     assert ends > COUNT
+    assert 2 in threads._pools
 
 
 def test_particle_filters_are_the_single_environment_too() -> None:
@@ -86,18 +99,15 @@ def test_particle_filters_are_the_single_environment_too() -> None:
     assert many.simulation.state["covariance"].max() > 0.0
 
 
-def test_neither_number_nor_threads_change_a_bit() -> None:
+def test_neither_number_nor_threads_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     few = NavigationVectorEnv(3, map=room(), **OPTIONS)
     many = NavigationVectorEnv(40, map=room(), **OPTIONS)
     chosen = actions(40, 60)
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
-        alone = digest(NavigationVectorEnv(40, map=room(), **OPTIONS), 60)
-        numba.set_num_threads(before)
-        assert digest(NavigationVectorEnv(40, map=room(), **OPTIONS), 60) == alone
-    finally:
-        numba.set_num_threads(before)
+    digests = []
+    for number in (1, 2):
+        monkeypatch.setattr("numba.get_num_threads", lambda number=number: number)
+        digests.append(digest(NavigationVectorEnv(40, map=room(), **OPTIONS), 60))
+    assert digests[0] == digests[1]
     few.reset(seed=7)
     many.reset(seed=7)
     for action in chosen:
@@ -111,10 +121,33 @@ def test_a_fresh_process_gives_the_same() -> None:
         "print(digest(NavigationVectorEnv(4, map=room(), **OPTIONS), 50))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-        cwd=__file__.rsplit("/tests/", 1)[0],
-    )  # fmt: skip
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert done.stdout.split()[-1] == digest(NavigationVectorEnv(4, map=room(), **OPTIONS), 50)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere forks are not the default")
+def test_a_fork_that_can_have_no_threads_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    # OpenMP would end the child at its first building, with no word to Python.
+    code = (
+        "import os, numba\n"
+        "from ambinav_envs.forked import refuse_if_forked\n"
+        "if os.fork() == 0: refuse_if_forked(), os._exit(0)\n"
+        "assert os.wait()[1] == 0\n"
+        "numba.get_num_threads(), refuse_if_forked()\n"
+        "if numba.threading_layer() != 'omp': print('another layer')\n"
+        "elif os.fork(): os.wait()\n"
+        "else: refuse_if_forked()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    if "another layer" in done.stdout:
+        pytest.skip("numba's threads are not OpenMP's here")
+    assert done.returncode == 0
+    assert done.stderr.count("InputError: this process was forked") == 1
+    monkeypatch.setattr("ambinav_envs.forked._forked", True)
+    for make in (NavigationEnv, NavigationVectorEnv):
+        with pytest.raises(InputError, match=r"was forked .* 'spawn'"):
+            make(map=room())
 
 
 @pytest.mark.parametrize("localizer", ["ekf", "mcl"])
@@ -174,12 +207,113 @@ def test_gymnasium_makes_it_and_its_wrappers_take_it() -> None:
             lengths += [info["episode"]["l"] for info in infos if "episode" in info]
             assert all(("outcome" in info) == ("episode" in info) for info in infos)
         assert lengths and max(lengths) == 40
-        alone = gymnasium.make("tests/Navigation-v0", map=room(), max_episode_steps=5)
-        alone.reset(seed=0)
-        truncations = [alone.step(np.array([-1.0, 0.0]))[3] for _ in range(5)]
-        assert truncations == [False] * 4 + [True]
+        # Gymnasium keeps `max_episode_steps` to itself and knows of no outcome.
+        for limit, outcome in (("max_steps", "timeout"), ("max_episode_steps", None)):
+            alone = gymnasium.make("tests/Navigation-v0", map=room(), **{limit: 5})
+            alone.reset(seed=0)
+            steps = [alone.step(np.array([-1.0, 0.0])) for _ in range(5)]
+            assert [step[3] for step in steps] == [False] * 4 + [True]
+            assert steps[-1][4].get("outcome") == outcome
+        few = gymnasium.make_vec("tests/Navigation-v0", map=room(), max_episode_steps=5)
+        assert few.unwrapped.simulation.parameters.max_steps == 5
     finally:
         del gymnasium.registry["tests/Navigation-v0"]
+
+
+def test_a_refused_reset_begins_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    envs, other = (NavigationVectorEnv(3, map=room(), **OPTIONS) for _ in range(2))
+    envs.reset(seed=0)
+    other.reset(seed=0)
+    source, before = envs.simulation.source, envs.simulation.state.tobytes()
+    draw, calls = source.draw, []
+
+    def fails_at_the_second(rng: np.random.Generator) -> Any:
+        calls.append(rng)
+        if len(calls) == 2:
+            raise InputError("no room.")
+        return draw(rng)
+
+    monkeypatch.setattr(source, "draw", fails_at_the_second)
+    with pytest.raises(InputError, match="no room"):
+        envs.reset()
+    assert envs.simulation.state.tobytes() == before
+    with pytest.raises(ResetNeeded, match="robot 0 has no episode"):
+        envs.step(np.zeros((3, 2)))
+    # The random numbers of all have gone on by one episode.
+    other.reset()
+    equal(envs.reset(), other.reset())
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_next_episode_that_is_refused(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    envs = NavigationVectorEnv(2, map=room(), autoreset_mode=mode, **OPTIONS)
+    start, mask = AT_THE_WALL, np.array([True, False])
+    envs.reset(seed=0)
+    envs.reset(options=start | {"reset_mask": mask})
+
+    def fails(rng: np.random.Generator) -> Any:
+        raise InputError("no room.")
+
+    monkeypatch.setattr(envs.simulation.source, "draw", fails)
+    with pytest.raises(InputError, match="no room"):
+        for _ in range(20):
+            envs.step(np.array([[1.0, 0.0], [-1.0, 0.0]]))
+    with pytest.raises(ResetNeeded, match="robot 0 has no episode"):
+        envs.step(np.zeros((2, 2)))
+    # The other one goes on.
+    steps = envs.simulation.state["steps"][1]
+    envs.reset(options=start | {"reset_mask": mask})
+    envs.step(np.zeros((2, 2)))
+    assert envs.simulation.state["steps"][1] == steps + 1
+
+
+def test_where_people_have_no_room_nobody_drives() -> None:
+    # One person has room in the middle of the right half alone, if no robot is there.
+    envs = NavigationVectorEnv(2, map=room(), people={"count": 1, "radius": 3.9})
+    ends = {"goal": (13.0, 1.0), "start": (1.0, 1.0, 0.0)}
+    envs.reset(seed=0, options=ends)
+    envs.step(np.zeros((2, 2)))
+    with pytest.raises(InputError, match="no room for 1 "):
+        envs.reset(options=ends | {"start": (10.5, 6.0, 0.0)})
+    with pytest.raises(ResetNeeded):
+        envs.step(np.zeros((2, 2)))
+
+
+def test_actions_in_any_order_of_memory() -> None:
+    envs, others = (NavigationVectorEnv(3, map=room(), **OPTIONS) for _ in range(2))
+    equal(envs.reset(seed=0), others.reset(seed=0))
+    for action in actions(3, 3):
+        for other in (np.asfortranarray(action.astype(np.float64)), action.astype(">f4")):
+            # Any other would have the kernel compiled again.
+            assert continuous(other, 3, False).flags.c_contiguous
+            equal(envs.step(other), others.step(action))
+
+
+def test_seeds_may_be_numpys() -> None:
+    envs, others = (NavigationVectorEnv(3, map=room(), **OPTIONS) for _ in range(2))
+    wanted = envs.reset(seed=[4, 5, 6])
+    for seeds in ([np.int64(4), 5, np.uint8(6)], np.arange(4, 7), np.int64(4), (4, 5, 6)):
+        equal(others.reset(seed=seeds), wanted)
+    assert others.np_random_seed == (4, 5, 6)
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+def test_an_action_that_is_ignored_may_be_anything(discrete: bool) -> None:
+    envs = NavigationVectorEnv(2, map=room(), discrete=discrete)
+    start, mask = AT_THE_WALL, np.array([True, False])
+    envs.reset(seed=0)
+    envs.reset(options=start | {"reset_mask": mask})
+    ahead, wrong = (7, 9) if discrete else ((1.0, 0.0), (np.nan, 0.0))
+    still = 1 if discrete else (-1.0, 0.0)
+    ended = False
+    while not ended:
+        with pytest.raises(InputError, match=r"action of robot 0 is .*; give"):
+            envs.step(np.array([wrong, still]))
+        ended = bool(envs.step(np.array([ahead, still]))[2][0])
+    with pytest.raises(InputError, match=r"action of robot 1 is .*; give"):
+        envs.step(np.array([wrong, wrong]))
+    envs.step(np.array([wrong, still]))
+    assert envs.simulation.state["steps"].tolist()[0] == 0
 
 
 def test_bad_input_is_refused() -> None:
@@ -189,14 +323,24 @@ def test_bad_input_is_refused() -> None:
     envs.reset(seed=0)
     for wrong, what in (
         (np.zeros(2), "shape"), (np.full((2, 2), np.nan), "finite"), ("left", "numbers"),
-        ([[1.0], [1.0, 2.0]], "numbers"), (None, "numbers"),
+        ([[1.0], [1.0, 2.0]], "numbers"), (None, "numbers"), (np.full((2, 2), "x" * 99), "numbers"),
+        (np.ones((500, 2)), "shape"), ([["a" * 99] * 99, 3], "numbers"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=what) as caught:
+            envs.step(wrong)
+        assert len(str(caught.value)) < 200 and "\n" not in str(caught.value)
+    for seed, what in (
+        ([1, 2, 3], "3 seeds"), (1.5, "seed is 1.5"), ([1, 1.5], r"seed\[1\] is 1.5"),
+        ("12", "seed is '12'"), (-1, "seed is -1"), (np.array(1.5), "seed is 1.5"),
+        ([[1], [2, 3]], r"seed\[0\]"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=what):
-            envs.step(wrong)
-    with pytest.raises(InputError, match="3 seeds"):
-        envs.reset(seed=[1, 2, 3])
-    with pytest.raises(InputError, match="reset_mask"):
-        envs.reset(options={"reset_mask": np.zeros(2, dtype=bool)})
+            envs.reset(seed=seed)  # type: ignore[arg-type]
+    for mask in (np.zeros(2, dtype=bool), [[True], [True, False]], [1, 0], "yes", [True]):
+        with pytest.raises(InputError, match="reset_mask"):
+            envs.reset(seed=3, options={"reset_mask": mask})
+    # Nothing of it has started random numbers anew.
+    assert envs.np_random_seed == (0, 1)
     with pytest.raises(InputError, match="NextStep"):
         NavigationVectorEnv(2, map=room(), autoreset_mode="never")
     with pytest.raises(InputError, match="num_envs"):

@@ -64,6 +64,13 @@ def test_what_was_given_out_stays_as_it_is() -> None:
     equal(seen, kept)
 
 
+def test_a_mask_may_be_a_list() -> None:
+    a, b = (FrameStack(batched("Disabled"), 3) for _ in range(2))
+    equal(a.reset(seed=0), b.reset(seed=0))
+    mask = [True, False, True]
+    equal(a.reset(options={"reset_mask": mask}), b.reset(options={"reset_mask": np.array(mask)}))
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_goal_only(mode: str) -> None:
     alone = SyncVectorEnv([lambda: FilterObservation(single(), GOAL_ONLY)] * 3, autoreset_mode=mode)

@@ -14,6 +14,7 @@ from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.suites import suite
+from ambinav_envs.forked import refuse_if_forked
 
 # Numbers of buildings end below this, so that each has one as a 32-bit integer.
 _END: Final = 2**31
@@ -30,7 +31,8 @@ class BuildingSource:
         scanner: What the robot sees with.
         robot_radius: Of the robot's disc, metres.
         count: How many buildings of the suite there are; None: any number, so that hardly one is
-            met twice, and no map is kept on disk.
+            met twice, and no map is kept on disk. Messages call it `buildings`, and the next
+            `first_building`, as the environments do.
         first: Number of the first one.
         spacing: Of the ambiguity maps' lattices, metres.
         held: How many buildings are held in memory, those used last; each takes
@@ -63,6 +65,11 @@ class BuildingSource:
         self._layers = layers
         self._buildings: OrderedDict[int, Building] = OrderedDict()
         self._map: Environment | None = None
+        if not isinstance(what, str | Path | Environment):
+            raise InputError(
+                f"the buildings are of the type {type(what).__name__}; name a suite, or give an "
+                "environment file or an Environment."
+            )
         if isinstance(what, str) and not Path(what).suffix and Path(what).name == what:
             self.name = suite(what).name
         else:
@@ -70,15 +77,22 @@ class BuildingSource:
             self.name = self._map.name
         if self._map is not None and (count not in (None, 1) or first != 0):
             raise InputError(
-                f"{self.name} is one building, but count is {count} and first {first}; leave them "
-                "out, or name a suite."
+                f"{self.name} is one building, but buildings is {count!r} and first_building "
+                f"{first!r}; leave them out, or name a suite."
             )
-        self.first = first
-        self.count = 1 if self._map is not None else count
-        if isinstance(first, bool) or not isinstance(first, int) or not 0 <= first < _END:
-            raise InputError(f"first is {first!r}; give the number of a building, from 0 on.")
-        if count is not None and first + as_count(count, "count") > _END:
-            raise InputError(f"count is {count} from {first} on; numbers end at {_END - 1}.")
+        whole = isinstance(first, int | np.integer) and not isinstance(first, bool)
+        if not whole or not 0 <= first < _END:
+            raise InputError(
+                f"first_building is {first!r}; give the number of a building, from 0 on."
+            )
+        self.first = int(first)
+        self.count = None if count is None else as_count(count, "buildings")
+        if self.count is not None and self.first + self.count > _END:
+            raise InputError(
+                f"buildings is {count} from first_building {first} on; numbers end at {_END - 1}."
+            )
+        if self._map is not None:
+            self.count = 1
 
     def __repr__(self) -> str:
         """Name and range."""
@@ -109,6 +123,7 @@ class BuildingSource:
         if number in self._buildings:
             self._buildings.move_to_end(number)
             return self._buildings[number]
+        refuse_if_forked()
         if self._map is None:
             environment, keep = suite(self.name).building(number), self.count is not None
         else:

@@ -174,7 +174,7 @@ def draw_into(state, shortest, longest, table, field, task):
     far_end, farthest = -1, 0.0
     for attempt in range(_DRAWN + _FAR_ENDS if table.standing.size > 0 else 0):
         goal = table.standing[int(uniform(state) * table.standing.size)]
-        if attempt > _DRAWN and far_end >= 0:
+        if attempt >= _DRAWN and far_end >= 0:
             goal = far_end
         task[3], task[4] = _beside(state, goal, table)
         label = spread_from(task[3], task[4], table, field)

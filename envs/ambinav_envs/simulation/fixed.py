@@ -2,20 +2,69 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+import ambinav
+from ambinav.files import sha256
 from ambinav.localization.information import TABLE
 from ambinav_envs.simulation.eyes import Eyes
-from ambinav_envs.simulation.layout import FIXED, GROUND, SETTINGS, STATE, Memory
+from ambinav_envs.simulation.layout import GROUND, SETTINGS, STATE, Memory, record
 from ambinav_envs.simulation.pointers import address, array_at
+
+CODE = tuple(
+    path
+    for package, folders in (
+        (Path(ambinav.__file__).parent, ("drive", "geometry", "localization", "service")),
+        (Path(__file__).parents[1], ("buildings", "simulation")),
+    )
+    for folder in folders
+    for path in sorted((package / folder).glob("*.py"))
+)
+"""Files that `step.advance` is compiled from, or whose records it reads."""
+
+
+def record_for(code: str) -> np.dtype[np.void]:
+    """The type of the record for a checksum of the code, which is part of it.
+
+    numba keeps machine code by the file of the function and by the types of its arguments. It would
+    load that of other layouts, or of other functions that are called, where the file is the same.
+    """
+    whole = np.int64
+    return record(
+        **{f"code_{code}": whole},
+        # How many robots, people and boxes around each.
+        robots=whole, persons=whole, most_boxes=whole,
+        # Of `Memory`.
+        state=whole, ground=whole, people=whole, boxes=whole, readings=whole, settings=whole,
+        # Sizes of the arrays of `Eyes`.
+        groups=whole, rays=whole, beams=whole, sensors=whole, edges=whole,
+        # And these.
+        origin=whole, first=whole, cosine=whole, sine=whole, beam=whole, limit=whole,
+        incidence=whole, start=whole, near=whole, far=whole, sensor=whole, shift=whole,
+        std=whole, run=whole, reading=whole,
+    )  # fmt: skip
+
+
+FIXED = record_for(sha256(*CODE)[:16])
+"""What stays the same from step to step, as addresses like those of `layout.GROUND`.
+
+To hand numba some thirty arrays takes longer than to step a robot.
+"""
+
+_KINDS: dict[str, Any] = {
+    "state": STATE, "ground": GROUND, "settings": SETTINGS, "first": np.int64, "beam": np.int64,
+    "sensor": np.int64, "run": np.int64,
+}  # fmt: skip
+"""Types of the arrays that are not float64."""
 
 
 def fixed_of(memory: Memory, eyes: Eyes) -> NDArray[np.void]:
-    """`layout.FIXED`, shape (1,); it is valid as long as the arrays live."""
+    """`FIXED`, shape (1,); it is valid as long as the arrays live."""
     sizes = {
         "robots": memory.state.size, "persons": memory.people.shape[1],
         "most_boxes": memory.boxes.shape[1], "groups": len(eyes.origin), "rays": len(eyes.cosine),
@@ -26,7 +75,7 @@ def fixed_of(memory: Memory, eyes: Eyes) -> NDArray[np.void]:
         fixed[name] = size
     arrays: dict[str, NDArray[Any]] = memory._asdict() | eyes._asdict()
     for name, array in arrays.items():
-        fixed[name] = address(array, array.dtype)
+        fixed[name] = address(array, _KINDS.get(name, np.float64))
     return fixed
 
 

@@ -145,24 +145,6 @@ robots stand in different ones: so nothing is copied, and a kernel looks at any 
 """
 
 
-FIXED = record(
-    # How many robots, people and boxes around each.
-    robots=_WHOLE, persons=_WHOLE, most_boxes=_WHOLE,
-    # Of `Memory`.
-    state=_WHOLE, ground=_WHOLE, people=_WHOLE, boxes=_WHOLE, readings=_WHOLE, settings=_WHOLE,
-    # Sizes of the arrays of `simulation.eyes.Eyes`.
-    groups=_WHOLE, rays=_WHOLE, beams=_WHOLE, sensors=_WHOLE, edges=_WHOLE,
-    # And these.
-    origin=_WHOLE, first=_WHOLE, cosine=_WHOLE, sine=_WHOLE, beam=_WHOLE, limit=_WHOLE,
-    incidence=_WHOLE, start=_WHOLE, near=_WHOLE, far=_WHOLE, sensor=_WHOLE, shift=_WHOLE,
-    std=_WHOLE, run=_WHOLE, reading=_WHOLE,
-)  # fmt: skip
-"""What stays the same from step to step, as addresses like `GROUND`'s.
-
-To hand numba some thirty arrays takes longer than to step a robot.
-"""
-
-
 class Memory(NamedTuple):
     """All that changes, for N robots; what the kernels take first.
 

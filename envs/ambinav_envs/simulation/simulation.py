@@ -14,8 +14,10 @@ from ambinav.errors import InputError
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.random import states
 from ambinav.sensing.fields import nearest
+from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
+from ambinav_envs.forked import refuse_if_forked
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.fixed import fixed_of
@@ -36,7 +38,6 @@ from ambinav_envs.simulation.layout import (
 from ambinav_envs.simulation.pointers import address
 from ambinav_envs.simulation.site import Site, Sites, eyes_for
 from ambinav_envs.simulation.step import BEGIN, JUDGE, SHOW, STEP, UP_TO_LOOK, advance
-from ambinav_envs.simulation.threads import share
 from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
@@ -44,6 +45,8 @@ Floats = NDArray[np.float64]
 OPTIONS = ("start", "goal", "building")
 """What `reset` takes as options."""
 
+# So many robots are worth waking a thread for.
+LEAST = 16
 # For who does not act.
 NOTHING: Floats = np.empty((0, 2))
 
@@ -60,6 +63,16 @@ class Outcome(NamedTuple):
     figures: Floats
 
 
+class _Episode(NamedTuple):
+    """One that is drawn and has not begun."""
+
+    site: Site
+    task: Task
+    streams: NDArray[np.uint64]
+    estimate: Floats
+    particles: MonteCarloLocalizer | None
+
+
 class Simulation:
     """N robots in buildings.
 
@@ -74,11 +87,15 @@ class Simulation:
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.
         tasks: Start, goal and the field of distances of each.
+
+    Raises:
+        InputError: the process was forked from one in which numba's threads ran.
     """
 
     def __init__(
         self, source: BuildingSource, parameters: NavigationParameters, count: int
     ) -> None:
+        refuse_if_forked()
         announce()
         self.source = source
         self.parameters = parameters
@@ -156,10 +173,13 @@ class Simulation:
     ) -> None:
         """Begin new episodes.
 
+        If one of them is refused none begins; but where people find no room, which is known only
+        then, those of `rows` have no episode that is of use.
+
         Args:
             rows: Of which robots.
             generators: The source of randomness of each of all N; one draw of it makes the streams
-                of an episode.
+                of an episode, refused ones included.
             options: `start` (x, y, theta), `goal` (x, y), `building` (number or key); what is left
                 out is drawn.
             out: Their rows are written.
@@ -169,23 +189,12 @@ class Simulation:
                 robot, the task or the people.
         """
         given = _checked(options)
-        for i in rows:
-            streams = states(generators[i], STREAMS)
-            own = np.random.Generator(np.random.PCG64(streams[BUILDING]))
-            if given["building"] is None:
-                site = self._known.of(self.source.draw(own))
-            else:
-                site = self._known.of(self.source.get(given["building"]))
-            p = self.parameters
-            ends = given["start"], given["goal"]
-            if ends == (None, None):
-                task = site.goals.draw(streams[TASK], p.shortest, p.longest)
-            else:
-                task = draw_task(
-                    site.places, streams[TASK], p.shortest, p.longest, start=ends[0], goal=ends[1]
-                )
-            self._settle(i, site, task)
-            self._start(i, task, streams, own)
+        # First one draw of each, so that what is refused then moves all of them on alike.
+        streams = [states(generators[i], STREAMS) for i in rows]
+        episodes = [self._draw(own, given) for own in streams]
+        for i, episode in zip(rows, episodes, strict=True):
+            self._settle(i, episode.site, episode.task)
+            self._start(i, episode)
         chosen = np.array(rows, dtype=np.int64)
         self._advance(chosen, BEGIN, out)
 
@@ -211,6 +220,39 @@ class Simulation:
         if rows:
             self._kernel(np.array(rows, dtype=np.int64), SHOW, out, NOTHING)
 
+    def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
+        """Draw what the options leave open of an episode."""
+        p = self.parameters
+        own = np.random.Generator(np.random.PCG64(streams[BUILDING]))
+        building, start, goal = given["building"], given["start"], given["goal"]
+        site = self._known.of(
+            self.source.draw(own) if building is None else self.source.get(building)
+        )
+        if start is None and goal is None:
+            task = site.goals.draw(streams[TASK], p.shortest, p.longest)
+        else:
+            task = draw_task(
+                site.places, streams[TASK], p.shortest, p.longest, start=start, goal=goal
+            )
+        std = np.array(p.start_std)
+        estimate = task.start + std * own.standard_normal(3)
+        particles = self._localizer(site, own, estimate, std) if self._particles else None
+        return _Episode(site, task, streams, estimate, particles)
+
+    def _localizer(
+        self, site: Site, own: np.random.Generator, estimate: Floats, std: Floats
+    ) -> MonteCarloLocalizer:
+        """A particle filter that is told an estimate and its deviations."""
+        scanner, mcl = self.parameters.scanner, self.parameters.particles
+        environment = site.building.environment
+        try:
+            field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
+            localizer = MonteCarloLocalizer(environment, scanner, mcl, rng=own, field=field)
+        except InputError as error:
+            raise InputError(f"mcl: {error}") from error
+        localizer.start(estimate, np.diag(std * std))
+        return localizer
+
     def _settle(self, i: int, site: Site, task: Task) -> None:
         """Put robot i into a building, with a goal."""
         self.sites[i], self.tasks[i] = site, task
@@ -222,27 +264,16 @@ class Simulation:
         ground[i] = site.ground[0]
         ground["field"][i] = address(task.field, np.float32)
 
-    def _start(
-        self, i: int, task: Task, streams: NDArray[np.uint64], own: np.random.Generator
-    ) -> None:
+    def _start(self, i: int, episode: _Episode) -> None:
         """Make the record of robot i that of an episode which begins."""
-        state, std = self.state, np.array(self.parameters.start_std)
-        estimate = task.start + std * own.standard_normal(3)
+        state, task, std = self.state, episode.task, np.array(self.parameters.start_std)
         state[i] = np.zeros((), dtype=STATE)
         row = state[i]
-        row["random"], row["truth"], row["goal"] = streams, task.start, task.goal
+        row["random"], row["truth"], row["goal"] = episode.streams, task.start, task.goal
         row["distance"] = row["shortest"] = task.distance
-        row["outcome"], row["mean"] = RUNNING, estimate
+        row["outcome"], row["mean"] = RUNNING, episode.estimate
         row["covariance"][[0, 1, 2], [0, 1, 2]] = std * std
-        if self._particles:
-            site = self.sites[i]
-            assert site is not None
-            p, mcl = self.parameters, self.parameters.particles
-            field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
-            environment = site.building.environment
-            localizer = MonteCarloLocalizer(environment, p.scanner, mcl, rng=own, field=field)
-            localizer.start(estimate, np.diag(std * std))
-            self._filters[i] = localizer
+        self._filters[i] = episode.particles
 
     def _advance(
         self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING
@@ -263,7 +294,7 @@ class Simulation:
             if full >= 0:
                 self._refuse(full)
 
-        share(some, len(rows))
+        share(some, len(rows), LEAST)
 
     def _refuse(self, i: int) -> None:
         """Say that there is no room for people around robot i."""

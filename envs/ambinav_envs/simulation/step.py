@@ -235,7 +235,7 @@ def advance(fixed, view, figures, actions, rows, parts):
     All of it is one kernel, so that what steps and beginnings share is compiled once.
 
     Args:
-        fixed: See `layout.FIXED`.
+        fixed: See `simulation.fixed`.
         view: Rows `rows` are written, see `View`.
         figures: Columns `rows` are written, see `ROWS`.
         actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.

@@ -22,6 +22,7 @@ def test_numbers_and_keys() -> None:
     building = halls.get(6)
     assert building.key == building.environment.name == "hall-6"
     assert halls.get("hall-6") is building is halls.get(np.int64(6))
+    assert repr(source(count=np.int64(3), first=np.int64(5))) == repr(halls)
     assert building.robot_radius == RADIUS and building.keep
     for wrong in (4, 8, -1, True, "hall-8", "hall", "office-6", "hall-six", "", 6.0, None):
         with pytest.raises(an.InputError, match=r"give a number from 5 to 7, or a key: 'hall-5'"):
@@ -77,7 +78,7 @@ def test_a_map(tmp_path: Path) -> None:
         assert one.count == 1
         with pytest.raises(an.InputError, match=f"from 0 to 0, or a key: '{name}'"):
             one.get("hall-0")
-    with pytest.raises(an.InputError, match="cell is one building, but count is 5"):
+    with pytest.raises(an.InputError, match="cell is one building, but buildings is 5"):
         source(path, count=5)
 
 
@@ -86,12 +87,13 @@ def test_a_map(tmp_path: Path) -> None:
     [
         ("hal", {}, "no suite 'hal' of buildings; did you mean hall"),
         ("nowhere.geojson", {}, "nowhere.geojson"),
-        ("hall", {"first": -1}, "first is -1"),
-        ("hall", {"count": 0}, "count"),
+        ("hall", {"first": -1}, "first_building is -1"),
+        ("hall", {"count": 0}, "buildings is 0"),
+        (3, {}, "the buildings are of the type int; name a suite, or give"),
         ("hall", {"count": 2, "first": 2**31 - 1}, "numbers end at 2147483647"),
         ("hall", {"held": 0}, "held"),
     ],
 )
-def test_what_cannot_be(what: str, options: dict[str, int], words: str) -> None:
+def test_what_cannot_be(what: object, options: dict[str, int], words: str) -> None:
     with pytest.raises(an.InputError, match=words):
         source(what, **options)

@@ -1,0 +1,75 @@
+"""Work on a range of rows, shared by a few threads.
+
+Kernels give up the interpreter's lock while they run, so Python's own threads do. A kernel with
+numba's parallel loops takes twice to four times as long to compile, cannot share its machine code
+with a call on one thread, and ends a process that was forked from one that has run it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import pairwise
+from typing import Any
+
+import numba
+import numpy as np
+
+# So many pieces for each thread, that one which is held up leaves its rest to the others.
+PIECES = 4
+
+_pools: dict[int, ThreadPoolExecutor] = {}
+# A forked process has none of its parent's threads.
+os.register_at_fork(after_in_child=_pools.clear)
+
+
+def share(work: Callable[[int, int], object], count: int, least: int = 1) -> None:
+    """Call `work(low, high)` for pieces that cover rows 0 to `count` - 1, and wait for all.
+
+    Args:
+        work: To be done; pieces run at the same time, on as many threads as numba is set to. What
+            it raises is raised here, and no other piece is begun.
+        count: How many rows.
+        least: Rows of a piece: fewer are not worth waking a thread.
+    """
+    most = count // least
+    threads = min(numba.get_num_threads(), most) if most > 1 else 1
+    if threads < 2:
+        work(0, count)
+        return
+    if threads not in _pools:
+        _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
+    edges = np.linspace(0, count, min(most, PIECES * threads) + 1).astype(int).tolist()
+    pieces = iter(list(pairwise(edges)))
+
+    def some() -> None:
+        try:
+            for low, high in pieces:
+                work(low, high)
+        except BaseException:
+            for _ in pieces:
+                pass
+            raise
+
+    others = [_pools[threads].submit(some) for _ in range(threads - 1)]
+    try:
+        some()
+    finally:
+        # Whoever goes on after an error must not find others still at work.
+        wait(others)
+    for other in others:
+        other.result()
+
+
+def run_rows(kernel: Callable[..., object], count: int, *arguments: Any, least: int = 1) -> None:
+    """Run a kernel over rows 0 to `count` - 1, shared by threads.
+
+    Args:
+        kernel: Compiled with `nogil=True`; takes the first row and the one past the last, then the
+            arguments, and writes nothing but these rows of its results.
+        count: How many rows.
+        arguments: Its others.
+        least: See `share`.
+    """
+    share(lambda low, high: kernel(low, high, *arguments), count, least)

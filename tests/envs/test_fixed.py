@@ -1,0 +1,59 @@
+"""The record that stands for thirty arrays: the kernels find the same arrays at its addresses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numba
+import numpy as np
+import pytest
+from numba import njit
+
+from ambinav.files import sha256
+from ambinav_envs.simulation.eyes import Eyes
+from ambinav_envs.simulation.fixed import CODE, FIXED, eyes_at, fixed_of, memory_at, record_for
+from ambinav_envs.simulation.layout import Memory
+from tests.envs.cases import room
+
+
+@njit
+def arrays_of(fixed: Any) -> Any:
+    return memory_at(fixed[0]), eyes_at(fixed[0])
+
+
+def test_kernels_see_the_very_arrays() -> None:
+    env = gym.make("ambinav/Navigation-v0", map=room(), people=1, obstacles=2)
+    env.reset(seed=3)
+    simulation = env.unwrapped.simulation  # type: ignore[attr-defined]
+    memory, eyes = arrays_of(fixed_of(simulation._memory, simulation._eyes))
+    for mine, theirs in ((simulation._memory, Memory(*memory)), (simulation._eyes, Eyes(*eyes))):
+        for name, array in mine._asdict().items():
+            other = getattr(theirs, name)
+            assert other.dtype == array.dtype and other.shape == array.shape, name
+            assert other.ctypes.data == array.ctypes.data, name
+
+
+def test_arrays_of_another_type_are_refused() -> None:
+    env = gym.make("ambinav/Navigation-v0", map=room())
+    env.reset(seed=3)
+    simulation = env.unwrapped.simulation  # type: ignore[attr-defined]
+    short = simulation._eyes._replace(beam=simulation._eyes.beam.astype(np.int32))
+    with pytest.raises(TypeError, match="int32"):
+        fixed_of(simulation._memory, short)
+
+
+def test_other_code_is_another_type() -> None:
+    """So that numba does not load what it has compiled from other files."""
+    names = {path.name for path in CODE}
+    assert {
+        "step.py",
+        "layout.py",
+        "ekf.py",
+        "fan.py",
+        "noise.py",
+        "field.py",
+        "geodesic.py",
+    } <= names
+    assert FIXED.names is not None and FIXED.names[0] == f"code_{sha256(*CODE)[:16]}"
+    assert numba.from_dtype(record_for("1")) != numba.from_dtype(record_for("2"))
