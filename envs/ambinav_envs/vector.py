@@ -99,8 +99,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         """Begin an episode of every robot.
 
         Args:
-            seed: Robot i's random numbers start anew from seed + i, or from the i-th of them;
-                None: they go on.
+            seed: The random numbers of robot i, if its episode begins, start anew from seed + i,
+                or from the i-th of them; None: they go on.
             options: As for `NavigationEnv.reset`, for all robots; and `reset_mask`, bool, shape
                 (N,): whose episodes begin, all others go on.
 
@@ -110,7 +110,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         """
         options = dict(options or {})
         chosen = self._mask(options.pop("reset_mask", None))
-        self._seed(seed)
+        self._seed(seed, chosen)
         out = self.simulation.outcome()
         if not chosen.all():
             self.simulation.look(out)
@@ -218,7 +218,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             "_final_info": done.copy(),
         }
 
-    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
+    def _seed(self, seed: int | Sequence[int | None] | None, chosen: Bools | None = None) -> None:
         """Start random numbers anew, or for the first time."""
         seeds = as_seeds(seed, self.num_envs)
         if not self._generators:
@@ -226,7 +226,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             self._generators, self._seeds = [m[0] for m in made], [m[1] for m in made]
             return
         for i, value in enumerate(seeds):
-            if value is not None:
+            if value is not None and (chosen is None or chosen[i]):
                 self._generators[i], self._seeds[i] = seeding.np_random(value)
 
     def _mask(self, mask: Any) -> Bools:

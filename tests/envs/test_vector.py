@@ -182,6 +182,7 @@ def test_a_mask_begins_some_episodes() -> None:
     equal({k: v[~mask] for k, v in seen.items()}, {k: v[~mask] for k, v in before.items()})
     alone = NavigationEnv(map=room(), **OPTIONS)
     equal({k: v[3] for k, v in seen.items()}, alone.reset(seed=6)[0])
+    assert envs.np_random_seed == (3, 1, 2, 6, 4)  # the others' random numbers go on
     for action in actions(5, 200):
         done = envs.step(action)
         if (done[2] | done[3]).any():
