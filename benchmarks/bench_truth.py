@@ -25,9 +25,9 @@ The criterion, written before the first whole run:
 - `position_radius` came after the first look at the places of sonars and the mixed scanner (in
   all environments but willow_full_005, aws_small_house and nav2_tb3_sandbox), where `level` did
   not do: no criterion knew of it before.
-- `--fresh`: seven other buildings, six of them of real robots (intel, belgioioso, edmonton,
-  infinite-corridor, mrpt_uwb_hall, stata_basement; navrep_markclutter), with the three scanners
-  that have bad places. How the radius is made has been settled with the first
+- `--fresh`: six other buildings, five of them of real robots (intel, belgioioso, edmonton,
+  mrpt_uwb_hall, stata_basement; navrep_markclutter), with the three scanners that have bad places.
+  (infinite-corridor was one of them, and was left out before any layer was computed: too large.) How the radius is made has been settled with the first
   eight buildings before any layer was computed for these: what they say is no fit.
 - Goals: AUC of `level` 0.85 or more on average and level with every other layer for each scanner;
   weak direction within 15 degrees at the median; predicted radius within a factor of 2.
@@ -56,8 +56,7 @@ from ambinav.maps.zones import CORRIDOR
 SIMULATED = ("demo", "nav2_depot", "nav2_tb3_sandbox", "aws_small_house")
 RECORDED = ("willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")
 FRESH = (
-    "intel", "belgioioso", "edmonton", "infinite-corridor", "mrpt_uwb_hall", "stata_basement",
-    "navrep_markclutter",
+    "intel", "belgioioso", "edmonton", "mrpt_uwb_hall", "stata_basement", "navrep_markclutter",
 )  # fmt: skip
 """Buildings that nothing was fitted to."""
 SHORT = ("laser-4m", "sonar-ring", "mixed")
