@@ -27,8 +27,9 @@ The criterion, written before the first whole run:
   not do: no criterion knew of it before.
 - `--fresh`: six other buildings, five of them of real robots (intel, belgioioso, edmonton,
   mrpt_uwb_hall, stata_basement; navrep_markclutter), with the three scanners that have bad places.
-  (infinite-corridor was one of them, and was left out before any layer was computed: too large.) How the radius is made has been settled with the first
-  eight buildings before any layer was computed for these: what they say is no fit.
+  (infinite-corridor was one of them, and was left out before any layer was computed: too large.)
+  How the radius is made has been settled with the first eight buildings before any layer was
+  computed for these: what they say is no fit.
 - Goals: AUC of `level` 0.85 or more on average and level with every other layer for each scanner;
   weak direction within 15 degrees at the median; predicted radius within a factor of 2.
 """
