@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,7 +32,9 @@ from ambinav.compare.leaderboard.figures import FIGURES
 from ambinav.compare.leaderboard.methods import RouteFollower
 from ambinav.compare.leaderboard.routes import PlannerChoice
 from ambinav.drive.bootstrap import Interval
+from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import load_policy
 from ambinav_envs.rewards import PRESETS
 from ambinav_envs.scenario import scenario
@@ -104,11 +106,27 @@ def train(arm: Arm, seed: int) -> None:
     print(f"trained: {folder.name}", file=sys.stderr, flush=True)
 
 
-def driven(driver: Any, told: dict[str, Any], episodes: int) -> Episodes:
-    """What a policy or a planner makes of the episodes."""
-    options = {key: value for key, value in told.items() if key not in ("id", "buildings")}
-    source, parameters = scenario("hall", None, BUILDINGS, UNSEEN, None, options)
-    return evaluate(driver, source, parameters, episodes, SEED)
+class Course:
+    """The episodes: the halls that nobody has seen, held for all who drive there.
+
+    Args:
+        told: The environment of training.
+        episodes: How many.
+    """
+
+    def __init__(self, told: Mapping[str, Any], episodes: int) -> None:
+        self._told = {key: one for key, one in told.items() if key not in ("id", "buildings")}
+        self._episodes = episodes
+        self._source, _ = self._scenario({})
+
+    def _scenario(self, changed: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
+        return scenario("hall", None, BUILDINGS, UNSEEN, None, {**self._told, **changed})
+
+    def driven(self, driver: Any, changed: Mapping[str, Any]) -> Episodes:
+        """What a policy or a planner makes of the episodes."""
+        _, parameters = self._scenario(changed)
+        print(f"driven: {getattr(driver, 'name', 'route')}", file=sys.stderr, flush=True)
+        return evaluate(driver, self._source, parameters, self._episodes, SEED)
 
 
 def parts_of(runs: Sequence[Episodes], key: str) -> tuple[Floats, Floats]:
@@ -230,14 +248,20 @@ def main() -> None:
         runs = [(arm, seed) for seed, arm in product(seeds, arms)]
         list(pool.map(lambda run: train(*run), runs))
     told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))["environment"]
+    course = Course(told, args.episodes)
+    policies = {
+        arm.name: [load_policy(arm.run_folder(seed) / "final.zip") for seed in seeds]
+        for arm in arms
+    }
+    # Their routes hang on no setting.
+    followers = {name: RouteFollower(choice) for name, choice in PLANNERS.items()}
     found: dict[str, dict[str, list[Episodes]]] = {}
     for setting, changed in SETTINGS.items():
         methods = found.setdefault(setting, {})
-        for arm in arms:
-            policies = [load_policy(arm.run_folder(seed) / "final.zip") for seed in seeds]
-            methods[arm.name] = [driven(one, told | changed, args.episodes) for one in policies]
-        for name, choice in PLANNERS.items():
-            methods[name] = [driven(RouteFollower(choice), told | changed, args.episodes)]
+        for name, runs_of_arm in policies.items():
+            methods[name] = [course.driven(one, changed) for one in runs_of_arm]
+        for name, follower in followers.items():
+            methods[name] = [course.driven(follower, changed)]
     report(
         "The ambiguity reward, with and without", LIBRARIES, body(found, arms, args.episodes),
         args.out,

@@ -1,62 +1,75 @@
-"""Train the policies that ambinav ships, and put each with its card into the package.
+"""Train the policies that ambinav ships, put each with its card into the package, and report.
 
 Both are trained by `ambinav train configs/ppo.yaml`, with the rewards `shortest` and `ambiguity`
-and nothing else different. A training that is in its folder already is not run again.
+and nothing else different. A training that is in its folder already is not run again. The report
+says how long the trainings took and how arrival rose; the picture of one of them goes to
+docs/images.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import yaml
-from harness import ROOT, table
+from harness import ROOT, report, table
 from stable_baselines3 import PPO
 
 from ambinav.compare.leaderboard.board import CONDITIONS
 from ambinav.compare.leaderboard.figures import make_rows, value_text
-from ambinav_envs.evaluation import evaluate
+from ambinav_envs.evaluation import UNSEEN, evaluate
 from ambinav_envs.policies import load_policy, save_policy
-from ambinav_envs.policies.file import Card, arguments_of, read_card
+from ambinav_envs.policies.file import Card, read_members
 from ambinav_envs.policies.load import BASELINES
 from ambinav_envs.scenario import scenario
+from ambinav_envs.training import folder as files
+from ambinav_envs.training.progress import Row, read_rows
 
 CONFIG = ROOT / "configs" / "ppo.yaml"
+OUT = ROOT / "benchmarks" / "results" / "baselines.md"
+PICTURE = ROOT / "docs" / "images" / "training-curve.png"
+PICTURED = "ppo-ambiguity"
 POLICIES = {"ppo-shortest": "shortest", "ppo-ambiguity": "ambiguity"}
 """Reward by name of the policy."""
-UNSEEN = {"first_building": 1_000_000, "buildings": 100}
-EPISODES, SEED = 1000, 1
+LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
+BUILDINGS, EPISODES, SEED = 100, 1000, 1
 SHOWN = ("arrived", "missed", "collided", "lost", "error", "length", "exposure")
+CURVE = ("eval_arrived", "eval_missed", "eval_collided", "eval_timeout", "eval_lost")
+WANTED = 0.9
+"""Share of the judged episodes that is to arrive."""
 
 
 def train(reward: str, folder: Path, threads: int) -> Path:
-    """Train with a reward, or go on with it; returns the policy's file."""
+    """Train with a reward, or go on with it; returns the run's folder."""
     run = folder / reward
-    final = run / "final.zip"
-    if not final.is_file():
+    if not (run / files.FINAL).is_file():
         told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
         told["environment"]["reward"], told["threads"] = reward, threads
         config = folder / f"{reward}.yaml"
         config.write_text(yaml.safe_dump(told, sort_keys=False), encoding="utf-8")
-        words = ["train", str(config), "-o", str(run), *(["--resume"] if run.exists() else [])]
+        words = ["train", str(config), "-o", str(run)]
+        words += ["--resume"] if (run / files.CONFIG).is_file() else []
         subprocess.run([sys.executable, "-m", "ambinav.cli", *words], check=True)
-    return final
+    return run
 
 
 def judged(name: str) -> str:
     """Figures of a policy in buildings that it has never seen, as a table."""
     policy = load_policy(name)
     rows = []
+    source = None
     for condition, changed in CONDITIONS.items():
         told = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0, **changed}
         told.pop("suite", None)
-        source, parameters = scenario(
-            "procedural", None, UNSEEN["buildings"], UNSEEN["first_building"], None, told
-        )
+        fresh, parameters = scenario("procedural", None, BUILDINGS, UNSEEN, None, told)
+        # The buildings hang on no condition, and are held.
+        source = source or fresh
         episodes = evaluate(policy, source, parameters, EPISODES, SEED)
         (row,) = make_rows(condition, {name: episodes}, None, SEED)
         rows.append((condition, *(value_text(row[key]) for key in SHOWN)))
@@ -64,25 +77,26 @@ def judged(name: str) -> str:
     return table(("", *titles), rows)
 
 
-def card_text(name: str, reward: str, card: Card, told: dict[str, Any]) -> str:
+def card_text(name: str, card: Card, told: Mapping[str, Any], figures: str) -> str:
     """What a policy is, what it does, and what that does not show."""
     versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
-    trained = ", ".join(f"{key} {value}" for key, value in arguments_of(card).items())
+    trained = ", ".join(f"{key} {value}" for key, value in told["environment"].items())
     return f"""# {name}
 
-{card.algorithm} with the reward `{reward}`, {card.steps:,} steps, seed {card.seed}. Trained in:
+{card.algorithm} with the reward `{POLICIES[name]}`, {card.steps:,} steps, seed {card.seed}.
+Trained in:
 {trained}.
 
 `ambinav train configs/ppo.yaml` with this reward; again: `python benchmarks/make_baselines.py`.
 Network {told["policy"]["net_arch"]} after one layer of convolutions over scan and window.
 {versions}.
 
-## In 100 procedural buildings that it has never seen, {EPISODES} episodes
+## In {BUILDINGS} procedural buildings that it has never seen, {EPISODES} episodes
 
-{judged(name)}
+{figures}
 
-In brackets: 95 % intervals by the bootstrap over episodes. What conditions and figures are:
-docs/leaderboard.md.
+In brackets: 95 % intervals by the bootstrap over buildings and episodes in them. What conditions
+and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/baselines.md.
 
 ## What this does not show
 
@@ -95,26 +109,81 @@ docs/leaderboard.md.
 """
 
 
+def told_of(run: Path, rows: Sequence[Row]) -> str:
+    """How a training went: what made it, how long it took, and how arrival rose."""
+    about = files.read_json(run / files.ABOUT)
+    last = rows[-1]
+    steps, minutes = int(last["steps"] or 0), (last["seconds"] or 0.0) / 60.0
+    judged_rows = [row for row in rows if row["eval_episodes"]]
+    there = next((row for row in judged_rows if (row["eval_arrived"] or 0.0) >= WANTED), None)
+    first = "never"
+    if there is not None:
+        first = f"after {there['steps']:,.0f} steps, {(there['seconds'] or 0.0) / 60.0:.1f} minutes"
+    versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
+    lines = [
+        f"{steps:,} steps in {minutes:.1f} minutes, evaluations and checkpoints included and maps "
+        f"of the buildings not; {about['threads']} thread of torch and of the simulation, "
+        f"{about['cores']} cores, the other training beside it. {100 * WANTED:.0f} % of the judged "
+        f"episodes arrive: first {first}.",
+        f"- begun: {about['sessions'][0]['started']}, in {len(about['sessions'])} session(s)\n"
+        f"- commit: {about['commit']}\n"
+        f"- versions: {versions}",
+    ]
+    shown = [
+        (f"{row['steps']:,.0f}", f"{(row['seconds'] or 0.0) / 60.0:.1f}",
+         *(f"{100.0 * (row[name] or 0.0):.1f}" for name in CURVE))
+        for row in judged_rows
+    ]  # fmt: skip
+    titles = [f"{name.removeprefix('eval_')} %" for name in CURVE]
+    return "\n\n".join([*lines, table(("steps", "minutes", *titles), shown, words=0)])
+
+
 def main() -> None:
-    """Train what is not there yet, and write the package's files."""
+    """Train what is not there yet, and write the package's files and the report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--folder", type=Path, default=Path("out/baselines"), help="of trainings")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--threads", type=int, default=1, help="of each training")
+    parser.add_argument(
+        "--report-only", type=Path, metavar="FOLDER",
+        help="train nothing and leave the shipped policies: judge them, and write cards, report "
+        "and picture from the trainings in this folder, which must be theirs",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, default=OUT, help="the report")
     args = parser.parse_args()
-    args.folder.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(args.jobs) as pool:
-        files = pool.map(lambda reward: train(reward, args.folder, args.threads), POLICIES.values())
-        made = dict(zip(POLICIES, list(files), strict=True))
-    for name, path in made.items():
-        card = read_card(path)
+    if args.report_only is None:
+        args.folder.mkdir(parents=True, exist_ok=True)
+        with ThreadPoolExecutor(args.jobs) as pool:
+            runs = pool.map(
+                lambda reward: train(reward, args.folder, args.threads), POLICIES.values()
+            )
+            made = dict(zip(POLICIES, list(runs), strict=True))
+    else:
+        made = {name: args.report_only / reward for name, reward in POLICIES.items()}
+    parts = [
+        "Both by `ambinav train configs/ppo.yaml` with another reward each, one seed. Judged while "
+        "they train: 200 episodes, always the same, in 100 procedural buildings that they never "
+        "train in, boxes and odometry as in training."
+    ]
+    for name, run in made.items():
+        card, normalization = read_members(run / files.FINAL)
         told = {key: card.told[key] for key in ("training", "trained_in")}
-        save_policy(
-            PPO.load(path, device="cpu"), BASELINES / f"{name}.zip",
-            environment=card.environment, told=told, slim=True,
-        )  # fmt: skip
-        text = card_text(name, POLICIES[name], card, told["training"])
+        if args.report_only is None:
+            save_policy(
+                PPO.load(run / files.FINAL, device="cpu"), BASELINES / f"{name}.zip",
+                environment=card.environment, normalization=normalization, told=told, slim=True,
+            )  # fmt: skip
+        figures = judged(name)
+        text = card_text(name, card, told["training"], figures)
         (BASELINES / f"{name}.md").write_text(text, encoding="utf-8")
+        parts += [f"## {name}", told_of(run, read_rows(run / files.PROGRESS))]
+        parts += [
+            f"The last policy, which is the shipped one, in {BUILDINGS} other buildings (from "
+            f"number {UNSEEN:,} on), {EPISODES} episodes:",
+            figures,
+        ]
+    shutil.copyfile(made[PICTURED] / files.CURVE, PICTURE)
+    report("The policies that are shipped", LIBRARIES, "\n\n".join(parts), args.out)
 
 
 if __name__ == "__main__":

@@ -128,3 +128,40 @@ def test_benchmark_bad_input(
     assert done.exit_code == 2, done.output
     assert said in done.stderr and not done.stdout
     assert [path.name for path in folder.iterdir()] == ["plug.py"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "missing", "what"),
+    [
+        (["train", "tiny.yaml", "-o", "out"], "torch", "training"),
+        (["evaluate", "plug.py:spinner"], "gymnasium", "evaluating"),
+        (["benchmark", "-o", "out"], "gymnasium", "the leaderboard"),
+        (["benchmark", "-o", "out"], "torch", "the leaderboard"),
+    ],
+)
+def test_a_missing_package_is_told_the_same_everywhere(
+    arguments: list[str],
+    missing: str,
+    what: str,
+    runner: CliRunner,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = importlib.import_module("ambinav.cli.packages")
+    find = module.find_spec
+    monkeypatch.setattr(module, "find_spec", lambda name: None if name == missing else find(name))
+    done = runner.invoke(app, arguments)
+    assert done.exit_code == 2, done.output
+    wanted = f'ambinav: error: {what} needs {missing}; run: pip install "ambinav[envs]".\n'
+    assert done.stderr == wanted and not (folder / "out").exists()
+
+
+@pytest.mark.parametrize("given", ["[[0.0, 0.0], [0.0]]", "np.full((len(starts), 2), np.nan)"])
+def test_odd_actions_name_the_policy(given: str, runner: CliRunner, folder: Path) -> None:
+    (folder / "odd.py").write_text(
+        PLUG.replace("np.tile(np.float32([-1.0, 0.3]), (len(starts), 1))", given)
+    )
+    done = runner.invoke(app, ["evaluate", "odd.py:spinner", "--map", DEMO, "-n", "1"])
+    assert done.exit_code == 2, done.output
+    assert done.stderr.startswith("ambinav: error: policy odd.py:spinner: action")
+    assert done.stderr.count("\n") == 1

@@ -9,6 +9,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import INTERRUPTED, check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
@@ -121,6 +122,8 @@ def benchmark(
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         common = arguments_of(values or [])
         check_writable(output)
+        # The shipped policies, which take part, are trained ones.
+        need("the leaderboard", TRAINED)
         from ambinav.compare.leaderboard.board import Board, settings_for
         from ambinav.compare.leaderboard.methods import all_methods
         from ambinav.compare.leaderboard.report import JSON, MARKDOWN, WORK, check_output

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.compare.leaderboard.figures import Row
-
-UNSEEN = 1_000_000
-"""Number of the first building that policies are evaluated in, where nobody says another."""
 
 
 def evaluate(
@@ -81,6 +79,8 @@ def evaluate(
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
+        # What a policy's file needs beside it is told when that is loaded.
+        need("evaluating", ENVIRONMENTS)
         from ambinav.compare.leaderboard.evaluated import evaluate_policy, write_evaluation
 
         if suite is not None:
@@ -88,7 +88,7 @@ def evaluate(
         if map_file is not None:
             changed["map"] = map_file
         with progress_bars(as_json) as bars:
-            found = evaluate_policy(policy, changed, episodes, seed, UNSEEN, bars("episodes"))
+            found = evaluate_policy(policy, changed, episodes, seed, bars("episodes"))
         if output is not None:
             write_evaluation(found, output)
         if as_json:

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import INTERRUPTED, above_zero, check_writable, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav_envs.training.run import Tell, Told
-
-NEEDED = ("gymnasium", "stable_baselines3", "torch")
 
 
 def train(
@@ -65,7 +64,7 @@ def train(
             raise InputError("--minutes and --steps are given; give one of the two.")
         above_zero(minutes, "--minutes", "30", "minutes")
         above_zero(steps, "--steps", "1000000", "steps")
-        _need_packages()
+        need("training", TRAINED)
         from ambinav_envs.training.config_file import load_config
         from ambinav_envs.training.folder import CHECKPOINTS
         from ambinav_envs.training.train import check_folder
@@ -91,19 +90,6 @@ def train(
             typer.echo(json.dumps(summary, allow_nan=False))
         else:
             _result(output, summary)
-
-
-def _need_packages() -> None:
-    """Say what to install if a package is missing.
-
-    Raises:
-        InputError: one is.
-    """
-    from importlib.util import find_spec
-
-    for name in NEEDED:
-        if find_spec(name) is None:
-            raise InputError(f'training needs {name}; run: pip install "ambinav[envs]".')
 
 
 @contextlib.contextmanager

@@ -15,7 +15,6 @@ from ambinav.compare.plugins import load_callable
 from ambinav.drive.drive import PATIENCE, PERFECT, SPARE, drive
 from ambinav.drive.world import OUTCOMES
 from ambinav.errors import InputError
-from ambinav.files import sha256
 from ambinav.geometry.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
@@ -46,7 +45,7 @@ class Driver:
         folder: What names of files are relative to.
         start: x, y of its pair, and any heading.
         goal: x and y.
-        checksum: Of its file, or of the one that its callable stands in; "" if there is none.
+        checksum: See `ambinav_envs.policies.load.checksum_of`.
     """
 
     told: str
@@ -92,7 +91,10 @@ def driver_of(loaded: Loaded, pair: PairPart, part: RoutePart) -> Driver:
         InputError: see `ambinav_envs.policies.load_policy`; or Gymnasium is missing.
     """
     told, folder = str(part.policy), Path(loaded.folder)
-    checksum = _checksum(told, folder, _policy(told, folder))
+    policy = _policy(told, folder)
+    from ambinav_envs.policies.load import checksum_of
+
+    checksum = checksum_of(told, policy, folder)
     (x, y), (goal_x, goal_y) = pair.start[:2], pair.goal[:2]
     return Driver(told, str(folder), (x, y, 0.0), (goal_x, goal_y), checksum)
 
@@ -145,13 +147,13 @@ class PolicyController:
         self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
     ) -> Floats:
         """See `Controller`."""
-        from ambinav_envs.spaces import continuous
+        from ambinav_envs.policies.policy import checked_actions
 
-        parameters = self._parameters
+        parameters, name = self._parameters, self._policy.name
         seen = self._observer.see(belief, covariance, speeds, ranges)
         actions = self._policy.act(seen, self._starts)
         self._starts = np.zeros_like(self._starts)
-        chosen = np.clip(continuous(actions, len(belief), parameters.discrete), -1.0, 1.0)
+        chosen = checked_actions(name, actions, len(belief), parameters.discrete).clip(-1.0, 1.0)
         least, most = parameters.min_speed, parameters.robot.max_speed
         want = np.empty_like(chosen)
         want[:, 0] = least + 0.5 * (chosen[:, 0] + 1.0) * (most - least)
@@ -209,16 +211,3 @@ def _policy(told: str, folder: Path) -> Policy:
     from ambinav_envs.policies import load_policy
 
     return load_policy(told, folder)
-
-
-def _checksum(told: str, folder: Path, policy: Policy) -> str:
-    from ambinav_envs.policies.load import BASELINES
-    from ambinav_envs.policies.policy import CallablePolicy
-
-    if isinstance(policy, CallablePolicy):
-        try:
-            return sha256(Path(inspect.getfile(policy.make)))
-        except (TypeError, OSError):
-            return ""
-    own = folder / told
-    return sha256(own if own.is_file() else BASELINES / f"{told}.zip")

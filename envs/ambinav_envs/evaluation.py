@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from gymnasium.utils import seeding
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ambinav.sensing.fields import as_count
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
-from ambinav_envs.policies.policy import Policy
+from ambinav_envs.policies.policy import Policy, checked_actions
 from ambinav_envs.simulation.layout import (
     ARRIVED,
     COST,
@@ -25,11 +25,15 @@ from ambinav_envs.simulation.layout import (
     TIMEOUT,
 )
 from ambinav_envs.simulation.simulation import Simulation
-from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+from ambinav_envs.spaces import action_space, observation_of, observation_space
 
+UNSEEN: Final = 1_000_000
+"""Number of the first building that policies and planners are judged in, where nobody says another:
+whoever trains keeps below."""
 CHUNK = 128
 """Robots at once. Always so many, though some may stand idle: what a neural network answers to one
-of them depends in its last bits on how many it is asked for."""
+of them depends in its last bits on how many it is asked for. Who has no episode is shown what
+another one saw first, or what it saw last itself, and what it is told to do counts for nothing."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -92,7 +96,7 @@ class Episodes:
         return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
 
     def summary(self) -> dict[str, float]:
-        """Figures over all episodes: shares, and means in metres and seconds.
+        """Figures over all episodes: shares, and means in metres and seconds; nan: there is none.
 
         Raises:
             ZeroDivisionError: there are no episodes.
@@ -106,7 +110,7 @@ class Episodes:
             "was_lost": _share(self.was_lost),
             "error_mean": float(np.mean(self.error_mean)),
             "error_max": float(np.mean(self.error_max)),
-            "exposure_per_metre": _ratio(self.exposure, self.travelled),
+            "exposure_per_metre": per_metre(self.exposure, self.travelled),
             "length_ratio": ratio,
             "seconds": float(np.mean(self.seconds)),
             "reward": float(np.mean(self.reward)),
@@ -118,9 +122,10 @@ def _share(which: Bools) -> float:
     return float(np.count_nonzero(which) / len(which))
 
 
-def _ratio(above: Floats, below: Floats) -> float:
-    total = float(below.sum())
-    return float(above.sum()) / total if total > 0.0 else 0.0
+def per_metre(exposure: ArrayLike, travelled: ArrayLike) -> float:
+    """Exposure of all episodes together by the metres of all of them; nan if nobody moved."""
+    metres = float(np.sum(travelled))
+    return float(np.sum(exposure)) / metres if metres > 0.0 else float("nan")
 
 
 def joined(parts: Sequence[Episodes]) -> Episodes:
@@ -185,7 +190,7 @@ class _Blind:
     """A policy as a controller: it sees what it is shown and nothing else."""
 
     def __init__(self, policy: Policy) -> None:
-        self._policy = policy
+        self._policy, self.name = policy, policy.name
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
         """There is nothing to get ready."""
@@ -205,6 +210,8 @@ def _drive(
         part[:] = 0.0
     generators = [seeding.np_random(int(seed))[0] for seed in seeds]
     simulation.reset(range(count), generators, None, out)
+    for part in out.view:
+        part[count:] = part[0]
     driver.begin(simulation, range(count))
     active = np.arange(simulation.count) < count
     starts = active.copy()
@@ -213,7 +220,9 @@ def _drive(
     state, steps = simulation.state, 0
     while active.any():
         actions = driver.act(observation_of(out.view), starts, simulation)
-        chosen = continuous(actions, simulation.count, parameters.discrete)
+        chosen = checked_actions(
+            getattr(driver, "name", None), actions, simulation.count, parameters.discrete, active
+        )
         simulation.step(chosen, active, out)
         for row, total in sums.items():
             total[active] += out.figures[row, active]

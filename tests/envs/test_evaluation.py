@@ -9,7 +9,7 @@ import pytest
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav_envs.evaluation import Episodes, episode_seeds, evaluate, joined
+from ambinav_envs.evaluation import Episodes, episode_seeds, evaluate, joined, per_metre
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.scenario import scenario
@@ -88,6 +88,43 @@ def test_every_episode_is_begun_once() -> None:
     assert policy.started == 5
 
 
+class Divides(Seeker):
+    """By what it sees; nobody of an episode sees zeros alone."""
+
+    def act(self, observations: Any, starts: Any) -> Any:
+        assert (1.0 / observations["goal"][:, 0] > 0.0).all()
+        # The last ones never have an episode here.
+        return np.concatenate([super().act(observations, starts)[:-1], [[np.nan, 0.0]]])
+
+
+def test_who_stands_idle_does_no_harm() -> None:
+    source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
+    wanted = evaluate(Seeker(), source, parameters, 3, seed=4, chunk=8)
+    found = evaluate(Divides(), source, parameters, 3, seed=4, chunk=8)
+    assert np.array_equal(found.travelled, wanted.travelled)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ([[0.0, 0.0], [0.0, np.nan]], "finite numbers"),
+        ([[0.0, 0.0], [0.0]], "give numbers"),
+        (None, "give numbers"),
+        ([[0.0, 0.0]] * 3, "the shape"),
+        ("left", "give numbers"),
+    ],
+)
+def test_odd_actions_are_told_in_one_sentence(given: Any, said: str) -> None:
+    class Odd(Seeker):
+        def act(self, observations: Any, starts: Any) -> Any:
+            return given
+
+    source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
+    with pytest.raises(InputError, match=said) as caught:
+        evaluate(Odd(), source, parameters, 2, chunk=2)
+    assert str(caught.value).startswith("policy seeker: ") and "\n" not in str(caught.value)
+
+
 def test_seeds_of_episodes_stay() -> None:
     assert episode_seeds(3, 2, 2).tolist() == episode_seeds(3, 0, 4)[2:].tolist()
     assert not set(episode_seeds(3, 0, 50)) & set(episode_seeds(4, 0, 50))
@@ -99,6 +136,10 @@ def test_the_summary() -> None:
     assert sum(told[name] for name in ends) == pytest.approx(1.0)
     assert told["arrived"] > 0.2 and told["length_ratio"] > 0.8
     assert 0.0 < told["exposure_per_metre"] < 1.0
+
+
+def test_exposure_per_metre_of_nobody_who_moves_is_none() -> None:
+    assert np.isnan(per_metre([0.0, 0.0], [0.0, 0.0])) and per_metre([1.0, 3.0], [6.0, 2.0]) == 0.5
 
 
 def test_nothing_to_do() -> None:

@@ -15,13 +15,11 @@ from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.spaces import action_space, observation_space
 
-UNSEEN: Final = 1_000_000
-"""Number of the first building; whoever trains keeps below."""
 SUITES: Final = ("procedural", "hall")
 """Unless others are named. In halls a way around the open middle is what helps."""
 BASELINE: Final = SHORTEST
@@ -165,7 +163,7 @@ def fitting(board: Board) -> Board:
 def _check(board: Board, method: Method) -> None:
     """Find out before the long work whether a method fits."""
     parameters = board.parameters(board.settings[0], method)
-    driver = method.make()
+    driver = method.make(parameters)
     if not isinstance(driver, Policy):
         return
     layer = driver.environment.get("layer", parameters.layer)
@@ -199,7 +197,9 @@ def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]
             path = work / f"{board.key(setting, method)}.npz"
             episodes = load_episodes(path)
             if episodes is None:
-                driver = method.make() if driver is None else driver
+                if driver is None:
+                    # Conditions change nothing that it is made of.
+                    driver = method.make(board.parameters(setting, method))
                 source = _source(board, setting, sources)
                 bar = begin(f"{method.name}: {setting.name}")
                 episodes = _drive(board, setting, method, driver, source, work, bar)
@@ -235,9 +235,10 @@ def _drive(
     parameters = board.parameters(setting, method)
     routes = None
     if isinstance(driver, RouteFollower):
-        told = {"method": method.identity, "place": setting.place.identity}
-        robot = {"scanner": parameters.scanner.to_yaml(), "robot": repr(parameters.robot)}
-        routes = work / f"routes-{key_of({**told, **robot})}.npz"
+        told: dict[str, Any] = {"method": method.identity, "place": setting.place.identity}
+        told |= {"scanner": parameters.scanner.to_yaml(), "robot": repr(parameters.robot)}
+        told |= {"layer": parameters.layer}
+        routes = work / f"routes-{key_of(told)}.npz"
         driver.routes.load(routes)
     try:
         return evaluate(driver, source, parameters, board.episodes, board.seed, progress=progress)

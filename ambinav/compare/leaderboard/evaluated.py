@@ -15,7 +15,7 @@ import numpy as np
 from ambinav.compare.leaderboard.figures import Row, make_rows, plain
 from ambinav.errors import InputError
 from ambinav.files import replacing
-from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.policies import load_policy
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.registration import IDS
@@ -74,13 +74,13 @@ class Evaluation:
         return out.getvalue()
 
 
-def environment_for(policy: Policy, changed: Mapping[str, Any], first: int) -> dict[str, Any]:
+def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of the environment that a policy is to drive in.
 
     Args:
         policy: It says what it was trained in.
-        changed: Arguments that replace those.
-        first: Number of the first building, where neither says one.
+        changed: Arguments that replace those. Where neither says which buildings, they are `COUNT`
+            from `UNSEEN` on.
 
     Raises:
         InputError: the policy's environment is unknown.
@@ -98,7 +98,7 @@ def environment_for(policy: Policy, changed: Mapping[str, Any], first: int) -> d
         arguments.pop("map", None)
     arguments |= changed
     if arguments.get("map") is None:
-        arguments = {"buildings": COUNT, "first_building": first, **arguments}
+        arguments = {"buildings": COUNT, "first_building": UNSEEN, **arguments}
     return arguments
 
 
@@ -107,7 +107,6 @@ def evaluate_policy(
     changed: Mapping[str, Any],
     episodes: int,
     seed: int,
-    first: int,
     progress: Callable[[float], None] | None = None,
 ) -> Evaluation:
     """Let a policy drive.
@@ -117,14 +116,13 @@ def evaluate_policy(
         changed: See `environment_for`.
         episodes: How many.
         seed: Of the episodes.
-        first: See `environment_for`.
         progress: Called with the share done.
 
     Raises:
         InputError: the policy cannot be loaded or does not fit, or an argument is of no use.
     """
     policy = load_policy(told)
-    arguments = environment_for(policy, changed, first)
+    arguments = environment_for(policy, changed)
     options = dict(arguments)
     source, parameters = scenario(
         options.pop("suite", None), options.pop("map", None), options.pop("buildings", None),

@@ -13,37 +13,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.compare.intervals import csv_cells, interval_text
-from ambinav.drive.bootstrap import Interval, bootstrap, paired
+from ambinav.compare.leaderboard.draws import episode_weights, interval_of, ratios
+from ambinav.drive.bootstrap import Interval
 
 if TYPE_CHECKING:
     from ambinav_envs.evaluation import Episodes
 
 Floats = NDArray[np.float64]
 
-SHORT_WAY: Final = 0.5
-"""Exposure per metre is told of episodes in which the robot drove at least so many metres."""
+Parts = tuple[Floats, Floats]
 
 
-def _percent(which: NDArray[np.bool_]) -> Floats:
-    return np.where(which, 100.0, 0.0)
+def mean_parts(values: Floats) -> Parts:
+    """Of a mean over the episodes that have a value; nan: one has none."""
+    there = ~np.isnan(values)
+    return np.where(there, values, 0.0), there.astype(np.float64)
 
 
-def _ended(outcome: str) -> Callable[[Episodes], Floats]:
-    def values(episodes: Episodes) -> Floats:
+def _percent(which: NDArray[np.bool_]) -> Parts:
+    return mean_parts(np.where(which, 100.0, 0.0))
+
+
+def _ended(outcome: str) -> Callable[[Episodes], Parts]:
+    def parts(episodes: Episodes) -> Parts:
         from ambinav_envs.simulation.layout import OUTCOMES
 
         return _percent(episodes.ended(OUTCOMES.index(outcome)))
 
-    return values
+    return parts
 
 
-def _per_metre(episodes: Episodes) -> Floats:
-    way = episodes.travelled
-    return np.where(way >= SHORT_WAY, episodes.exposure / np.maximum(way, SHORT_WAY), np.nan)
-
-
-def _seconds(episodes: Episodes) -> Floats:
-    return np.where(np.isnan(episodes.length_ratio), np.nan, episodes.seconds)
+def _seconds(episodes: Episodes) -> Parts:
+    return mean_parts(np.where(np.isnan(episodes.length_ratio), np.nan, episodes.seconds))
 
 
 @dataclass(frozen=True)
@@ -55,14 +56,14 @@ class Figure:
         title: Heading of a column.
         unit: Of what is shown.
         digits: After the point, for readers.
-        values: One an episode in that unit, nan where an episode has none.
+        parts: Two numbers an episode: the figure is the sum of the first by that of the second.
     """
 
     key: str
     title: str
     unit: str
     digits: int
-    values: Callable[[Episodes], Floats]
+    parts: Callable[[Episodes], Parts]
 
 
 FIGURES: Final = (
@@ -71,13 +72,14 @@ FIGURES: Final = (
     Figure("collided", "collided", "%", 1, _ended("collided")),
     Figure("timeout", "timeout", "%", 1, _ended("timeout")),
     Figure("lost", "ever lost", "%", 1, lambda e: _percent(e.was_lost)),
-    Figure("error", "error", "m", 3, lambda e: e.error_mean),
-    Figure("error_max", "largest error", "m", 3, lambda e: e.error_max),
-    Figure("length", "length ratio", "", 3, lambda e: e.length_ratio),
-    Figure("exposure", "exposure per metre", "", 3, _per_metre),
+    Figure("error", "error", "m", 3, lambda e: mean_parts(e.error_mean)),
+    Figure("error_max", "largest error", "m", 3, lambda e: mean_parts(e.error_max)),
+    Figure("length", "length ratio", "", 3, lambda e: mean_parts(e.length_ratio)),
+    Figure("exposure", "exposure per metre", "", 3, lambda e: (e.exposure, e.travelled)),
     Figure("seconds", "time", "s", 1, _seconds),
 )
-"""Length ratio and time are those of episodes that arrived."""
+"""Length ratio and time are means of the episodes that arrived. Exposure per metre is that of all
+episodes together by the metres of all of them, as in `Episodes.summary`."""
 
 
 @dataclass(frozen=True)
@@ -125,29 +127,52 @@ def make_rows(
         setting: Its name.
         found: The episodes of each method, the same ones in the same order.
         baseline: Method that the others are compared with; None, or one that is not there: none.
-        seed: Of the bootstrap; each interval has random numbers of its own, so that it does not
-            depend on what else is in the table.
+        seed: Of the bootstrap. All methods of a setting have the same draws, so that a row does
+            not depend on what else is in the table.
     """
     base = None if baseline is None else found.get(baseline)
-    rows = []
-    for method, episodes in found.items():
-        theirs = None if episodes is base else base
-        key = [seed, zlib.crc32(setting.encode()), zlib.crc32(method.encode())]
-        cells = tuple(
-            _cell(figure, episodes, theirs, [*key, zlib.crc32(figure.key.encode())])
-            for figure in FIGURES
-        )
-        rows.append(Row(setting, method, len(episodes), cells))
-    return tuple(rows)
+    theirs = {name: None if base is None or one is base else base for name, one in found.items()}
+    columns = {name: _columns(one, theirs[name]) for name, one in found.items()}
+    sums: dict[str, list[Floats]] = {name: [] for name in found}
+    keys = [one.building for one in found.values()]
+    rng = np.random.default_rng([seed, zlib.crc32(setting.encode())])
+    for weights in episode_weights(keys[0], rng) if keys else ():
+        for name in found:
+            sums[name].append(weights @ columns[name])
+    return tuple(
+        Row(setting, name, len(one), _cells(columns[name], np.concatenate(sums[name], axis=1)))
+        for name, one in found.items()
+    )
 
 
-def _cell(figure: Figure, ours: Episodes, theirs: Episodes | None, key: list[int]) -> Cell:
-    rng = np.random.default_rng(key)
-    values = figure.values(ours)
-    value = bootstrap(values, rng)
-    if theirs is None:
-        return Cell(figure, value, None)
-    return Cell(figure, value, paired(values, figure.values(theirs), rng))
+def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
+    """What the figures are sums of, two columns a figure: shape (1, E, 2 F), or (3, E, 2 F).
+
+    The other two layers are ours and theirs in the episodes in which both have a value.
+    """
+    own = np.array([figure.parts(ours) for figure in FIGURES])
+    layers = [own]
+    if theirs is not None:
+        other = np.array([figure.parts(theirs) for figure in FIGURES])
+        both = ((own[:, 1] > 0.0) & (other[:, 1] > 0.0))[:, None]
+        layers += [np.where(both, own, 0.0), np.where(both, other, 0.0)]
+    return np.array([np.vstack(list(layer)).T for layer in layers])
+
+
+def _cells(columns: Floats, drawn: Floats) -> tuple[Cell, ...]:
+    """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F)."""
+    whole = columns.sum(axis=1, keepdims=True)
+    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
+    counts = np.count_nonzero(columns[..., 1::2], axis=1)
+    cells = []
+    for k, figure in enumerate(FIGURES):
+        own = interval_of(value[0, 0, k], over[0, :, k], counts[0, k])
+        difference = None
+        if len(columns) > 1:
+            apart, drawn_apart = (one[1, :, k] - one[2, :, k] for one in (value, over))
+            difference = interval_of(apart[0], drawn_apart, counts[1, k])
+        cells.append(Cell(figure, own, difference))
+    return tuple(cells)
 
 
 COLUMNS: Final = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -10,16 +9,16 @@ from typing import Any, Final
 
 from ambinav.compare.leaderboard.follow import Followers, as_actions
 from ambinav.compare.leaderboard.routes import PlannerChoice, Routes
+from ambinav.compare.leaderboard.waypoint import AHEAD, SEES, WaypointFollower
 from ambinav.compare.leaderboard.waypoint import NAME as WAYPOINT
-from ambinav.compare.leaderboard.waypoint import WaypointFollower
 from ambinav.drive.course import Course
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.errors import InputError
-from ambinav.files import sha256
 from ambinav.geometry.steering import Steering
 from ambinav_envs.evaluation import Controller
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import baselines, load_policy
-from ambinav_envs.policies.load import BASELINES
+from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, CallablePolicy, Policy
 from ambinav_envs.simulation.simulation import Simulation
@@ -34,6 +33,8 @@ PLANNERS: Final = {
     "belief 5": PlannerChoice("belief"),
 }
 """The planners of a leaderboard for which nobody names others."""
+STEERS: Final = {"discrete": False}
+"""What those bring along who steer by speed and turn rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Method:
         identity: Plain values that its episodes depend on.
         seeing: Arguments of the environment that it brings along, see `Policy.seeing`; all others
             are the same for everybody.
-        make: Makes what drives.
+        make: Makes what drives, of the parameters that the environment has.
         shipped: Whether it takes part without being asked for, if it fits.
     """
 
@@ -56,7 +57,7 @@ class Method:
     text: str
     identity: dict[str, Any]
     seeing: dict[str, Any] = field(default_factory=dict)
-    make: Callable[[], Controller | Policy] = WaypointFollower
+    make: Callable[[NavigationParameters], Controller | Policy] = WaypointFollower
     shipped: bool = False
 
 
@@ -102,11 +103,12 @@ class RouteFollower:
 
 
 def planner_method(name: str, choice: PlannerChoice) -> Method:
-    """A planner whose routes are followed."""
+    """A planner whose routes are followed; it steers by speed and turn rate."""
     text = f"planner {choice.planner}, weight {choice.weight:g}, followed by pure pursuit"
     return Method(
-        name, "planner", text, {"route": asdict(choice)}, make=lambda: RouteFollower(choice)
-    )
+        name, "planner", text, {"route": asdict(choice)}, dict(STEERS),
+        lambda parameters: RouteFollower(choice, parameters.layer),
+    )  # fmt: skip
 
 
 def planner_methods(asked: Sequence[str]) -> list[Method]:
@@ -143,13 +145,14 @@ def policy_method(told: str, folder: Path | None = None, *, shipped: bool = Fals
     """
     policy = load_policy(told, folder)
     if isinstance(policy, CallablePolicy):
-        identity = {"callable": told, "code": _code(policy)}
+        identity = {"callable": told, "code": checksum_of(told, policy, folder)}
         text = f"policy {told}"
     else:
-        path = BASELINES / f"{told}.zip" if told in baselines() else (folder or Path()) / told
-        identity = {"file": sha256(path)}
-        text = f"policy {path.name}"
-    return Method(policy.name, "policy", text, identity, policy.seeing, lambda: policy, shipped)
+        identity = {"file": checksum_of(told, policy, folder)}
+        text = f"policy {policy.name}.zip"
+    return Method(
+        policy.name, "policy", text, identity, policy.seeing, lambda parameters: policy, shipped
+    )
 
 
 def all_methods(
@@ -165,10 +168,9 @@ def all_methods(
     Raises:
         InputError: one is unknown, or two have the same name.
     """
-    simple = WaypointFollower()
     methods = [
-        Method(WAYPOINT, "policy", "drives at the place 0.5 m ahead on the shortest way",
-               {"name": WAYPOINT}, dict(simple.environment)),
+        Method(WAYPOINT, "policy", f"drives at the place {AHEAD:g} m ahead on the shortest way",
+               {"name": WAYPOINT}, {**SEES, **STEERS}),
         *planner_methods(planners),
         *(policy_method(name, shipped=True) for name in baselines() if name not in policies),
         *(policy_method(name, folder) for name in dict.fromkeys(policies)),
@@ -178,11 +180,3 @@ def all_methods(
         if names.count(name) > 1:
             raise InputError(f"two methods are called {name!r}; rename a policy's file.")
     return methods
-
-
-def _code(policy: CallablePolicy) -> str | None:
-    """Checksum of the file that a callable stands in."""
-    try:
-        return sha256(Path(inspect.getfile(policy.make)))
-    except (TypeError, OSError):
-        return None

@@ -154,16 +154,17 @@ def goal_text(row: Row, base: Row | None) -> str:
     if base is None or row is base or row["lost"].difference is None:
         return ""
     before, after = base["lost"].value.value, row["lost"].value.value
-    if before == 0.0:
+    shown = is_shown(row["lost"].difference)
+    if shown and after > before:
+        return "lost more often"
+    if before == after == 0.0:
         return "nobody lost to begin with"
     longer = row["length"].difference
     if longer is None or longer.count == 0:
         return "no episode to compare lengths by"
     short = longer.value <= LONGER * base["length"].value.value
-    if not is_shown(row["lost"].difference):
+    if not shown:
         return "no difference shown"
-    if after > before:
-        return "lost more often"
     if after > HALVED * before:
         return "lost less often, not halved"
     return "met" if short else "halved, but too long a way"

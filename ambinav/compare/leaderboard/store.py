@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
+import importlib.metadata
 import importlib.util
 import json
 import zipfile
@@ -23,19 +25,27 @@ CODE: Final[Mapping[str, tuple[str, ...]]] = {
     "ambinav": (
         "ambiguity/**/*.py", "compare/leaderboard/*.py", "drive/*.py", "geometry/*.py",
         "localization/*.py", "maps/*.py", "routes/*.py", "sensing/*.py", "service/*.py",
+        "threads.py",
     ),
-    "ambinav_envs": ("*.py", "buildings/*.py", "policies/*.py", "simulation/*.py"),
+    "ambinav_envs": (
+        "*.py", "buildings/*.py", "policies/*.py", "simulation/*.py", "training/features.py",
+    ),
     "ambinav_planners": ("*.py",),
 }  # fmt: skip
 """Files that the outcome of an episode depends on, by package."""
-WRITING: Final = ("figures.py", "overview.py", "report.py", "board.py")
+PACKAGES: Final = ("numba", "numpy", "ompl", "sb3-contrib", "stable-baselines3", "torch")
+"""Packages of others that it depends on too."""
+WRITING: Final = ("draws.py", "figures.py", "overview.py", "report.py", "board.py")
 """Files of this folder that only tell what came out."""
 
 
 @functools.cache
 def code_checksum() -> str:
-    """Checksum of ambinav's version and of all files in `CODE`, as a hexadecimal string."""
+    """Checksum of the versions and of all files in `CODE`, as a hexadecimal string."""
     digest = hashlib.sha256(ambinav.__version__.encode())
+    for name in PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            digest.update(f"{name} {importlib.metadata.version(name)}".encode())
     for package, patterns in CODE.items():
         spec = importlib.util.find_spec(package)
         if spec is None or spec.origin is None:

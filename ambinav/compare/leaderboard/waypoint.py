@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from ambinav.compare.leaderboard.follow import as_actions
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, Policy
 
 NAME = "waypoint follower"
 # Metres ahead; farther on it cuts corners.
 AHEAD = 0.5
+SEES = {"waypoint": True, "waypoint_distance": AHEAD}
 # Above this bearing, radians, it turns on the spot.
 SIDEWAYS = 0.785
 
@@ -23,20 +26,19 @@ class WaypointFollower(Policy):
     trusts both.
 
     Args:
-        max_speed: Of the robot, metres per second.
-        max_turn_rate: Radians per second.
+        parameters: Of the environment; the robot's limits and the lowest speed are taken.
     """
 
-    def __init__(self, max_speed: float = 0.5, max_turn_rate: float = 2.0) -> None:
-        super().__init__(NAME, {"waypoint": True, "waypoint_distance": AHEAD})
-        self._limits = max_speed, max_turn_rate
+    def __init__(self, parameters: NavigationParameters) -> None:
+        super().__init__(NAME, dict(SEES))
+        self._robot, self._min_speed = parameters.robot, parameters.min_speed
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
         """There is nothing to get ready."""
 
     def act(self, observations: Observation, starts: Bools) -> Any:
         """Along the arc to the waypoint, as in pure pursuit; slower near it."""
-        fastest, turning = self._limits
+        fastest, turning = self._robot.max_speed, self._robot.max_turn_rate
         distance, cosine, sine = observations["waypoint"].T.astype(np.float64)
         distance = np.maximum(10.0 * distance, 1e-3)
         angle = np.arctan2(sine, cosine)
@@ -46,4 +48,5 @@ class WaypointFollower(Policy):
             spot, 0.0, fastest * np.minimum(1.0, 1.0 / np.maximum(np.abs(curvature), 1.0))
         )
         rate = np.where(spot, np.clip(3.0 * angle, -turning, turning), speed * curvature)
-        return np.stack([2.0 * speed / fastest - 1.0, np.clip(rate / turning, -1.0, 1.0)], axis=1)
+        want = np.stack([speed, np.clip(rate, -turning, turning)], axis=1)
+        return as_actions(want, self._robot, self._min_speed)

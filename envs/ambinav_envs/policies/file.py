@@ -19,6 +19,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.policies.normalization import Normalization
+from ambinav_envs.policies.policy import seen_in
 from ambinav_envs.policies.shapes import Plain, described
 
 FORMAT: Final = 1
@@ -50,7 +51,7 @@ class Card:
     Attributes:
         algorithm: One of `ALGORITHMS`.
         environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
-            values; none of `DRAWN`.
+            values; none of `DRAWN`, but all that say what it sees, those by default among them.
         observation: What it sees, see `described`.
         action: What it gives, likewise.
         steps: How many steps it was trained for.
@@ -203,9 +204,11 @@ def _card(content: bytes) -> Card:
 def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of an environment as plain values, without those of `DRAWN`.
 
-    A scanner that is no preset is written out in full, since its file may not be there later.
+    A scanner that is no preset is written out in full, since its file may not be there later; so
+    is what the policy sees by default, since defaults may change.
     """
-    plain = {name: _plain(value) for name, value in environment.items() if name not in DRAWN}
+    whole = seen_in(environment) | dict(environment)
+    plain = {name: _plain(value) for name, value in whole.items() if name not in DRAWN}
     scanner = environment.get("scanner")
     if isinstance(scanner, str | Path) and Path(scanner).suffix:
         scanner = RangeScanner.load(scanner)
@@ -215,8 +218,15 @@ def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def arguments_of(card: Card) -> dict[str, Any]:
-    """Arguments for `gymnasium.make`, without `id`, from a card."""
-    arguments = {name: value for name, value in card.environment.items() if name != "id"}
+    """Arguments for `gymnasium.make`, without `id`, from a card.
+
+    Older files leave out what their policy saw by default; it is filled in.
+
+    Raises:
+        InputError: an argument that says what the policy sees is of no use.
+    """
+    told = {name: value for name, value in card.environment.items() if name != "id"}
+    arguments = seen_in(told) | told
     scanner = arguments.get("scanner")
     if isinstance(scanner, Mapping):
         arguments["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import inspect
+import secrets
+import sys
 import warnings
 from pathlib import Path
 from typing import Any, Final
 
 from ambinav.compare.plugins import load_callable
 from ambinav.errors import InputError
+from ambinav.files import sha256
 from ambinav.sensing.fields import nearest
 from ambinav_envs.policies.file import arguments_of, read_members
 from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy
@@ -68,8 +72,43 @@ def policy_of(path: Path, name: str) -> ModelPolicy:
         InputError: see `read_members`; or a package is missing, or the model cannot be loaded.
     """
     card, normalization = read_members(path)
+    try:
+        arguments = arguments_of(card)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     model = _model(path, card.algorithm)
-    return ModelPolicy(model, normalization, name=name, environment=arguments_of(card))
+    return ModelPolicy(model, normalization, name=name, environment=arguments)
+
+
+def checksum_of(told: str | Path, policy: Policy, folder: Path | None = None) -> str:
+    """Checksum of what a policy was loaded from, to know its results again by.
+
+    Of a callable it is that of the file where its code stands, or that of its type. One whose code
+    is in no file gets another text every time, so that its results are never taken for known.
+
+    Args:
+        told: What `load_policy` was given.
+        policy: What it gave.
+        folder: As it was given.
+    """
+    if isinstance(policy, CallablePolicy):
+        code = _code_file(policy.make)
+        return secrets.token_hex() if code is None else sha256(code)
+    name = str(told)
+    return sha256(BASELINES / f"{name}.zip" if name in baselines() else (folder or Path()) / name)
+
+
+def _code_file(make: Any) -> Path | None:
+    for one in (make, type(make)):
+        # The type of a partial function, say, is Python's own and tells nothing.
+        module = str(getattr(one, "__module__", None))
+        if module.partition(".")[0] in sys.stdlib_module_names:
+            continue
+        try:
+            return Path(inspect.getfile(one))
+        except (TypeError, OSError):
+            continue
+    return None
 
 
 def _callable(told: str, folder: Path) -> Any:
@@ -84,8 +123,10 @@ def _model(path: Path, algorithm: str) -> Any:
     try:
         kind = getattr(importlib.import_module(home), algorithm)
     except ImportError as error:
+        missing = (error.name or home).partition(".")[0]
+        package = _PACKAGES.get(missing, missing)
         raise InputError(
-            f"{path}: a {algorithm} policy needs {_PACKAGES[home]}; run: pip install "
+            f"{path}: a {algorithm} policy needs {package}; run: pip install "
             f'"ambinav[envs]" {_PACKAGES[home]}.'
         ) from error
     unused = _UNUSED[algorithm]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from typing import Any, Final
 
 import numpy as np
@@ -12,8 +13,11 @@ from numpy.typing import NDArray
 
 from ambinav.compare.plugins import called
 from ambinav.errors import InputError
+from ambinav.sensing.fields import nearest
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import ROW, Normalization, Observation
 from ambinav_envs.policies.shapes import Plain, action_misfit, described, misfit
+from ambinav_envs.spaces import continuous
 
 Bools = NDArray[np.bool_]
 Actions = NDArray[Any]
@@ -24,6 +28,39 @@ SEEING: Final[tuple[str, ...]] = (
     "min_speed",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""
+BUILDINGS: Final[tuple[str, ...]] = (
+    "id", "suite", "map", "buildings", "first_building", "max_episode_steps",
+)  # fmt: skip
+"""Arguments beside the fields of `NavigationParameters`."""
+
+
+def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """What a policy saw and how it acted in an environment: `SEEING` and the layer, all of them.
+
+    Args:
+        environment: Its arguments; what they leave out is as by default.
+
+    Raises:
+        InputError: one of them is of no use.
+    """
+    names = (*SEEING, "layer")
+    told = {name: environment[name] for name in (*names, "robot") if name in environment}
+    parameters = NavigationParameters.of(told)
+    return {name: getattr(parameters, name) for name in names}
+
+
+def checked_actions(
+    name: str | None, actions: object, count: int, discrete: bool, active: Bools | None = None
+) -> NDArray[np.float64]:
+    """Actions as the simulation takes them, see `spaces.continuous`; a message names the policy.
+
+    Raises:
+        InputError: they are of no use.
+    """
+    try:
+        return continuous(actions, count, discrete, active)
+    except InputError as error:
+        raise InputError(str(error) if name is None else f"policy {name}: {error}") from error
 
 
 class Policy(ABC):
@@ -63,7 +100,8 @@ class Policy(ABC):
 
         Args:
             observations: Parts by name, float32, shape (N, size); keep no reference, the next
-                step may write there.
+                step may write there. Rows of robots whose episode is over, or that have none,
+                hold what was or might have been seen, and their actions count for nothing.
             starts: Whose episode has just begun, shape (N,).
 
         Returns:
@@ -131,10 +169,26 @@ class CallablePolicy(Policy):
         make: Called with the spaces of a single environment, gives something with `act`; it may
             say in an attribute `environment` what arguments it wants the environment made with.
         told: What the user named it by.
+
+    Raises:
+        InputError: that attribute is no mapping, or has an unknown key.
     """
 
     def __init__(self, make: Callable[..., Any], told: str) -> None:
-        super().__init__(told, dict(getattr(make, "environment", {})))
+        wanted = getattr(make, "environment", {})
+        if not isinstance(wanted, Mapping):
+            raise InputError(
+                f"policy {told}: its environment is a {type(wanted).__name__}; give a mapping of "
+                "arguments."
+            )
+        known = (*(item.name for item in fields(NavigationParameters)), *BUILDINGS)
+        for key in wanted:
+            if key not in known:
+                raise InputError(
+                    f"policy {told}: its environment has the key {key!r}, which is unknown; "
+                    f"{nearest(str(key), known)}."
+                )
+        super().__init__(told, dict(wanted))
         self.make = make
         self._made: Any = None
 
@@ -150,5 +204,6 @@ class CallablePolicy(Policy):
             )
 
     def act(self, observations: Observation, starts: Bools) -> Actions:
-        """See `Policy`."""
-        return np.asarray(called(self._made.act, self.name, observations, starts))
+        """See `Policy`; as the callable gives them, for `checked_actions` to look at."""
+        given: Actions = called(self._made.act, self.name, observations, starts)
+        return given

@@ -75,30 +75,43 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
     It holds pickled objects: load what you trust alone.
 
     Raises:
-        InputError: it is damaged.
+        InputError: it is damaged or lacks what the algorithm remembers, or a package is missing.
     """
     try:
         counters = json.loads((path / COUNTERS).read_text(encoding="utf-8"))
         memory = pickle.loads((path / MEMORY).read_bytes())
         envs = TrainingEnvs(config, memory["envs"])
         model: Any = load_model(config, envs.outer, path / MODEL)
-        if (path / REPLAY).is_file():
+        if hasattr(model, "replay_buffer"):
+            # A model without it would learn from nothing but what comes from now on.
             model.load_replay_buffer(path / REPLAY)
         model.action_space = memory["actions"]
         if memory["lstm"] is not None:
             model._last_lstm_states = memory["lstm"]
         python, numpy, torch_state = memory["random"]
+    except (InputError, MemoryError, PermissionError):
+        # No damage: what is told is what there is to do.
+        raise
     except Exception as error:
         # What is inside was pickled, and may fail in any way.
         said = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{path}: the checkpoint is damaged ({type(error).__name__}: {said}); remove this "
-            "folder to resume from the one before."
+            f"{path}: the checkpoint is damaged ({type(error).__name__}: {said}); "
+            f"{_remedy(path, config)}."
         ) from error
     random.setstate(python)
     np.random.set_state(numpy)
     torch.set_rng_state(torch_state)
     return Restored(envs, model, counters)
+
+
+def _remedy(path: Path, config: Training) -> str:
+    """What to do without a checkpoint."""
+    needed = [MODEL, MEMORY, COUNTERS, *([REPLAY] if config.algorithm == "sac" else [])]
+    for other in reversed(checkpoints(path.parent)):
+        if other != path and all((other / name).is_file() for name in needed):
+            return f"remove this folder to resume from the one of step {int(other.name):,}"
+    return "there is no other one to resume from, so train anew, without --resume, in a new folder"
 
 
 def checkpoints(folder: Path) -> list[Path]:

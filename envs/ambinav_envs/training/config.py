@@ -24,7 +24,7 @@ MANAGED: Final = {
     "vectorization_mode": "training has its own",
 }
 """Arguments of environments that a configuration cannot give, and why."""
-DRAWN_APART: Final = {"first_building": 500_000, "buildings": 100}
+DRAWN_APART: Final[dict[str, Any]] = {"first_building": 500_000, "buildings": 100}
 """Buildings that policies are judged in while they train, unless the configuration says others."""
 
 
@@ -32,8 +32,8 @@ class EvaluationPart(Part):
     """How the policy is judged while it trains.
 
     Attributes:
-        environment: Arguments that differ from those of training; None: other buildings of the
-            suite (`DRAWN_APART`), or the same map.
+        environment: Arguments that differ from those of training. In any case buildings of a suite
+            are others (`DRAWN_APART`) where it does not say which; a map is the same.
         episodes: How many, the same every time.
         every: Steps of training from one evaluation to the next; there is one at the end too.
         seed: Of the episodes.
@@ -157,7 +157,10 @@ class Training(Part):
     @property
     def judged(self) -> dict[str, Any]:
         """The same of the environment that the policy is judged in."""
-        other = self.evaluation.environment
-        if other is None:
-            other = {} if "map" in self.arguments else DRAWN_APART
-        return self.arguments | other
+        return self.arguments | self.judged_apart
+
+    @property
+    def judged_apart(self) -> dict[str, Any]:
+        """What of it is told apart from that of training."""
+        own = self.evaluation.environment or {}
+        return ({} if "map" in self.arguments | own else DRAWN_APART) | own

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from ambinav.compare.scenario_file import complaint
 from ambinav.errors import InputError
+from ambinav.files import replacing
 from ambinav.sensing.fields import parse_yaml, read_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
@@ -68,12 +69,8 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
     threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
     if threads > most:
         raise InputError(f"{where}: threads is {threads}; there are cores for {most}.")
-    judged = {
-        key: value
-        for key, value in config.judged.items()
-        if key not in config.arguments or config.arguments[key] != value
-    }
-    evaluation = config.evaluation.model_copy(update={"environment": _found(judged, folder)})
+    apart = _found(config.judged_apart, folder)
+    evaluation = config.evaluation.model_copy(update={"environment": apart})
     config = config.model_copy(
         update={
             "threads": threads,
@@ -82,12 +79,14 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
             "hyperparameters": hyperparameters_of(config.algorithm, config.hyperparameters),
         }
     )
+    sources = []
     for name, arguments in (
         ("environment", config.arguments),
         ("evaluation.environment", config.judged),
     ):
         try:
-            _, parameters = source_of(arguments)
+            source, parameters = source_of(arguments)
+            sources.append(source)
         except InputError as error:
             raise InputError(f"{where}: {name}: {error}") from error
         for i, stage in enumerate(config.curriculum):
@@ -96,7 +95,24 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
                     f"{where}: curriculum[{i}].longest is {stage.longest:g}; give more than the "
                     f"environment's shortest, {parameters.shortest:g}."
                 )
+    if config.arguments.get("map") is None and config.judged.get("map") is None:
+        _check_apart(where, *sources)
     return config
+
+
+def _check_apart(where: str, train: BuildingSource, judged: BuildingSource) -> None:
+    """Check that no building of a suite is there for training and for judging.
+
+    Where any number is drawn, from billions, two do not meet.
+    """
+    if train.name != judged.name or train.count is None or judged.count is None:
+        return
+    if max(train.first, judged.first) < min(train.first + train.count, judged.first + judged.count):
+        raise InputError(
+            f"{where}: evaluation.environment: the buildings from {judged.first} on, "
+            f"{judged.count} of them, are partly those of training, {train.count} from "
+            f"{train.first} on; give another first_building."
+        )
 
 
 def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
@@ -113,7 +129,8 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
 
 def write_config(config: Training, path: Path) -> None:
     """Write a configuration, everything written out; `load_config` reads the same from it."""
-    path.write_text(plain_text(config), encoding="utf-8")
+    with replacing(path) as fresh:
+        fresh.write_text(plain_text(config), encoding="utf-8")
 
 
 def plain_text(config: Training) -> str:

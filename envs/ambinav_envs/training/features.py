@@ -19,8 +19,8 @@ LAYERS: Final = ("conv", "dense")
 """Kinds of layers for the scan and for the window.
 
 Convolutions have few weights and find the same shape anywhere: wide ones, which go on in large
-steps, since two narrow layers take five times as long and learn no better in the same time
-(docs/training.md). One dense layer is faster still.
+steps, since two narrow layers take several times as long (benchmarks/bench_features.py). One dense
+layer is faster still.
 """
 
 # Beams under a convolution, which goes on by half of them; cells along the edge of one of the
@@ -113,10 +113,13 @@ def _scan_layers(kind: str, beams: int, features: int, circular: bool) -> nn.Seq
         raise InputError(
             f"scan: convolutions need {_BEAMS} beams and there are {beams}; choose dense."
         )
+    step = _BEAMS // 2
+    # So that the last beams are under a convolution too.
+    rest = -beams % step
     layers = nn.Sequential(
         nn.Unflatten(1, (1, beams)),
-        nn.CircularPad1d((0, _BEAMS // 2)) if circular else nn.Identity(),
-        nn.Conv1d(1, 16, _BEAMS, stride=_BEAMS // 2),
+        nn.CircularPad1d((0, step + rest)) if circular else nn.ZeroPad1d((0, rest)),
+        nn.Conv1d(1, 16, _BEAMS, stride=step),
         nn.ReLU(),
         nn.Flatten(),
     )

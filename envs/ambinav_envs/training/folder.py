@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
 import json
@@ -38,19 +39,16 @@ _PACKAGES: Final = (
 
 
 def about(config: Training, command: Sequence[str]) -> dict[str, Any]:
-    """What to know of a run beside its configuration: versions, machine, buildings, command."""
-    versions = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
+    """What to know of a run beside its configuration: versions, machine, buildings, command.
+
+    Each of its `sessions` has a command, a commit and versions of its own, see `session`.
+    """
     return {
         "format": 1,
         "seed": config.seed,
         "command": list(command),
         "commit": commit(),
-        "versions": versions,
+        "versions": versions(),
         "platform": platform.platform(),
         "processor": platform.machine(),
         "cores": os.cpu_count(),
@@ -61,9 +59,24 @@ def about(config: Training, command: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def session(steps: int) -> dict[str, Any]:
-    """The beginning of a session, by a clock and by the steps that were done before."""
-    return {"started": datetime.now(UTC).isoformat(timespec="seconds"), "from_steps": steps}
+def session(steps: int, command: Sequence[str]) -> dict[str, Any]:
+    """The beginning of a session: when, after how many steps, and what made it."""
+    return {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "from_steps": steps,
+        "command": list(command),
+        "commit": commit(),
+        "versions": versions(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that a training depends on."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
 
 
 def buildings(source: BuildingSource) -> dict[str, Any]:

@@ -34,14 +34,8 @@ class Progress:
 
     def __init__(self, path: Path, steps: float = math.inf) -> None:
         self._path = path
-        self.rows: list[Row] = []
-        if path.is_file():
-            with path.open(newline="", encoding="utf-8") as file:
-                read = [
-                    {name: _number(text) for name, text in row.items()}
-                    for row in csv.DictReader(file)
-                ]
-            self.rows = [row for row in read if (row["steps"] or 0.0) <= steps]
+        read = read_rows(path) if path.is_file() else []
+        self.rows = [row for row in read if (row["steps"] or 0.0) <= steps]
         with replacing(path) as fresh, fresh.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
@@ -56,6 +50,12 @@ class Progress:
     def evaluations(self) -> list[Row]:
         """The rows with an evaluation."""
         return [row for row in self.rows if row["eval_episodes"]]
+
+
+def read_rows(path: Path) -> list[Row]:
+    """The rows of a table of progress."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
 
 
 def _number(text: str) -> float | None:

@@ -67,7 +67,10 @@ def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[st
     if config.curriculum and reached < len(config.curriculum):
         longest = config.curriculum[reached].longest
         lines += ["", f"It has never trained on ways longer than {longest:g} m."]
-    lines += ["", f"Again: `{shlex.join(record['command'])}`" if record["command"] else ""]
+    # The last session's command has the limits in force; earlier versions noted the first alone.
+    words = record["sessions"][-1].get("command", record["command"])
+    again = shlex.join(word for word in words if word != "--resume")
+    lines += ["", f"Again, with another folder: `{again}`" if again else ""]
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -14,7 +14,7 @@ from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputF
 
 from ambinav.files import holding_interrupts
 from ambinav_envs.evaluation import evaluate
-from ambinav_envs.policies import ModelPolicy, Normalization, save_policy
+from ambinav_envs.policies import ModelPolicy, Normalization, read_card, save_policy
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import (
     checkpoints,
@@ -89,7 +89,9 @@ class Run:
         self._saved = self.model.num_timesteps if there else -1
         self._before = float(counters.get("seconds", 0.0))
         self._next = dict(counters.get("next", self._periods()))
-        self.best: dict[str, float | None] | None = counters.get("best")
+        best = folder / files.BEST
+        # Of the file itself: it may be newer than the checkpoint.
+        self.best = best_of(best) if resume and best.is_file() else None
         self.tally = Tally()
         self.tally.fresh = list(counters.get("fresh", ()))
         self.tally.stage = list(counters.get("stage", ()))
@@ -106,7 +108,7 @@ class Run:
         folder, steps = self.folder, int(self.model.num_timesteps)
         told = folder / files.ABOUT
         record = files.read_json(told) if told.is_file() else files.about(self.config, command)
-        record["sessions"].append(files.session(steps))
+        record["sessions"].append(files.session(steps, command))
         self.record = record
         files.write_json(told, record)
         write_config(self.config, folder / files.CONFIG)
@@ -269,7 +271,6 @@ class Run:
             "steps": steps,
             "seconds": self.seconds,
             "next": self._next,
-            "best": self.best,
             "fresh": self.tally.fresh,
             "stage": self.tally.stage,
             "stage_number": self.curriculum.number,
@@ -283,7 +284,7 @@ class Run:
         """Write what comes last."""
         steps = int(self.model.num_timesteps)
         judged = self.progress.evaluations()
-        if not judged or judged[-1]["steps"] != steps:
+        if not judged or judged[-1]["steps"] != steps or self.best is None:
             figures = self._evaluate()
             self._row(math.nan, figures)
             self._tell(Told(1.0, steps, math.nan, self._last, figures))
@@ -307,6 +308,16 @@ class Run:
         text = report_text(self.config, self.record, summary)
         (self.folder / files.REPORT).write_text(text, encoding="utf-8")
         return summary
+
+
+def best_of(path: Path) -> dict[str, float | None]:
+    """Figures of the evaluation that a policy file was kept for, and its steps.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    card = read_card(path)
+    return {"steps": float(card.steps), **card.told["evaluation"]}
 
 
 def finite(figures: Figures) -> dict[str, float | None]:

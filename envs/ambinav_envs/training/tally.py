@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
-from ambinav_envs.evaluation import Episodes
+from ambinav_envs.evaluation import Episodes, per_metre
 from ambinav_envs.training.curriculum import RECENT
 
 FIGURES: Final = {
@@ -20,7 +20,7 @@ FIGURES: Final = {
     "timeout": "share",
     "lost": "share of those in which the robot was ever lost",
     "length": "way driven by shortest way, of those that arrived",
-    "exposure": "ambiguity per metre driven",
+    "exposure": "ambiguity per metre driven, of all episodes together",
     "reward": "mean sum of rewards",
 }
 """Figures of a number of episodes."""
@@ -70,7 +70,6 @@ def figures_of(episodes: Sequence[Episode]) -> Figures:
     if not count:
         return {"episodes": 0.0} | {name: math.nan for name in FIGURES if name != "episodes"}
     outcomes = [one["outcome"] for one in episodes]
-    travelled = sum(one["travelled"] for one in episodes)
     there = [one for one in episodes if one["outcome"] == "arrived"]
     ratios = [one["travelled"] / one["shortest"] for one in there]
     shares = ("arrived", "missed", "collided", "timeout")
@@ -79,7 +78,9 @@ def figures_of(episodes: Sequence[Episode]) -> Figures:
         **{name: outcomes.count(name) / count for name in shares},
         "lost": sum(one["was_lost"] for one in episodes) / count,
         "length": sum(ratios) / len(ratios) if ratios else math.nan,
-        "exposure": sum(one["exposure"] for one in episodes) / travelled if travelled else 0.0,
+        "exposure": per_metre(
+            *([one[key] for one in episodes] for key in ("exposure", "travelled"))
+        ),
         "reward": sum(one["r"] for one in episodes) / count,
     }
 

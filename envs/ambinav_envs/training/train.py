@@ -12,8 +12,10 @@ import torch
 from ambinav.compare.lock import only_one
 from ambinav.errors import InputError
 from ambinav_envs.training import folder as files
+from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import difference, load_config
+from ambinav_envs.training.progress import read_rows
 from ambinav_envs.training.run import Run, Tell
 
 
@@ -81,4 +83,11 @@ def check_folder(config: Training, folder: Path, resume: bool) -> None:
         raise InputError(
             f"{folder}: the configuration has changed: {changed}; put it back to resume, or choose "
             "another output."
+        )
+    # Steps were done, and what they led to is gone.
+    table = folder / files.PROGRESS
+    if not checkpoints(folder / files.CHECKPOINTS) and table.is_file() and read_rows(table):
+        raise InputError(
+            f"{folder}: no checkpoint is left to resume from; train anew, without --resume, in a "
+            "new folder."
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +25,13 @@ from ambinav.compare.leaderboard.board import (
 )
 from ambinav.compare.leaderboard.methods import all_methods, planner_methods, policy_method
 from ambinav.compare.leaderboard.report import OURS, benchmark
-from ambinav.compare.leaderboard.store import load_episodes, save_episodes
+from ambinav.compare.leaderboard.routes import Routes
+from ambinav.compare.leaderboard.store import (
+    code_checksum,
+    key_of,
+    load_episodes,
+    save_episodes,
+)
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from tests.envs.cases import room
@@ -119,6 +126,45 @@ def test_episodes_in_files(tmp_path: Path) -> None:
     assert again is not None and again.building.tolist() == episodes.building.tolist()
     (tmp_path / "a.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:100])
     assert load_episodes(tmp_path / "a.npz") is None
+
+
+def test_planners_read_the_layer_of_all_and_steer_by_speed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Options that all have in common reach the planners, and their routes are told apart."""
+    layers: list[str] = []
+
+    def plan(routes: Routes, buildings: Any, tasks: Any) -> list[None]:
+        layers.append(routes.layer)
+        return [None] * len(tasks)
+
+    monkeypatch.setattr(Routes, "plan", plan)
+    environment, methods = room(), planner_methods([])[:1]
+    for layer in ("level", "fisher"):
+        options = OPTIONS | {"layer": layer, "discrete": True, "max_steps": 2}
+        one = small(environment, methods=methods, options=options, episodes=1)
+        assert not one.parameters(one.settings[0], methods[0]).discrete
+        assert fitting(one).methods == methods
+        board_module.run(one, tmp_path, lambda text: lambda share: None)
+    assert layers == ["level", "level", "fisher", "fisher"]
+    assert len(list(tmp_path.glob("routes-*.npz"))) == 2
+
+
+def test_the_key_holds_versions_of_what_policies_are_made_of(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    code_checksum.cache_clear()
+    keys = {key_of({})}
+    assert key_of({}) in keys
+    version = importlib.metadata.version
+    for name in ("torch", "stable-baselines3", "ompl", "numba"):
+        monkeypatch.setattr(
+            importlib.metadata, "version", lambda n, name=name: "0" if n == name else version(n)
+        )
+        code_checksum.cache_clear()
+        keys.add(key_of({}))
+    code_checksum.cache_clear()
+    assert len(keys) == 5
 
 
 def test_settings() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ambinav.compare.leaderboard.draws import episode_weights
 from ambinav.compare.leaderboard.figures import (
     difference_text,
     make_rows,
@@ -39,11 +42,48 @@ def test_shares_and_means() -> None:
     wanted = {"arrived": 40.0, "missed": 20.0, "collided": 20.0, "timeout": 20.0, "length": 1.2}
     for key, value in wanted.items():
         assert row[key].value.value == pytest.approx(value), key
-    # The one that drove 0.1 m says nothing of exposure per metre.
-    assert row["exposure"].value.count == 4
+    assert row["exposure"].value.count == 5
     assert row["exposure"].value.value == pytest.approx(0.2)
     assert row["length"].value.count == row["seconds"].value.count == 2
     assert row["arrived"].value.low <= 40.0 <= row["arrived"].value.high
+
+
+def test_exposure_per_metre_is_of_all_metres_as_in_the_summary() -> None:
+    found = replace(
+        episodes([TIMEOUT] * 3, way=[9.0, 1.0, 0.0]), exposure=np.array([0.9, 0.5, 0.0])
+    )
+    (row,) = make_rows("here", {"one": found}, None, 1)
+    wanted = found.summary()["exposure_per_metre"]
+    assert row["exposure"].value.value == pytest.approx(wanted) == pytest.approx(1.4 / 10.0)
+    still = make_rows("here", {"one": replace(found, travelled=np.zeros(3))}, None, 1)[0]
+    assert still["exposure"].value.count == 0 and value_text(still["exposure"]) == "-"
+
+
+def test_episodes_of_one_building_say_less() -> None:
+    """Of 10 buildings 5 are bad ones: 200 episodes say hardly more than 10 would."""
+    lost = np.arange(200) % 10 < 5
+    one = episodes([ARRIVED] * 200, lost=lost)
+    apart = replace(one, building=np.arange(200).astype(str))
+    alike = replace(one, building=(np.arange(200) % 10).astype(str))
+    width = {}
+    for name, found in {"apart": apart, "alike": alike, "one": one}.items():
+        value = make_rows("here", {"one": found}, None, 1)[0]["lost"].value
+        assert value.value == 50.0
+        width[name] = value.high - value.low
+    assert width["apart"] == pytest.approx(2 * 1.96 * 50.0 / math.sqrt(200), rel=0.1)
+    assert width["one"] == pytest.approx(width["apart"], rel=0.1)
+    assert width["alike"] == pytest.approx(2 * 1.96 * 50.0 / math.sqrt(10), rel=0.15)
+
+
+def test_draws_hold_as_many_buildings_and_episodes_of_each() -> None:
+    buildings = np.array(["a", "b", "a", "c", "c", "c"])
+    (weights,) = episode_weights(buildings, np.random.default_rng(0), 50)
+    assert weights.shape == (50, 6)
+    copies = [
+        weights[:, buildings == key].sum(axis=1) / n for key, n in (("a", 2), ("b", 1), ("c", 3))
+    ]
+    assert (sum(copies) == 3.0).all() and (copies[0] % 1.0 == 0.0).all()
+    assert len(np.unique(weights[:, 0])) > 2
 
 
 def test_differences_are_paired() -> None:
@@ -81,6 +121,8 @@ def test_csv() -> None:
     ("base", "other", "way", "said"),
     [
         (0, 0, 10.0, "nobody lost to begin with"),
+        (0, 20, 10.0, "lost more often"),
+        (0, 1, 10.0, "no difference shown"),
         (30, 5, 10.5, "met"),
         (30, 5, 12.0, "halved, but too long a way"),
         (30, 18, 10.0, "lost less often, not halved"),

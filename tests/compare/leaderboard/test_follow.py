@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ pytest.importorskip("ompl")
 
 from ambinav.compare.leaderboard.methods import RouteFollower
 from ambinav.compare.leaderboard.routes import PlannerChoice, Routes
+from ambinav.compare.leaderboard.waypoint import WaypointFollower
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import ARRIVED
 from ambinav_envs.simulation.simulation import Simulation
@@ -78,6 +81,26 @@ def test_routes_keep_off_walls_as_far_as_there_is_room() -> None:
         assert poses[-1, :2].tolist() == task.goal.tolist()
         x, y = poses[2:-2, 0], poses[2:-2, 1]
         assert environment.is_free(x, y, radius=Robot().radius + 0.099).all()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"robot": {"max_speed": 1.2, "max_turn_rate": 1.0}, "min_speed": -0.3},
+        {"robot": {"max_speed": 0.3}, "discrete": False},
+    ],
+)
+def test_the_waypoint_follower_goes_by_the_robot_it_drives(options: dict[str, Any]) -> None:
+    """Far from the way point it drives at full speed, beside it it stands and turns."""
+    parameters = NavigationParameters(**options)
+    follower = WaypointFollower(parameters)
+    # Straight ahead, to the left, behind on the right.
+    seen = {"waypoint": np.array([[0.1, 1.0, 0.0], [0.1, 0.0, 1.0], [0.1, -1.0, -0.1]])}
+    actions = follower.act(seen, np.zeros(3, dtype=np.bool_))
+    low, high = parameters.min_speed, parameters.robot.max_speed
+    speeds = low + 0.5 * (actions[:, 0] + 1.0) * (high - low)
+    assert speeds == pytest.approx([high, 0.0, 0.0])
+    assert actions[:, 1].tolist() == pytest.approx([0.0, 1.0, -1.0])
 
 
 def test_without_a_route_a_robot_stands(monkeypatch: pytest.MonkeyPatch) -> None:

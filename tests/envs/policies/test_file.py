@@ -20,7 +20,13 @@ from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
 from stable_baselines3 import PPO  # isort: skip
 
 from ambinav_envs.policies import load_policy, read_card, save_policy
-from ambinav_envs.policies.file import CARD, FORMAT, arguments_of
+from ambinav_envs.policies.file import CARD, FORMAT, arguments_of, plain_environment
+
+SEEN: dict[str, Any] = {
+    "window": True, "window_cells": 16, "window_spacing": 0.4, "waypoint": False,
+    "waypoint_distance": 1.5, "discrete": False, "min_speed": 0.0, "layer": "level",
+}  # fmt: skip
+"""What a policy sees by default."""
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +60,7 @@ def test_acts_as_the_model_does(tmp_path: Path) -> None:
 def test_the_card(file: Path) -> None:
     card = read_card(file)
     assert card.algorithm == "PPO" and card.seed == 3 and card.steps == 0
-    assert card.environment == {**OPTIONS, "id": NAME}
+    assert card.environment == {**SEEN, **OPTIONS, "id": NAME}
     assert card.observation["parts"]["scan"] == {"size": 60, "low": 0.0, "high": 1.0}
     assert card.action == {"size": 2, "low": -1.0, "high": 1.0}
     assert card.told == {"note": "a test"} and "torch" in card.versions
@@ -81,9 +87,26 @@ def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
     path = tmp_path / "p.zip"
     save_policy(model(normalized()), path, environment=told)
     arguments = arguments_of(read_card(path))
-    assert set(arguments) == {"robot", "scanner"}
+    assert set(arguments) == {"robot", "scanner", *SEEN}
     assert Robot(**arguments["robot"]) == Robot(radius=0.3)
     assert arguments["scanner"].to_yaml() == scanner.to_yaml()
+
+
+def test_what_it_saw_by_default_is_told_of_old_files_too(file: Path, tmp_path: Path) -> None:
+    def older(name: str, content: bytes) -> bytes:
+        if name != CARD:
+            return content
+        told = {**json.loads(content), "environment": {"id": NAME, "window_cells": 4}}
+        return json.dumps(told).encode()
+
+    for path in (file, rewritten(file, tmp_path / "old.zip", older)):
+        assert load_policy(path).seeing == {
+            name: value for name, value in (SEEN | {"window_cells": 4}).items() if name != "layer"
+        }
+    # With the robot that it was trained with, since speeds go by its highest.
+    quick = {"robot": {"max_speed": 2.0}, "min_speed": -1.0, "window_spacing": 0.2}
+    told = plain_environment(quick)
+    assert (told["min_speed"], told["window_spacing"]) == (-1.0, 0.2)
 
 
 def test_what_is_no_plain_value_is_refused(tmp_path: Path) -> None:

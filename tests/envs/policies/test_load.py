@@ -10,13 +10,14 @@ import pytest
 from gymnasium import spaces
 
 from ambinav.errors import InputError
+from ambinav.files import sha256
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.policies.models import OPTIONS, model, saved
 
 from ambinav_envs.policies import ModelPolicy, baselines, load_policy  # isort: skip
 from ambinav_envs.evaluation import evaluate
-from ambinav_envs.policies.load import BASELINES
+from ambinav_envs.policies.load import BASELINES, checksum_of
 from ambinav_envs.sb3 import make_sb3
 from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import ARRIVED
@@ -43,6 +44,18 @@ def empty(observation_space, action_space):
 
 def failing(observation_space, action_space):
     raise RuntimeError("no weights")
+
+
+def listed(observation_space, action_space):
+    return Straight()
+
+
+def unknown(observation_space, action_space):
+    return Straight()
+
+
+listed.environment = ["waypoint"]
+unknown.environment = {"wimdow": False}
 """
 
 
@@ -75,6 +88,8 @@ def test_a_callable(folder: Path) -> None:
         ("plug.py:empty", "without act"),
         ("plug.py:failing", r"failed \(RuntimeError: no weights, plug.py line 2\d\)"),
         ("plug.py:gone", "no callable 'gone'"),
+        ("plug.py:listed", "plug.py:listed: its environment is a list; give a mapping"),
+        ("plug.py:unknown", "has the key 'wimdow', which is unknown; did you mean window"),
         ("none.py:go", "there is no file"),
         ("gone.zip", "there is no such file"),
         ("gone", "neither a file nor a baseline"),
@@ -83,6 +98,27 @@ def test_a_callable(folder: Path) -> None:
 def test_bad_names(told: str, said: str, folder: Path) -> None:
     with pytest.raises(InputError, match=said):
         load_policy(told, folder).prepare(*spaces_of())
+
+
+def test_checksums_of_callables(folder: Path) -> None:
+    def of(name: str) -> str:
+        return checksum_of(f"more.py:{name}", load_policy(f"more.py:{name}", folder), folder)
+
+    code = """
+import functools
+
+class Maker:
+    def __call__(self, observation_space, action_space):
+        return None
+
+maker, function = Maker(), lambda observation_space, action_space: None
+partial = functools.partial(function)
+"""
+    (folder / "more.py").write_text(code)
+    # An instance stands where its type does; of what is in no file nothing is known again.
+    wanted = sha256(folder / "more.py")
+    assert of("maker") == of("function") == of("Maker") == wanted
+    assert len({of("partial"), of("partial"), wanted}) == 3
 
 
 def test_more_than_it_wants_is_no_harm(file: Path) -> None:

@@ -39,6 +39,19 @@ def test_written_out_and_read_again(tmp_path: Path) -> None:
     assert load_config(tmp_path / "config.yaml") == config
 
 
+def test_judged_in_other_buildings_whatever_else_differs(tmp_path: Path) -> None:
+    told = {"steps": 9, "environment": {"id": "ambinav/Hall-v0", "buildings": 40}}
+    config = parse_config(told | {"evaluation": {"environment": {"people": 2}}}, "here")
+    assert config.judged == {
+        "suite": "hall", "buildings": 100, "first_building": 500_000, "people": 2
+    }  # fmt: skip
+    same = parse_config(told | {"evaluation": {"environment": {"buildings": 40}}}, "here")
+    assert (same.judged["buildings"], same.judged["first_building"]) == (40, 500_000)
+    for one in (config, same):
+        write_config(one, tmp_path / "config.yaml")
+        assert load_config(tmp_path / "config.yaml") == one
+
+
 def test_files_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     demo = (ROOT / "configs" / "demo.geojson").read_bytes()
     (tmp_path / "house.geojson").write_bytes(demo)
@@ -74,6 +87,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"environment": {"id": "ambinav/Hall-v0", "map": "x.geojson"}}, "give one of the two"),
     ({"evaluation": {"environment": {"id": "ambinav/Hall-v0"}}}, "is that of training"),
     ({"evaluation": {"environment": {"rewart": 1}}}, "evaluation.environment: .*did you mean"),
+    ({"evaluation": {"environment": {"first_building": 1}}},
+     "the buildings from 1 on, 100 of them, are partly those of training, 2 from 0 on"),
     ({"evaluation": {"episodes": 0}}, "evaluation.episodes is 0"),
     ({"normalize": {"rewards": True}}, "normalize: the key 'rewards' is unknown"),
     ({"policy": {"scan": "cnn"}}, "policy.scan is \"cnn\"; it should be 'conv' or 'dense'"),

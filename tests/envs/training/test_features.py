@@ -88,3 +88,14 @@ def test_gradients_reach_every_weight() -> None:
     features = NavigationFeatures(WHOLE)
     features(batch(WHOLE, 16)).sum().backward()
     assert all(float(np.abs(one.grad.numpy()).max()) > 0.0 for one in features.parameters())
+
+
+@pytest.mark.parametrize("circular", [True, False])
+@pytest.mark.parametrize("beams", [6, 7, 8, 60, 361, 541, 682])
+def test_every_beam_is_looked_at(beams: int, circular: bool) -> None:
+    torch.manual_seed(0)
+    space = spaces.Dict({"scan": spaces.Box(0.0, 1.0, (beams,))})
+    layers = NavigationFeatures(space, circular=circular).parts["scan"][:3]
+    scan = torch.rand(1, beams, requires_grad=True)
+    layers(scan).sum().backward()
+    assert scan.grad is not None and (scan.grad != 0.0).all()

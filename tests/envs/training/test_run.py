@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import load_config
-from ambinav_envs.training.run import Told
+from ambinav_envs.training.run import Run, Told, best_of
 from ambinav_envs.training.train import train
 from ambinav_envs.training.vec import TrainingEnvs
 from tests.envs.training.cases import RECURRENT, SAC, TINY, tiny
@@ -79,7 +80,8 @@ def test_writes_all_that_it_says(whole: Path) -> None:
     told = json.loads((whole / "run.json").read_text())
     assert told["seed"] == 3 and told["buildings"]["hashed"] == 2
     assert told["buildings"]["sha256"] != told["judged_in"]["sha256"]
-    assert len(told["sessions"]) == 1
+    (session,) = told["sessions"]
+    assert session["command"][-1] == "run here" and "torch" in session["versions"]
     assert [row["steps"] for row in rows(whole)] == ["256", "512"]
     assert all(row["eval_episodes"] == "4" for row in rows(whole))
     assert "ambinav train tiny.yaml -o 'run here'" in (whole / "report.md").read_text()
@@ -119,6 +121,10 @@ def test_resumed_is_as_if_never_interrupted(
     (kept,) = checkpoints(broken / "checkpoints")
     assert kept.name == "000000000256"
     assert not (broken / "final.zip").exists()
+    if config.algorithm == "sac":
+        (kept / "replay.pkl").rename(tmp_path / "replay.pkl")
+        refused(config, broken, True, r"the checkpoint is damaged.*replay\.pkl")
+        (tmp_path / "replay.pkl").rename(kept / "replay.pkl")
     train(config, broken, resume=True)
     assert same(straight / "final.zip", broken / "final.zip")
     assert same(straight / "best.zip", broken / "best.zip")
@@ -148,9 +154,13 @@ def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -
 
 def test_goes_on_when_it_may_be_longer(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    train(tiny(steps=256), out)
+    train(tiny(steps=256), out, command=["ambinav", "train", "--steps", "256"])
     before = (out / "final.zip").read_bytes()
-    summary = train(tiny(steps=512), out, resume=True)
+    summary = train(
+        tiny(steps=512), out, resume=True, command=["ambinav", "--resume", "--steps", "512"]
+    )
+    # Again: with the limits that it had last, from the beginning.
+    assert "`ambinav --steps 512`" in (out / "report.md").read_text()
     assert summary["steps"] == 512 and (out / "final.zip").read_bytes() != before
     assert train(tiny(steps=512), out, resume=True)["steps"] == 512
 
@@ -199,11 +209,55 @@ def test_what_cannot_begin_or_go_on_is_refused(whole: Path, tmp_path: Path) -> N
     refused(tiny(), tmp_path / "file", False, "a file is there")
 
 
-@pytest.mark.parametrize("member", ["model.zip", "memory.pkl", "counters.json"])
-def test_a_damaged_checkpoint_is_told(tmp_path: Path, member: str) -> None:
+def test_the_best_one_is_that_of_the_file(whole: Path, tmp_path: Path) -> None:
+    """It may be newer than the checkpoint that a killed training goes on from."""
+    card = read_card(whole / "best.zip")
+    best = best_of(whole / "best.zip")
+    assert best["steps"] == card.steps and best["reward"] == card.told["evaluation"]["reward"]
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        train(tiny(), out, tell=interrupted_at(256))
-    path = out / "checkpoints" / "000000000256" / member
+        train(tiny(), out, tell=interrupted_at(0))
+    shutil.copy(whole / "best.zip", out)
+    run = Run(tiny(), out, True, (), lambda told: None)
+    assert run.best == best
+    run.envs.close()
+
+
+@pytest.fixture(scope="module")
+def broken(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A training with a checkpoint in its middle and one at its end."""
+    out = tmp_path_factory.mktemp("broken") / "out"
+    shutil.copytree(whole, out)
+    shutil.copytree(out / "checkpoints" / "000000000512", out / "checkpoints" / "000000000256")
+    return out
+
+
+@pytest.mark.parametrize("member", ["model.zip", "memory.pkl", "counters.json"])
+def test_a_damaged_checkpoint_is_told(broken: Path, tmp_path: Path, member: str) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(broken, out)
+    path = out / "checkpoints" / "000000000512" / member
     path.write_bytes(path.read_bytes()[:40])
-    refused(tiny(), out, True, "the checkpoint is damaged")
+    refused(tiny(), out, True, "the checkpoint is damaged.*to resume from the one of step 256")
+    (out / "checkpoints" / "000000000256" / "memory.pkl").unlink()
+    refused(tiny(), out, True, "the checkpoint is damaged.*no other one.*train anew")
+
+
+def test_what_is_no_damage_is_not_called_so(
+    broken: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(*_: Any) -> Any:
+        raise InputError("recurrent-ppo needs sb3-contrib.")
+
+    monkeypatch.setattr("ambinav_envs.training.checkpoints.load_model", missing)
+    shutil.copytree(broken, tmp_path / "out")
+    refused(tiny(), tmp_path / "out", True, "^recurrent-ppo needs sb3-contrib.$")
+
+
+def test_without_checkpoints_nothing_is_resumed(broken: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(broken, out)
+    shutil.rmtree(out / "checkpoints")
+    before = (out / "progress.csv").read_bytes()
+    refused(tiny(), out, True, "no checkpoint is left to resume from; train anew")
+    assert (out / "progress.csv").read_bytes() == before

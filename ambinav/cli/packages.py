@@ -1,0 +1,28 @@
+"""Packages that a command needs and a user may not have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+
+from ambinav.errors import InputError
+
+ENVIRONMENTS = ("gymnasium",)
+"""Of the environments."""
+TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch")
+"""Of what is trained, or was."""
+
+
+def need(what: str, packages: Sequence[str]) -> None:
+    """Say what to install if a package is missing, before any of them is imported.
+
+    Args:
+        what: What they are for.
+        packages: By the names that they are imported by.
+
+    Raises:
+        InputError: one is missing.
+    """
+    for name in packages:
+        if find_spec(name) is None:
+            raise InputError(f'{what} needs {name}; run: pip install "ambinav[envs]".')
