@@ -124,7 +124,7 @@ def measure(name: str, count: int, beams: int, max_range: float, repeats: int, s
     embree_shuffled = embree_caster(scene, shuffled, max_range)
 
     def raw_cast(rays: Rays) -> object:
-        return cast_rays(env.grid, rays.x, rays.y, rays.angle, max_range, parallel=False)
+        return cast_rays(env.grid, rays.x, rays.y, rays.angle, max_range)
 
     timings = interleave(
         {
@@ -132,7 +132,7 @@ def measure(name: str, count: int, beams: int, max_range: float, repeats: int, s
             "scan": lambda: scanner.scan(env, poses.x, poses.y, poses.theta),
             "scan_rays": lambda: scan_rays(
                 env, poses.x, poses.y, poses.theta, table_of_rays.origin, table_of_rays.angle,
-                max_range, incidence=False, parallel=False,
+                max_range, incidence=False,
             ),
             "cast": lambda: env.cast(in_order.x, in_order.y, in_order.angle, max_range),
             "cast_rays": lambda: raw_cast(in_order),

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, X, Y, compare
 from ambinav.ambiguity.returns import BeamTable, Returns
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 # Turns whose scans are less alike than exp(-12) are left out: all of them together move the
 # second moment by less than a hundredth of a radian.
@@ -68,9 +69,9 @@ def turning_moments(
         every turn looked alike.
     """
     out = np.empty((end - begin, 2))
-    _turning(
-        returns.data, begin, end, beams, table.limit, table.inverse_cap, table.use, evidence, tau,
-        spacing**2, out,
+    run_rows(
+        _turning, end - begin, returns.data, begin, beams, table.limit, table.inverse_cap,
+        table.use, evidence, tau, spacing**2, out, least=16,
     )  # fmt: skip
     return out
 
@@ -121,10 +122,11 @@ def turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, ou
     out[1] = math.sqrt(free_moment / free_weight)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _turning(data, begin, end, beams, limit, icap, use, evidence, tau, c0, out):
-    for p in prange(begin, end):
-        pair = np.zeros((2, 5, limit.size), dtype=np.float32)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turning(low, high, data, begin, beams, limit, icap, use, evidence, tau, c0, out):
+    pair = np.empty((2, 5, limit.size), dtype=np.float32)
+    for i in range(low, high):
+        p = begin + i
         pair[0] = data[p]
         pair[1] = data[p]
-        turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out[p - begin])
+        turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out[i])

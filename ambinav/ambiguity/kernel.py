@@ -14,12 +14,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
 from ambinav.ambiguity.returns import BeamTable, Returns
 from ambinav.geometry.lattice import STEPS
+from ambinav.threads import run_rows
 
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
 _Z_COUNT = round(Z_MAX / Z_STEP)
@@ -208,20 +209,20 @@ def pose_sums(
     out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sums(
-    begin, end, first, rows_columns, index, links, steps, offsets, spacing,
+    low, high, begin, first, rows_columns, index, links, steps, offsets, spacing,
     data, limit, icap, use, evidence, tau, c0, c2, sums,
 ):  # fmt: skip
     side = 2 * np.abs(offsets).max() + 1
-    for p in prange(begin, end):
-        row, column = rows_columns[p, 0], rows_columns[p, 1]
-        marks = np.empty(side * side, dtype=np.uint8)
-        queue = np.empty(side * side, dtype=np.int32)
+    marks = np.empty(side * side, dtype=np.uint8)
+    queue = np.empty(side * side, dtype=np.int32)
+    for i in range(low, high):
+        row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
         pose_sums(
             row, column, index, first, marks, offsets, spacing, data, limit, icap, use, evidence,
-            tau, c0, c2, sums[p - begin],
+            tau, c0, c2, sums[i],
         )  # fmt: skip
 
 
@@ -264,8 +265,9 @@ def neighbourhood_sums(
         the look-alikes about the pose; the same of the free neighbourhood; square metres.
     """
     sums = np.empty((end - begin, 7))
-    _sums(
-        begin, end, first, rows_columns, index, links, STEPS, offsets, spacing, returns.data,
-        beams.limit, beams.inverse_cap, beams.use, evidence, tau, *cell_variance, sums,
+    run_rows(
+        _sums, end - begin, begin, first, rows_columns, index, links, STEPS, offsets, spacing,
+        returns.data, beams.limit, beams.inverse_cap, beams.use, evidence, tau, *cell_variance,
+        sums, least=8,
     )  # fmt: skip
     return sums

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 # A beam is followed this far beyond its maximum range, metres: a surface just out of range is
 # about to come into range, and the derivative says when.
@@ -142,24 +143,24 @@ def beam_returns(
         env, x, y, heading, rays.origin, rays.angle, reach,
         incidence=bool(np.isfinite(rays.max_incidence).any()),
     )  # fmt: skip
-    _beam_returns(
-        distance, segment, incidence, env.normals(np.arange(len(env.segments))),
-        env.segments.kind == FRONTIER, rays.origin, theta + rays.angle, theta,
-        rays.start, rays.max_incidence, table.nearest, table.limit, table.spread,
-        table.bias, data,
+    run_rows(
+        _beam_returns, len(x), distance, segment, incidence,
+        env.normals(np.arange(len(env.segments))), env.segments.kind == FRONTIER, rays.origin,
+        theta + rays.angle, theta, rays.start, rays.max_incidence, table.nearest, table.limit,
+        table.spread, table.bias, data, least=128,
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _beam_returns(
-    distance, segment, incidence, normal, frontier, origin, angle, theta, start, max_incidence,
-    nearest, limit, spread, bias, data,
+    begin, end, distance, segment, incidence, normal, frontier, origin, angle, theta, start,
+    max_incidence, nearest, limit, spread, bias, data,
 ):  # fmt: skip
     cos_a, sin_a = np.cos(angle), np.sin(angle)
     # How the sensor itself moves when the robot turns.
     turn_x = -math.sin(theta) * origin[:, 0] - math.cos(theta) * origin[:, 1]
     turn_y = math.cos(theta) * origin[:, 0] - math.sin(theta) * origin[:, 1]
-    for p in prange(distance.shape[0]):
+    for p in range(begin, end):
         for b in range(nearest.size):
             best, d = -1, limit[b] + BEYOND
             blind = False

@@ -19,6 +19,7 @@ from ambinav.geometry.sweep import motion_free as motion_free
 from ambinav.geometry.sweep import motions_free as _motions_free
 from ambinav.geometry.sweep import pose_free as pose_free
 from ambinav.geometry.sweep import poses_free as _poses_free
+from ambinav.threads import run_rows
 
 # How far apart the places are that `nearest_free` tries, first everywhere, then near the best of
 # those, metres.
@@ -94,7 +95,7 @@ class CollisionChecker:
         """
         rows = checked_poses(poses, "poses")
         out = np.empty(len(rows), dtype=np.bool_)
-        _poses_free(rows, *self.arrays, out)
+        run_rows(_poses_free, len(rows), rows, *self.arrays, out, least=256)
         return out
 
     def motions_free(self, a: ArrayLike, b: ArrayLike) -> Bools:
@@ -111,9 +112,10 @@ class CollisionChecker:
         if len(starts) != len(ends):
             raise InputError(f"a has {len(starts)} poses and b {len(ends)}; give as many of each.")
         out = np.empty(len(starts), dtype=np.bool_)
-        _motions_free(
-            self.steering.kind, float(self.steering.radius), starts, ends, *self.arrays, out
-        )
+        run_rows(
+            _motions_free, len(starts), self.steering.kind, float(self.steering.radius), starts,
+            ends, *self.arrays, out, least=64,
+        )  # fmt: skip
         return out
 
     def clearance(self, poses: ArrayLike) -> Floats:

@@ -6,16 +6,18 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import LEFT, PARALLEL, RIGHT, border_distance, locate
-from ambinav.geometry.twice import serial_and_parallel
+from ambinav.threads import run_rows
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
 
 STACK = 128
+# Fewer are not worth waking a thread for.
+LEAST_RAYS = 2048
 
 
 def scan_rays(
@@ -54,17 +56,20 @@ def scan_rays(
     edge = np.empty((len(x), len(ray_angle)), dtype=np.int32)
     oblique = np.empty((len(x), len(ray_angle)) if incidence else (0, 0), dtype=np.float32)
     mesh = env.triangulation
-    kernel = _fans_parallel if parallel else _fans_serial
     origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)
         mine = mine[counter_clockwise(ray_angle[mine])]
         angles = ray_angle[mine]
-        kernel(
+        arguments = (
             x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range), mine,
             env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
             *mesh.index, distance, edge, oblique,
         )  # fmt: skip
+        if parallel:
+            run_rows(_fans, len(x), *arguments, least=1 + LEAST_RAYS // len(mine))
+        else:
+            _fans(0, len(x), *arguments)
     return distance, edge, oblique
 
 
@@ -162,53 +167,49 @@ def cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, dist
             distance[i] = border_distance(px, py, ux[i], uy[i], border, hit[i])
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fans(
-    x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, node, hops,
-    corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, incidence,
+    begin, end, x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, node,
+    hops, corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, incidence,
 ):  # fmt: skip
     n = bx.size
     angles = incidence.size > 0
-    block = 64
-    for first in prange((x.size + block - 1) // block):
-        ux, uy, d = np.empty(n), np.empty(n), np.empty(n)
-        hit = np.empty(n, dtype=np.int32)
-        size = n + STACK
-        stack = (
-            np.empty(size, dtype=np.int32),
-            np.empty(size, dtype=np.int32),
-            np.empty(size, dtype=np.int32),
-        )
-        for p in range(first * block, min((first + 1) * block, x.size)):
-            co, si = math.cos(theta[p]), math.sin(theta[p])
-            px = x[p] + co * origin[0] - si * origin[1]
-            py = y[p] + si * origin[0] + co * origin[1]
-            t = locate(px, py, x0, y0, cell, rows, columns, start, item, triangle)
-            if t < 0:
-                for i in range(n):
-                    distance[p, column[i]] = np.nan
-                    segment[p, column[i]] = -1
-                    if angles:
-                        incidence[p, column[i]] = np.nan
-                continue
+    ux, uy, d = np.empty(n), np.empty(n), np.empty(n)
+    hit = np.empty(n, dtype=np.int32)
+    size = n + STACK
+    stack = (
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+        np.empty(size, dtype=np.int32),
+    )
+    for p in range(begin, end):
+        co, si = math.cos(theta[p]), math.sin(theta[p])
+        px = x[p] + co * origin[0] - si * origin[1]
+        py = y[p] + si * origin[0] + co * origin[1]
+        t = locate(px, py, x0, y0, cell, rows, columns, start, item, triangle)
+        if t < 0:
             for i in range(n):
-                ux[i] = co * bx[i] - si * by[i]
-                uy[i] = si * bx[i] + co * by[i]
-            cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, d, hit)
-            for i in range(n):
-                c = column[i]
-                if d[i] <= reach:
-                    k = hit[i]
-                    distance[p, c] = d[i]
-                    segment[p, c] = border_segment[k]
-                    if angles:
-                        ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
-                        along = abs(ux[i] * ex + uy[i] * ey)
-                        incidence[p, c] = math.atan2(along, abs(ux[i] * ey - uy[i] * ex))
-                else:
-                    distance[p, c] = np.inf
-                    segment[p, c] = -1
-                    if angles:
-                        incidence[p, c] = np.nan
-
-
-_fans_serial, _fans_parallel = serial_and_parallel(_fans)
+                distance[p, column[i]] = np.nan
+                segment[p, column[i]] = -1
+                if angles:
+                    incidence[p, column[i]] = np.nan
+            continue
+        for i in range(n):
+            ux[i] = co * bx[i] - si * by[i]
+            uy[i] = si * bx[i] + co * by[i]
+        cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, d, hit)
+        for i in range(n):
+            c = column[i]
+            if d[i] <= reach:
+                k = hit[i]
+                distance[p, c] = d[i]
+                segment[p, c] = border_segment[k]
+                if angles:
+                    ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
+                    along = abs(ux[i] * ex + uy[i] * ey)
+                    incidence[p, c] = math.atan2(along, abs(ux[i] * ey - uy[i] * ex))
+            else:
+                distance[p, c] = np.inf
+                segment[p, c] = -1
+                if angles:
+                    incidence[p, c] = np.nan

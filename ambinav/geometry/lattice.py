@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycast import cast_one
+from ambinav.threads import run_rows
 
 # Column and row steps to the eight neighbours; the opposite of direction k is k + 4 (mod 8).
 STEPS = np.array([[1, 0], [1, 1], [0, 1], [-1, 1], [-1, 0], [-1, -1], [0, -1], [1, -1]])
@@ -95,9 +96,9 @@ class Lattice:
         """Per free point, uint8, shape (N,): bit k is set if no segment parts it from STEPS[k]."""
         x, y = self.points
         links = np.zeros(len(x), dtype=np.uint8)
-        _link(
-            self.rows_columns, self.index, x, y, self.spacing, STEPS,
-            *self.environment.grid.arrays, links,
+        run_rows(
+            _link, len(x), self.rows_columns, self.index, x, y, self.spacing, STEPS,
+            *self.environment.grid.arrays, links, least=256,
         )  # fmt: skip
         # The second half of the directions is the first half seen from the other side.
         _link_back(self.rows_columns, self.index, STEPS, links)
@@ -108,11 +109,12 @@ class Lattice:
         return np.asarray(self.environment.clearance(*self.points, limit))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _link(
-    rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns, start, item, line, links
+    low, high, rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns, start, item,
+    line, links,
 ):  # fmt: skip
-    for i in prange(x.size):
+    for i in range(low, high):
         bits = 0
         for k in range(4):
             row, column = rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]

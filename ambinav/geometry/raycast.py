@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.grid import SegmentGrid
-from ambinav.geometry.twice import serial_and_parallel
+from ambinav.threads import run_rows
 
 # Tolerance on the position along a segment, relative to its length: two segments that share an
 # end leave no gap between them.
@@ -25,8 +25,6 @@ def cast_rays(
     y: NDArray[np.float64],
     angle: NDArray[np.float64],
     max_range: float,
-    *,
-    parallel: bool = True,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """First segment that each ray meets.
 
@@ -36,7 +34,6 @@ def cast_rays(
         y: Origins, shape (N,), metres, map frame.
         angle: Directions, shape (N,), radians counter-clockwise from the map's x axis.
         max_range: How far to look, metres.
-        parallel: Use all of numba's threads.
 
     Returns:
         Distance, shape (N,), metres, `max_range` where nothing is met; and the index of the
@@ -44,8 +41,10 @@ def cast_rays(
     """
     distance = np.empty(len(x))
     segment = np.empty(len(x), dtype=np.int32)
-    kernel = _cast_parallel if parallel else _cast_serial
-    kernel(x, y, np.cos(angle), np.sin(angle), float(max_range), *grid.arrays, distance, segment)
+    run_rows(
+        _cast, len(x), x, y, np.cos(angle), np.sin(angle), float(max_range), *grid.arrays,
+        distance, segment, least=512,
+    )  # fmt: skip
     return distance, segment
 
 
@@ -57,7 +56,7 @@ def clearances(
     It is nan where the point is not finite.
     """
     distance = np.empty(len(x))
-    _clearances(x, y, float(limit), *grid.arrays, distance)
+    run_rows(_clearances, len(x), x, y, float(limit), *grid.arrays, distance, least=128)
     return distance
 
 
@@ -125,20 +124,21 @@ def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
     return cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line)
 
 
-def _cast(x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, distance, segment):
-    for i in prange(x.size):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cast(
+    low, high, x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, distance,
+    segment,
+):  # fmt: skip
+    for i in range(low, high):
         t, j = cast_one(x[i], y[i], ux[i], uy[i], reach, x0, y0, cell, rows, columns, start, line)
         distance[i] = t
         segment[i] = item[j] if j >= 0 else -1
 
 
-_cast_serial, _cast_parallel = serial_and_parallel(_cast)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _clearances(x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):
     """Search rings of cells outwards until no nearer segment can come."""
-    for i in prange(x.size):
+    for i in range(low, high):
         if not (math.isfinite(x[i]) and math.isfinite(y[i])):
             distance[i] = np.nan
             continue

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
@@ -15,6 +15,7 @@ from ambinav.geometry.curves import FACING as FACING
 from ambinav.geometry.curves import REEDS_SHEPP as REEDS_SHEPP
 from ambinav.geometry.curves import STRAIGHT as STRAIGHT
 from ambinav.geometry.curves import advance, curve_pieces, motion_length
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +80,8 @@ class Steering:
         if len(a) != len(b):
             raise InputError(f"a has {len(a)} poses and b {len(b)}; give as many of each.")
         out = np.empty(len(a))
-        _lengths(self.kind, float(self.radius), a, b, out)
+        least = 64 if self.turns else 8192
+        run_rows(_lengths, len(a), self.kind, float(self.radius), a, b, out, least=least)
         return out
 
     def dense(self, poses: ArrayLike, step: float) -> tuple[Floats, NDArray[np.int32], Floats]:
@@ -153,9 +155,9 @@ def _nothing() -> tuple[Floats, NDArray[np.int32], Floats]:
     return np.empty((0, 3)), np.empty(0, dtype=np.int32), np.empty(0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _lengths(kind, radius, a, b, out):
-    for i in prange(out.size):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lengths(low, high, kind, radius, a, b, out):
+    for i in range(low, high):
         out[i] = motion_length(
             kind, radius, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2]
         )  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit, prange
+from numba import njit
 
 from ambinav.geometry.curves import FACING, STRAIGHT, curve_pieces
 from ambinav.geometry.disc_sweep import clear_along, place
@@ -142,17 +142,17 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def poses_free(poses, table, bound, forbidden, out):
-    """`pose_free` of each row of poses, shape (N, 3), into out, bool, shape (N,)."""
-    for i in prange(out.size):
+@njit(cache=True, nogil=True, error_model="numpy")
+def poses_free(low, high, poses, table, bound, forbidden, out):
+    """`pose_free` of some rows of poses, shape (N, 3), into out, bool, shape (N,)."""
+    for i in range(low, high):
         out[i] = pose_free(poses[i, 0], poses[i, 1], poses[i, 2], table, bound, forbidden)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def motions_free(kind, radius, a, b, table, bound, forbidden, out):
-    """`motion_free` between rows of a and b, shape (N, 3), into out, bool, shape (N,)."""
-    for i in prange(out.size):
+@njit(cache=True, nogil=True, error_model="numpy")
+def motions_free(low, high, kind, radius, a, b, table, bound, forbidden, out):
+    """`motion_free` between some rows of a and b, shape (N, 3), into out, bool, shape (N,)."""
+    for i in range(low, high):
         out[i] = motion_free(
             kind, radius, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2],
             table, bound, forbidden,

@@ -11,10 +11,11 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import LEFT, RIGHT, border_distance, locate
+from ambinav.threads import run_rows
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -56,10 +57,10 @@ def walk_rays(
         count = len(angle[part])
         np.cos(angle[part], out=ux[:count])
         np.sin(angle[part], out=uy[:count])
-        _walk(
-            x[part], y[part], ux[:count], uy[:count], float(max_range), env.border_segment,
-            env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner, *mesh.index,
-            distance[part], segment[part], inside[part],
+        run_rows(
+            _walk, count, x[part], y[part], ux[:count], uy[:count], float(max_range),
+            env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
+            *mesh.index, distance[part], segment[part], inside[part], least=4 * BLOCK,
         )  # fmt: skip
     return distance, segment, inside
 
@@ -74,16 +75,15 @@ def first_edge(px, py, ux, uy, t, corner):
     return 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _walk(
-    x, y, ux, uy, reach, border_segment, border, twin, node, hops,
+    low, high, x, y, ux, uy, reach, border_segment, border, twin, node, hops,
     corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, inside,
 ):  # fmt: skip
-    for block in prange((x.size + BLOCK - 1) // BLOCK):
-        first = block * BLOCK
-        count = min(BLOCK, x.size - first)
-        at = np.empty(BLOCK, dtype=np.int32)
-        going = np.empty(BLOCK, dtype=np.int32)
+    at = np.empty(BLOCK, dtype=np.int32)
+    going = np.empty(BLOCK, dtype=np.int32)
+    for first in range(low, high, BLOCK):
+        count = min(BLOCK, high - first)
         left = 0
         before_x, before_y, t = math.nan, math.nan, -1
         for i in range(count):

@@ -36,7 +36,6 @@ from numba import njit
 from ambinav.localization.casting import work_space
 from ambinav.localization.dynamic import weighted_information
 from ambinav.localization.ekf import posterior
-from ambinav.localization.information import BeamNoise
 from ambinav.localization.odometry import wrapped
 
 # Beyond these deviations of the particles (metres along any direction, radians) one linear model
@@ -106,10 +105,6 @@ def damped(particles, count, ranges, model, cast, out, heard):
     largest = (spread[0, 0] + spread[1, 1]) / 2.0 + math.hypot(half, spread[0, 1])
     if largest > MOST_PLACE * MOST_PLACE or spread[2, 2] > MOST_HEADING * MOST_HEADING:
         return False
-    noise = BeamNoise(
-        model.noise_near, model.noise_far, model.noise_bias, model.noise_variance,
-        model.noise_frontier, np.arange(model.beam.size),
-    )  # fmt: skip
     beams = model.beam.size
     reading, weight = np.empty(beams), np.empty(beams)
     for b in range(beams):
@@ -121,15 +116,15 @@ def damped(particles, count, ranges, model, cast, out, heard):
     ray, edge = np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32)
     weighted_information(
         mean[0], mean[1], mean[2], reading, spread, model.z_hit, model.z_short, model.z_rand,
-        model.lambda_short, LIKELY, cast, noise, work_space(cast.cosine.size), np.empty(beams),
-        ray, edge, line, weight, told,
+        model.lambda_short, LIKELY, cast, model.noise, work_space(cast.cosine.size),
+        np.empty(beams), ray, edge, line, weight, told,
     )  # fmt: skip
     heard[:] = ranges
     expected = explained = 0
     for b in range(beams):
         expected += not math.isnan(weight[b])
         explained += weight[b] >= LIKELY
-        if weight[b] < LIKELY and reading[b] < noise.far[b]:
+        if weight[b] < LIKELY and reading[b] < model.noise.far[b]:
             heard[model.beam[b]] = math.nan
     if explained < LEAST_EXPLAINED * expected:
         return False

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from ambinav.localization.casting import work_space
 from ambinav.localization.information import beam_lines
@@ -88,18 +88,18 @@ def weighted_information(
                 told[i, j] += weight[b] * line[b, 1 + i] * line[b, 1 + j] / variance
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def weighted_informations(
-    poses, readings, spreads, z_hit, z_short, z_rand, decay, cast, noise, weights, told
+    low, high, poses, readings, spreads, z_hit, z_short, z_rand, decay, cast, noise, weights, told
 ):
-    """`weighted_information` of N scans; `spreads` has the shape (N, 3, 3)."""
+    """`weighted_information` of some of N scans; `spreads` has the shape (N, 3, 3)."""
     beams = noise.far.size
-    for p in prange(poses.shape[0]):
-        ranges = np.empty(beams)
-        ray = np.empty(beams, dtype=np.int32)
-        edge = np.empty(beams, dtype=np.int32)
-        line = np.empty((beams, 5))
-        work = work_space(cast.cosine.size)
+    ranges = np.empty(beams)
+    ray = np.empty(beams, dtype=np.int32)
+    edge = np.empty(beams, dtype=np.int32)
+    line = np.empty((beams, 5))
+    work = work_space(cast.cosine.size)
+    for p in range(low, high):
         weighted_information(
             poses[p, 0], poses[p, 1], poses[p, 2], readings[p], spreads[p], z_hit, z_short,
             z_rand, decay, 0.0, cast, noise, work, ranges, ray, edge, line, weights[p], told[p],

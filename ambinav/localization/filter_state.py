@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.bins import table_size
-from ambinav.localization.information import beam_noise
+from ambinav.localization.information import BeamNoise, beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
-from ambinav.localization.range_table import empty_range_table, range_table
+from ambinav.localization.range_table import RangeTable, empty_range_table, range_table
 from ambinav.localization.resampling import CODES
 from ambinav.sensing.scanner import RangeScanner
 
@@ -53,13 +53,8 @@ class FilterModel(NamedTuple):
         areas: Cumulated areas of the free space's triangles, shape (T,), square metres.
         corner: Their corners, shape (3 T, 2), metres.
         trust: localizability_weighting.
-        noise_near: See `BeamNoise`, of the beams used, as are the next three; empty where `trust`
-            is 0.
-        noise_far: See there.
-        noise_bias: See there.
-        noise_variance: See there.
-        noise_frontier: See there, of all edges.
-        table_ranges: See `RangeTable`, as are those that follow; no sensors where rays are cast.
+        noise: Of the beams used; of none where `trust` is 0.
+        table: Without sensors where rays are cast.
     """
 
     alpha: Floats
@@ -95,18 +90,8 @@ class FilterModel(NamedTuple):
     areas: Floats
     corner: Floats
     trust: float
-    noise_near: Floats
-    noise_far: Floats
-    noise_bias: Floats
-    noise_variance: Floats
-    noise_frontier: NDArray[np.bool_]
-    table_ranges: NDArray[np.float32]
-    table_cells: NDArray[np.int32]
-    table_x: float
-    table_y: float
-    table_inverse: float
-    table_sensor: NDArray[np.int64]
-    table_mount: Floats
+    noise: BeamNoise
+    table: RangeTable
 
 
 class FilterState(NamedTuple):
@@ -192,11 +177,15 @@ def filter_model(
             reach = p.laser_likelihood_max_dist
             field = LikelihoodField.of(environment, p.likelihood_resolution, reach)
         hits, origin, inverse = field.hits(p.sigma_hit), field.origin, 1.0 / field.resolution
-    lookup = empty_range_table()
+    table = empty_range_table()
     if kind >= BEAM_SUM and p.beam_table_resolution > 0.0:
-        lookup = range_table(environment, scanner, beam, p.beam_table_resolution)
+        table = range_table(environment, scanner, beam, p.beam_table_resolution)
     noise = beam_noise(environment, scanner, environment.map_std)
     heard = beam if p.localizability_weighting > 0.0 else beam[:0]
+    noise = BeamNoise(
+        noise.near[heard], noise.far[heard], noise.bias[heard], noise.variance[heard],
+        noise.frontier, np.arange(len(heard)),
+    )  # fmt: skip
     x, y, yaw = scanner.mounts[beam].T
     corner = environment.triangulation.corner
     (ax, ay), (bx, by), (cx, cy) = corner.reshape(-1, 3, 2).transpose(1, 2, 0)
@@ -208,8 +197,7 @@ def filter_model(
         p.recovery_alpha_fast, p.recovery_reset, CODES[p.resampling], p.estimate == "mean", beam,
         np.column_stack((x, y, np.cos(yaw), np.sin(yaw))), near, far, hits, origin[0], origin[1],
         inverse, p.likelihood_interpolation == "bilinear", areas, corner,
-        p.localizability_weighting, noise.near[heard], noise.far[heard], noise.bias[heard],
-        noise.variance[heard], noise.frontier, *lookup,
+        p.localizability_weighting, noise, table,
     )  # fmt: skip
 
 

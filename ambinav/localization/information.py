@@ -14,15 +14,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
-from ambinav.localization.casting import cast_tables, expected_ranges, work_space
+from ambinav.localization.casting import CastTables, cast_tables, expected_ranges, work_space
 from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -184,16 +185,15 @@ def linear_reading(d, b, j, k, co, si, cast, noise):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def informations(poses, cast, noise, out):
-    """Write the information of a scan at each pose (N, 3) to `out` (N, 3, 3)."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def _informations(low, high, poses, cast, noise, out):
     beams = noise.far.size
-    for p in prange(poses.shape[0]):
-        ranges = np.empty(beams)
-        ray = np.empty(beams, dtype=np.int32)
-        edge = np.empty(beams, dtype=np.int32)
-        line = np.empty((beams, 5))
-        work = work_space(cast.cosine.size)
+    ranges = np.empty(beams)
+    ray = np.empty(beams, dtype=np.int32)
+    edge = np.empty(beams, dtype=np.int32)
+    line = np.empty((beams, 5))
+    work = work_space(cast.cosine.size)
+    for p in range(low, high):
         beam_lines(
             poses[p, 0], poses[p, 1], poses[p, 2], cast, noise, work, ranges, ray, edge, line
         )
@@ -203,3 +203,8 @@ def informations(poses, cast, noise, out):
                 for i in range(3):
                     for j in range(3):
                         out[p, i, j] += line[b, 1 + i] * line[b, 1 + j] / line[b, 4]
+
+
+def informations(poses: Floats, cast: CastTables, noise: BeamNoise, out: Floats) -> None:
+    """Write the information of a scan at each pose (N, 3) to `out` (N, 3, 3)."""
+    run_rows(_informations, len(poses), poses, cast, noise, out, least=16)

@@ -11,12 +11,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.sensing.fields import as_number
+from ambinav.threads import run_rows
 
 # A lattice of more points than this (1.6 GB) is refused.
 MOST_POINTS = 400_000_000
@@ -81,7 +82,7 @@ class LikelihoodField:
             )
         distance = np.empty((rows, columns), dtype=np.float32)
         origin = (xmin - reach, ymin - reach)
-        _distances(np.ascontiguousarray(xy), *origin, step, reach, distance)
+        run_rows(_distances, rows, np.ascontiguousarray(xy), *origin, step, reach, distance)
         return cls(distance, origin, step, reach)
 
     def hits(self, sigma: float) -> NDArray[np.float32]:
@@ -91,17 +92,18 @@ class LikelihoodField:
         return np.exp(values, out=values)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _distances(xy, x0, y0, step, reach, distance):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distances(begin, end, xy, x0, y0, step, reach, distance):
     """Distance from each lattice point to the nearest segment, row by row.
 
     Only the piece of a segment within reach of the row can matter, and only to the columns
     within reach of that piece.
     """
-    rows, columns = distance.shape
-    for row in prange(rows):
+    columns = distance.shape[1]
+    best = np.empty(columns)
+    for row in range(begin, end):
         y = y0 + row * step
-        best = np.full(columns, reach * reach)
+        best[:] = reach * reach
         for k in range(xy.shape[0]):
             ax, ay, bx, by = xy[k, 0], xy[k, 1], xy[k, 2], xy[k, 3]
             if min(ay, by) > y + reach or max(ay, by) < y - reach:

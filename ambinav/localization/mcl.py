@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
@@ -55,19 +55,19 @@ from ambinav.localization.odometry import (
 )
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import normals, states
-from ambinav.localization.range_table import RangeTable
 from ambinav.localization.resampling import random_pose, resample
 from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
 # Largest share of the particles that recovery puts anywhere at once. Likelihoods that are sums
 # differ by a factor of five at most: with more of them, those that were right would be swamped.
 MOST_ANEW = 0.25
-# So many runs are updated in parallel. An update takes half a millisecond, and waking threads on a
-# busy machine several.
-PARALLEL_FROM = 8
+# So many runs are a thread's at the least. An update takes half a millisecond, and waking a thread
+# on a busy machine several.
+LEAST_RUNS = 4
 
 
 class MonteCarloLocalizer:
@@ -158,10 +158,10 @@ class MonteCarloLocalizer:
                 f"scanner {self.scanner.name!r} for each of {self.runs} runs."
             )
         updated = np.empty(self.runs, dtype=np.bool_)
-        # The parallel kernel takes twice as long to compile: not where there is one thread only.
-        alone = self.runs < PARALLEL_FROM or get_num_threads() == 1
-        kernel = _update_serial if alone else _update_parallel
-        kernel(poses, readings.reshape(shape), self.model, self.cast, self.state, updated)
+        run_rows(
+            _update, self.runs, poses, readings.reshape(shape), self.model, self.cast, self.state,
+            updated, least=LEAST_RUNS,
+        )  # fmt: skip
         return updated
 
     @property
@@ -265,14 +265,9 @@ def weigh(particles, count, ranges, model, cast, scratch):
             if math.isnan(z):
                 reading[b] = math.nan
             some |= not math.isnan(z)
-        # Tuples within tuples cannot be shared among threads.
-        lookup = RangeTable(
-            model.table_ranges, model.table_cells, model.table_x, model.table_y,
-            model.table_inverse, model.table_sensor, model.table_mount,
-        )  # fmt: skip
         base = beam_factors(
             particles, count, reading, least, far, model.z_hit, model.z_short, model.z_max,
-            model.z_rand, model.sigma_hit, model.lambda_short, cast, lookup,
+            model.z_rand, model.sigma_hit, model.lambda_short, cast, model.table,
             model.kind == BEAM_PRODUCT, model.power, scratch,
         )  # fmt: skip
         return base if some else math.nan
@@ -384,18 +379,9 @@ def renew(r, model, state):
     return bins
 
 
-# Two functions, because numba's cache does not tell the parallel form of one from the serial.
 @njit(cache=True, nogil=True, error_model="numpy")
-def _update_serial(poses, ranges, model, cast, state, updated):
-    for r in range(poses.shape[0]):
-        updated[r] = update_run(
-            r, poses[r, 0], poses[r, 1], poses[r, 2], ranges[r], model, cast, state
-        )
-
-
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _update_parallel(poses, ranges, model, cast, state, updated):
-    for r in prange(poses.shape[0]):
+def _update(low, high, poses, ranges, model, cast, state, updated):
+    for r in range(low, high):
         updated[r] = update_run(
             r, poses[r, 0], poses[r, 1], poses[r, 2], ranges[r], model, cast, state
         )

@@ -39,6 +39,7 @@ from ambinav.localization.dynamic import weighted_informations
 from ambinav.localization.information import as_map_std, as_poses, beam_noise
 from ambinav.localization.parameters import MclParameters
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -134,9 +135,9 @@ def online_localizability(
     cast = cast_tables(environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(environment, scanner, as_map_std(environment, map_std))
     weights, told = np.empty(readings.shape), np.empty((len(rows), 3, 3))
-    weighted_informations(
-        rows, readings, spreads, p.z_hit, p.z_short, p.z_rand, p.lambda_short, cast, noise,
-        weights, told,
+    run_rows(
+        weighted_informations, len(rows), rows, readings, spreads, p.z_hit, p.z_short, p.z_rand,
+        p.lambda_short, cast, noise, weights, told, least=16,
     )  # fmt: skip
     return OnlineLocalizability(told, posteriors(before, told), weights)
 

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.steering import STRAIGHT, Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ class Field:
     def at(self, x: Floats, y: Floats, theta: Floats) -> Floats:
         """Value at poses, each of shape (N,); nan where the nearest cell is not free."""
         out = np.empty(len(x))
-        _values(x, y, theta, *self.arrays, out)
+        run_rows(_values, len(x), x, y, theta, *self.arrays, out, least=2048)
         return out
 
     def near(self, x: float, y: float, theta: float) -> float:
@@ -74,7 +75,7 @@ class Field:
     def slope(self, x: Floats, y: Floats, theta: Floats) -> Floats:
         """Derivative by x and y at poses, shape (N, 2), per metre; nan where not free."""
         out = np.empty((len(x), 2))
-        _slopes(x, y, theta, *self.arrays, out)
+        run_rows(_slopes, len(x), x, y, theta, *self.arrays, out, least=512)
         return out
 
     def integral(
@@ -236,10 +237,10 @@ def _mean_turning(u0, v0, w0, du, dv, dw, values):
     return total / 6.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _values(x, y, theta, values, free, left, low, inverse, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _values(begin, end, x, y, theta, values, free, left, low, inverse, out):
     per_turn = values.shape[2] / (2.0 * math.pi)
-    for i in prange(x.size):
+    for i in range(begin, end):
         u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
         if is_open(u, v, free) and math.isfinite(theta[i]):
             out[i] = value_at(u, v, theta[i] * per_turn, values)
@@ -247,11 +248,11 @@ def _values(x, y, theta, values, free, left, low, inverse, out):
             out[i] = math.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _slopes(x, y, theta, values, free, left, low, inverse, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slopes(begin, end, x, y, theta, values, free, left, low, inverse, out):
     per_turn = values.shape[2] / (2.0 * math.pi)
     rows, columns, _ = values.shape
-    for i in prange(x.size):
+    for i in range(begin, end):
         u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
         if not (is_open(u, v, free) and math.isfinite(theta[i])):
             out[i] = math.nan

@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import math
 
-from numba import njit, prange
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from ambinav.geometry.curves import FACING, STRAIGHT, advance, curve_pieces
 from ambinav.service.field import corner, integral_straight, value_at
+from ambinav.threads import run_rows
+
+Floats = NDArray[np.float64]
 
 POINTS = 4
 """On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
@@ -99,11 +104,25 @@ def _value_on_floor(u, v, values):
     return low * (1.0 - b) + high * b
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def motion_integrals(kind, radius, a, b, values, left, low, inverse, out):
-    """Write `motion_integral` from each pose of a to that of b, shape (N, 3) each, into out."""
-    for i in prange(out.size):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integrals(begin, end, kind, radius, a, b, values, left, low, inverse, out):
+    for i in range(begin, end):
         out[i] = motion_integral(
             kind, radius, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2],
             values, left, low, inverse,
         )  # fmt: skip
+
+
+def motion_integrals(
+    kind: int,
+    radius: float,
+    a: Floats,
+    b: Floats,
+    values: NDArray[np.float32],
+    left: float,
+    low: float,
+    inverse: float,
+    out: Floats,
+) -> None:
+    """Write `motion_integral` from each pose of a to that of b, shape (N, 3) each, into out."""
+    run_rows(_integrals, len(a), kind, radius, a, b, values, left, low, inverse, out, least=128)

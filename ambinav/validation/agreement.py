@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import FAST, compare
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.logs.frames import Floats
+from ambinav.threads import run_rows
 from ambinav.validation.scan_pairs import ScanPairs
 
 
@@ -58,9 +59,10 @@ def compare_pairs(
     both = np.concatenate([own, other])
     first = np.concatenate([np.arange(len(own)), row]).astype(np.uint64)
     out = np.empty((len(both), 6))
-    _compare(
-        both, first, beams.limit, beams.inverse_cap, beams.use, evidence, tau, *cell_variance, out
-    )
+    run_rows(
+        _compare, len(both), both, first, beams.limit, beams.inverse_cap, beams.use, evidence, tau,
+        *cell_variance, out, least=256,
+    )  # fmt: skip
     mine, pairs = out[: len(own)], out[len(own) :]
     return Agreement(pairs[:, 0], pairs[:, 1:3], pairs[:, 3:], mine, cell_variance[0])
 
@@ -104,9 +106,9 @@ def pose_figures(pairs: ScanPairs, found: Agreement) -> dict[str, Floats]:
     return relative_radii(sums)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, parallel=True)
-def _compare(data, first, limit, icap, use, evidence, tau, c0, c2, out):
-    for k in prange(first.size):
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _compare(low, high, data, first, limit, icap, use, evidence, tau, c0, c2, out):
+    for k in range(low, high):
         alike, ox, oy, _, sxx, sxy, syy, _ = compare(
             data, first[k], k, limit, icap, use, evidence, tau, c0, c2
         )

@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import FAST, compare
 from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.logs.frames import Floats
+from ambinav.threads import run_rows
 from ambinav.validation.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes
 
 # What lies so near to the displaced laser is not told from it, metres.
@@ -59,9 +60,9 @@ def displaced_figures(
     """
     slopes = surface_slopes(ranges, angles)
     sums = np.empty((len(ranges), 7))
-    _displaced(
-        ranges.astype(np.float64), slopes, angles, heading, offsets, free, directions,
-        beams.limit, beams.inverse_cap, beams.use, beams.spread[0], evidence, tau,
+    run_rows(
+        _displaced, len(ranges), ranges.astype(np.float64), slopes, angles, heading, offsets, free,
+        directions, beams.limit, beams.inverse_cap, beams.use, beams.spread[0], evidence, tau,
         *cell_variance, sums,
     )  # fmt: skip
     return relative_radii(sums)
@@ -163,15 +164,15 @@ def _moments(data, offsets, free, limit, icap, use, evidence, tau, c0, c2, out):
     out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _displaced(
-    ranges, slopes, angles, heading, offsets, free, directions, limit, icap, use, spread,
-    evidence, tau, c0, c2, sums,
+    low, high, ranges, slopes, angles, heading, offsets, free, directions, limit, icap, use,
+    spread, evidence, tau, c0, c2, sums,
 ):  # fmt: skip
-    for s in prange(ranges.shape[0]):
-        data = np.zeros((offsets.shape[0] + 1, 5, limit.size), dtype=np.float32)
-        data[:, 4] = 1.0
-        solid = np.empty(angles.size, dtype=np.int64)
+    data = np.zeros((offsets.shape[0] + 1, 5, limit.size), dtype=np.float32)
+    data[:, 4] = 1.0
+    solid = np.empty(angles.size, dtype=np.int64)
+    for s in range(low, high):
         join(ranges[s], solid)
         x, y = ranges[s] * np.cos(angles), ranges[s] * np.sin(angles)
         co, si = math.cos(heading[s]), math.sin(heading[s])

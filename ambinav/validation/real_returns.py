@@ -6,10 +6,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TABLE
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def surface_slopes(ranges: NDArray[np.float32], angles: Floats) -> Floats:
         1 / radian, shape (S, B), at most `STEEPEST` in size.
     """
     slopes = np.zeros(ranges.shape)
-    _slopes(ranges.astype(np.float64), angles, slopes)
+    run_rows(_slopes, len(ranges), ranges.astype(np.float64), angles, slopes)
     return slopes
 
 
@@ -81,9 +82,9 @@ def returns_of_scans(
     """
     data = np.zeros((len(scan), 5, width), dtype=np.float32)
     data[:, 4] = 1.0
-    _returns(
-        ranges.astype(np.float64), slopes, angles, scan, turn, heading, directions, limit, spread,
-        data,
+    run_rows(
+        _returns, len(scan), ranges.astype(np.float64), slopes, angles, scan, turn, heading,
+        directions, limit, spread, data, least=16,
     )  # fmt: skip
     return data
 
@@ -129,10 +130,10 @@ def _reach(ranges, x, y, b, step):
     return end
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _slopes(ranges, angles, slopes):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slopes(begin, end, ranges, angles, slopes):
     count = angles.size
-    for s in prange(ranges.shape[0]):
+    for s in range(begin, end):
         x, y = ranges[s] * np.cos(angles), ranges[s] * np.sin(angles)
         for b in range(count):
             r = ranges[s, b]
@@ -162,13 +163,13 @@ def _slopes(ranges, angles, slopes):
                 slopes[s, b] = along / across
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _returns(
-    ranges, slopes, angles, scan, turn, heading, directions, limit, spread, data
+    begin, end, ranges, slopes, angles, scan, turn, heading, directions, limit, spread, data
 ):  # fmt: skip
     count = angles.size
     edge = 0.5 * (angles[1] - angles[0]) + 1e-9
-    for k in prange(scan.size):
+    for k in range(begin, end):
         s = scan[k]
         for i in range(directions.size):
             # Counted on from the scan's first direction, so that nothing is torn apart at pi.

@@ -24,11 +24,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.steering import DUBINS
+from ambinav.threads import run_rows
 from ambinav_planners.along import pieces_of, pose_along
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.information import Information, information_at
@@ -113,10 +114,10 @@ class BeliefRoadmap:
                 raise InputError(f"{name} is {value}; give a number of metres above 0.")
         shape = (len(graph.target), 3, 3)
         carry, noise, seen = np.empty(shape), np.empty(shape), np.empty(shape)
-        _transfers(
-            graph.steering.kind, float(graph.steering.radius), graph.poses, graph.first,
-            graph.target, graph.length, step, odometry.variances, 1.0 / scan_distance,
-            information.xx, information.xy, information.yy, information.turn,
+        run_rows(
+            _transfers, len(graph.poses), graph.steering.kind, float(graph.steering.radius),
+            graph.poses, graph.first, graph.target, graph.length, step, odometry.variances,
+            1.0 / scan_distance, information.xx, information.xy, information.yy, information.turn,
             *information.lattice, carry, noise, seen,
         )  # fmt: skip
         return cls(graph, carry, noise, seen)
@@ -130,12 +131,12 @@ class BeliefRoadmap:
         return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _transfers(
-    kind, radius, poses, first, target, length, step, variances, scans,
+    begin, end, kind, radius, poses, first, target, length, step, variances, scans,
     xx, xy, yy, turn, left, low, inverse, carry, noise, seen,
 ):  # fmt: skip
-    for node in prange(first.size - 1):
+    for node in range(begin, end):
         for e in range(first[node], first[node + 1]):
             a, b = poses[node], poses[target[e]]
             pieces = pieces_of(kind, radius, a, b)

@@ -27,11 +27,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.service.field import value_at
+from ambinav.threads import run_rows
 from ambinav_planners.along import pieces_of, pose_along
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.information import Information
@@ -119,10 +120,10 @@ class Growth:
         pieces = np.maximum(np.ceil(graph.length / step - 1e-9), 1.0).astype(np.int64)
         first = np.concatenate([[0], np.cumsum(pieces)])
         add, shrink = np.empty(first[-1]), np.empty(first[-1])
-        _grow(
-            graph.steering.kind, graph.steering.radius, graph.poses, graph.first, graph.target,
-            graph.length, first, information.weak, *information.lattice, model.odometry**2,
-            model.scan_distance, add, shrink,
+        run_rows(
+            _grow, len(graph.poses), graph.steering.kind, graph.steering.radius, graph.poses,
+            graph.first, graph.target, graph.length, first, information.weak, *information.lattice,
+            model.odometry**2, model.scan_distance, add, shrink, least=16,
         )  # fmt: skip
         return cls(first, add, shrink)
 
@@ -204,13 +205,13 @@ def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _grow(
-    kind, radius, poses, first, target, length, piece, weak, left, low, inverse,
+    begin, end, kind, radius, poses, first, target, length, piece, weak, left, low, inverse,
     q, scan_distance, add, shrink,
 ):  # fmt: skip
     per_turn = weak.shape[2] / (2.0 * math.pi)
-    for n in prange(first.size - 1):
+    for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
             a, b = poses[n], poses[target[e]]
             pieces = pieces_of(kind, radius, a, b)

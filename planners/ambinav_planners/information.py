@@ -23,12 +23,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.field import Field, value_at
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -104,7 +105,10 @@ class Information:
     def at(self, poses: Floats) -> Floats:
         """Information matrices at poses of shape (N, 3), shape (N, 3, 3): x, y, theta."""
         out = np.zeros((len(poses), 3, 3))
-        _at(poses, self.xx, self.xy, self.yy, self.turn, *self.lattice, out)
+        run_rows(
+            _at, len(poses), poses, self.xx, self.xy, self.yy, self.turn, *self.lattice, out,
+            least=256,
+        )  # fmt: skip
         return out
 
 
@@ -124,9 +128,9 @@ def information_at(x, y, theta, xx, xy, yy, turn, left, low, inverse):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _at(poses, xx, xy, yy, turn, left, low, inverse, out):
-    for i in prange(poses.shape[0]):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at(begin, end, poses, xx, xy, yy, turn, left, low, inverse, out):
+    for i in range(begin, end):
         x, y, theta = poses[i]
         a, b, c, d = information_at(x, y, theta, xx, xy, yy, turn, left, low, inverse)
         out[i, 0, 0], out[i, 0, 1], out[i, 1, 0], out[i, 1, 1], out[i, 2, 2] = a, b, b, c, d

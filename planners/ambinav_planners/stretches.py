@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.service.field import Field, value_at
+from ambinav.threads import run_rows
 from ambinav_planners.along import pieces_of, pose_along
 from ambinav_planners.graph import MotionGraph
 
@@ -56,19 +57,20 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
     head, tail, longest = np.empty(count), np.empty(count), np.empty(count)
     whole = np.empty(count, dtype=np.bool_)
     values, _, left, low, inverse = field.arrays
-    _bad_stretches(
-        graph.steering.kind, graph.steering.radius, graph.poses, graph.first, graph.target,
-        graph.length, values, left, low, inverse, level, head, tail, longest, whole,
+    run_rows(
+        _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.radius, graph.poses,
+        graph.first, graph.target, graph.length, values, left, low, inverse, level, head, tail,
+        longest, whole, least=8,
     )  # fmt: skip
     return Stretches(head, tail, longest, whole)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bad_stretches(
-    kind, radius, poses, first, target, length, values, left, low, inverse, level,
+    begin, end, kind, radius, poses, first, target, length, values, left, low, inverse, level,
     head, tail, longest, whole,
 ):  # fmt: skip
-    for n in prange(first.size - 1):
+    for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
             head[e], tail[e], longest[e], whole[e] = _bad_stretch(
                 kind, radius, poses[n], poses[target[e]], length[e],

@@ -179,7 +179,12 @@ def test_how_many_headings_by_default(
 # -- the same again ----------------------------------------------------------------------------
 
 
-def test_twice_the_same(env: Environment, laser: RangeScanner, flat: AmbiguityMap) -> None:
+@pytest.mark.parametrize("threads", [1, 2])
+def test_twice_the_same_on_any_number_of_threads(
+    env: Environment, laser: RangeScanner, flat: AmbiguityMap, monkeypatch: pytest.MonkeyPatch,
+    threads: int,
+) -> None:  # fmt: skip
+    monkeypatch.setattr("numba.get_num_threads", lambda: threads)
     assert same(build_map(env, laser, spacing=0.2), flat)
 
 

@@ -162,7 +162,8 @@ def test_permuted_rays_give_the_permuted_result(env: Environment) -> None:
         assert np.array_equal(a[:, shuffled], b, equal_nan=True)
 
 
-def test_serial_and_parallel_agree(env: Environment) -> None:
+def test_threads_change_nothing(env: Environment, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
     x, y, theta = poses(env, 150)
     arguments = (env, x, y, theta, np.zeros((100, 2)), CIRCLE, REACH)
     for a, b in zip(

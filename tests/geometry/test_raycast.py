@@ -11,8 +11,9 @@ import shapely
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.grid import SegmentGrid
-from ambinav.geometry.raycast import cast_rays
+from ambinav.geometry.raycast import cast_rays, clearances
 from ambinav.geometry.segments import Segments
+from ambinav.geometry.walk import walk_rays
 from tests.geometry import scenes
 
 SEEDS = (1, 2, 3)
@@ -67,13 +68,18 @@ def test_along_the_axes_from_multiples_of_the_cell(env: Environment) -> None:
         assert np.abs(distance - np.minimum(expected, REACH)).max() < 1e-5
 
 
-def test_serial_and_parallel_agree(env: Environment) -> None:
-    xy = scenes.points_inside(env, 200, seed=9)
+def test_threads_change_nothing(env: Environment, monkeypatch: pytest.MonkeyPatch) -> None:
+    xy = scenes.points_inside(env, 3000, seed=9)
     x, y = (np.ascontiguousarray(v) for v in xy.T)
     angle = np.linspace(0, 6, len(x))
-    one = cast_rays(env.grid, x, y, angle, 10.0, parallel=False)
-    many = cast_rays(env.grid, x, y, angle, 10.0, parallel=True)
-    assert (one[0] == many[0]).all() and (one[1] == many[1]).all()
+    monkeypatch.setattr("numba.get_num_threads", lambda: 1)
+    one = (*cast_rays(env.grid, x, y, angle, 10.0), clearances(env.grid, x, y, 3.0))
+    one += walk_rays(env, x, y, angle, 10.0)
+    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
+    two = (*cast_rays(env.grid, x, y, angle, 10.0), clearances(env.grid, x, y, 3.0))
+    two += walk_rays(env, x, y, angle, 10.0)
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
@@ -32,6 +32,7 @@ from ambinav.ambiguity.layers.aliasing_sieve import count_odd, holds, sift, stri
 from ambinav.ambiguity.layers.aliasing_signature import SLACK, Signatures, slides
 from ambinav.ambiguity.layers.aliasing_tree import Tree
 from ambinav.ambiguity.returns import LANES
+from ambinav.threads import run_rows
 
 # Row of the slides, beside those of `Returns.data`.
 SLIDE = U(5)
@@ -223,16 +224,16 @@ def search_one(
             found[rank, 3] = like[best[rank]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _search(
-    bundles, poses, wide, orbits, limit, icap, use, evidence, told, x, y, heading, place,
-    turns, tau, c0, c2, codes, above, blind, odd, stride, skip, first, last, node_low, node_high,
-    block_low, block_high, lows, widths, offset, owner, filled, turn_of_lane, threshold, radius,
-    mass, found, left,
+    low, high, bundles, poses, wide, orbits, limit, icap, use, evidence, told, x, y, heading,
+    place, turns, tau, c0, c2, codes, above, blind, odd, stride, skip, first, last, node_low,
+    node_high, block_low, block_high, lows, widths, offset, owner, filled, turn_of_lane, threshold,
+    radius, mass, found, left,
 ):  # fmt: skip
-    for g in prange(bundles.size - 1):
+    passed = np.empty(len(owner), dtype=np.int32)
+    for g in range(low, high):
         begin, end = bundles[g], bundles[g + 1]
-        passed = np.empty(len(owner), dtype=np.int32)
         blocks = passed[: sift(
             poses[begin:end], told, codes, above, blind, odd, stride, skip, first, last, node_low,
             node_high, block_low, block_high, lows, widths, offset, owner.shape[1], passed,
@@ -282,8 +283,8 @@ def search(
     mass = np.zeros((len(poses), 2))
     found = np.full((len(poses), count, 4), np.nan)
     left = np.zeros((len(poses), 4), dtype=np.int64)
-    _search(
-        bundles, poses, *rows, scans.limit, scans.inverse_cap, scans.use,
+    run_rows(
+        _search, len(bundles) - 1, bundles, poses, *rows, scans.limit, scans.inverse_cap, scans.use,
         scans.evidence, scans.told, scans.x, scans.y, scans.heading, place,
         _orbit(scans), scans.tau, *scans.cell_variance, signatures.code, signatures.above,
         signatures.blind, signatures.odd, _stride(scans.beams), tree.skip, tree.first, tree.last,

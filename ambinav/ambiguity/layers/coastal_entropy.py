@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
@@ -45,6 +45,7 @@ from ambinav.ambiguity.returns import BeamTable
 from ambinav.errors import InputError
 from ambinav.geometry.lattice import STEPS
 from ambinav.sensing.fields import as_number
+from ambinav.threads import run_rows
 
 # People met by a beam in a metre: one in 20 m, a corridor with somebody in it.
 PEOPLE = 0.05
@@ -78,11 +79,12 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
     for h in range(len(ground.headings)):
         for band in bands(ground, steps):
             data = _among_people(ground.returns(h, band.part).data, table, people)
-            _entropies(
-                band.begin, band.end, band.first, lattice.rows_columns, lattice.index,
-                lattice.links[band.first : band.last], STEPS, offsets, data, table.limit,
-                table.inverse_cap, table.use, told, model.tau / 2.0,
-                lattice.spacing**2 / CELL, model.sigma_theta**2, found[:, band.begin : band.end, h],
+            run_rows(
+                _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
+                lattice.index, lattice.links[band.first : band.last], STEPS, offsets, data,
+                table.limit, table.inverse_cap, table.use, told, model.tau / 2.0,
+                lattice.spacing**2 / CELL, model.sigma_theta**2,
+                found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
     entropy, gain = (ground.spread(values) for values in found)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
@@ -138,16 +140,16 @@ def entropy_at(
     return math.log(total) - weighted / total, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _entropies(
-    begin, end, first, rows_columns, index, links, steps, offsets, data, limit, icap, use,
+    low, high, begin, first, rows_columns, index, links, steps, offsets, data, limit, icap, use,
     evidence, tau, c0, c2, out,
 ):  # fmt: skip
     side = 2 * np.abs(offsets).max() + 1
-    for p in prange(begin, end):
-        row, column = rows_columns[p, 0], rows_columns[p, 1]
-        marks = np.empty(side * side, dtype=np.uint8)
-        queue = np.empty(side * side, dtype=np.int32)
+    marks = np.empty(side * side, dtype=np.uint8)
+    queue = np.empty(side * side, dtype=np.int32)
+    for i in range(low, high):
+        row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
         nats, count = entropy_at(
             row, column, index, first, marks, offsets, data, limit, icap, use, evidence, tau, c0,
@@ -155,7 +157,7 @@ def _entropies(
         )  # fmt: skip
         most = math.log2(count)
         bits = min(max(nats / math.log(2.0), 0.0), most)
-        out[0, p - begin], out[1, p - begin] = bits, most - bits
+        out[0, i], out[1, i] = bits, most - bits
 
 
 LAYER = Layer(

@@ -17,7 +17,7 @@ measures what a scan is off by across the surface and so is not drawn by grazing
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.layers.ground import Ground
@@ -35,6 +35,7 @@ from ambinav.localization.information import (
 )
 from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -126,7 +127,7 @@ def _gradients(
 ) -> tuple[Floats, Floats]:
     """Change of each beam's reading with the pose, shape (N, B, 3), and 1 / variance, (N, B)."""
     lines = np.zeros((len(poses), len(noise.far), 5))
-    _lines(poses, cast, noise, lines)
+    run_rows(_lines, len(poses), poses, cast, noise, lines, least=16)
     gradient = lines[:, :, 1:4]
     if not incidence:
         # Along x and y it is the unit normal times 1 / cos b.
@@ -135,15 +136,15 @@ def _gradients(
     return gradient, 1.0 / lines[:, :, 4]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _lines(poses, cast, noise, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lines(low, high, poses, cast, noise, out):
     """Write `information.beam_lines` at each pose (N, 3) to `out` (N, B, 5), which is zero."""
     beams = noise.far.size
-    for p in prange(poses.shape[0]):
-        ranges = np.empty(beams)
-        ray = np.empty(beams, dtype=np.int32)
-        edge = np.empty(beams, dtype=np.int32)
-        work = work_space(cast.cosine.size)
+    ranges = np.empty(beams)
+    ray = np.empty(beams, dtype=np.int32)
+    edge = np.empty(beams, dtype=np.int32)
+    work = work_space(cast.cosine.size)
+    for p in range(low, high):
         beam_lines(
             poses[p, 0], poses[p, 1], poses[p, 2], cast, noise, work, ranges, ray, edge, out[p]
         )

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.layers.bands import bands
@@ -35,6 +35,7 @@ from ambinav.ambiguity.layers.registry import Layer
 from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 DIRECTIONS = 64
 STEP = 2.0 * math.pi / DIRECTIONS
@@ -87,10 +88,10 @@ def rank_masks(ground: Ground, max_range: float) -> NDArray[np.uint64]:
         )  # fmt: skip
         # No segment is -1, the last of the list.
         distance[frontier[segment]] = np.inf
-        _ranks(
-            band.begin, band.end, band.first, lattice.rows_columns, lattice.index,
-            lattice.links[here], distance, np.cos(angles), np.sin(angles), lattice.spacing,
-            max(ground.map_std, FINEST), masks[band.begin : band.end],
+        run_rows(
+            _ranks, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
+            lattice.index, lattice.links[here], distance, np.cos(angles), np.sin(angles),
+            lattice.spacing, max(ground.map_std, FINEST), masks[band.begin : band.end], least=64,
         )  # fmt: skip
     return masks
 
@@ -145,12 +146,13 @@ def _why_not(scanner: RangeScanner) -> str | None:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _ranks(
-    begin, end, first, rows_columns, index, links, distance, cosine, sine, spacing, tolerance, out
-):
+    low, high, begin, first, rows_columns, index, links, distance, cosine, sine, spacing,
+    tolerance, out,
+):  # fmt: skip
     count = cosine.size
-    for p in prange(begin, end):
+    for p in range(begin + low, begin + high):
         row, column = rows_columns[p, 0], rows_columns[p, 1]
         i = p - first
         bits = links[i]

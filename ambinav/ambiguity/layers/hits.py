@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import scan_rays
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 NOTHING = -1
 
@@ -56,20 +57,21 @@ def beam_hits(
         np.full(shape, np.nan, dtype=np.float32),
         np.full(shape, NOTHING, dtype=np.int8),
     )
-    _nearest(
-        distance, segment, incidence, environment.normals(np.arange(len(environment.segments))),
-        environment.segments.kind, theta + rays.angle, rays.start, rays.max_range,
-        rays.max_incidence, hits.distance, hits.normal, hits.angle, hits.kind,
+    run_rows(
+        _nearest, len(x), distance, segment, incidence,
+        environment.normals(np.arange(len(environment.segments))), environment.segments.kind,
+        theta + rays.angle, rays.start, rays.max_range, rays.max_incidence, hits.distance,
+        hits.normal, hits.angle, hits.kind, least=128,
     )  # fmt: skip
     return hits
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(
-    distance, segment, incidence, normals, kinds, angles, start, limit, steepest,
+    low, high, distance, segment, incidence, normals, kinds, angles, start, limit, steepest,
     out_distance, out_normal, out_angle, out_kind,
 ):  # fmt: skip
-    for p in prange(distance.shape[0]):
+    for p in range(low, high):
         for b in range(start.size - 1):
             best, blind = -1, False
             d = math.inf

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.ground import Ground
@@ -32,6 +32,7 @@ from ambinav.errors import InputError
 from ambinav.localization.information import TABLE, BeamNoise, beam_noise
 from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
@@ -69,9 +70,9 @@ def localizability_matrices(
     rays = scanner.rays()
     look = np.column_stack([np.cos(rays.angle), np.sin(rays.angle)])
     out = np.empty((len(poses), 3, 3))
-    _matrices(
-        poses, grid, rays.origin, look, rays.start, noise.near, noise.far, noise.variance,
-        step, turn, out,
+    run_rows(
+        _matrices, len(poses), poses, grid, rays.origin, look, rays.start, noise.near, noise.far,
+        noise.variance, step, turn, out,
     )  # fmt: skip
     return out
 
@@ -145,14 +146,18 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
         spread[b] += told
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _matrices(poses, grid, origin, look, start, near, far, variance, step, turn, out):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _matrices(
+    begin, end, poses, grid, origin, look, start, near, far, variance, step, turn, out
+):  # fmt: skip
     beams = near.size
-    for p in prange(poses.shape[0]):
-        # A range and its variance are those of the six poses around, in the mean.
-        ahead, behind = np.empty(beams), np.empty(beams)
-        mean, spread = np.zeros(beams), np.zeros(beams)
-        change = np.empty((beams, 3))
+    # A range and its variance are those of the six poses around, in the mean.
+    ahead, behind = np.empty(beams), np.empty(beams)
+    mean, spread = np.empty(beams), np.empty(beams)
+    change = np.empty((beams, 3))
+    for p in range(begin, end):
+        mean[:] = 0.0
+        spread[:] = 0.0
         x, y, theta = poses[p, 0], poses[p, 1], poses[p, 2]
         for axis in range(3):
             dx = step if axis == 0 else 0.0

@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, U, X, Y, invert
@@ -38,6 +38,7 @@ from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
 from ambinav.sensing.fields import as_count, as_number
+from ambinav.threads import run_rows
 
 ITERATIONS = 6
 # The match is looked for within so many displacements of where the robot believes to be.
@@ -83,11 +84,12 @@ def perturbation(
     found = np.empty((3, len(ground.points[0]), len(ground.headings)))
     for h in range(len(ground.headings)):
         for band in bands(ground, reach):
-            _errors(
-                band.begin, band.end, band.first, band.last, lattice.rows_columns, lattice.index,
-                lattice.links[band.first : band.last], WAYS, LINK, steps, spacing,
-                ground.returns(h, band.part).data, table.limit, table.inverse_cap, table.use, size,
-                ground.model.sigma_theta, tau, iterations, found[:, band.begin : band.end, h],
+            run_rows(
+                _errors, band.end - band.begin, band.begin, band.first, band.last,
+                lattice.rows_columns, lattice.index, lattice.links[band.first : band.last], WAYS,
+                LINK, steps, spacing, ground.returns(h, band.part).data, table.limit,
+                table.inverse_cap, table.use, size, ground.model.sigma_theta, tau, iterations,
+                found[:, band.begin : band.end, h], least=16,
             )  # fmt: skip
     major, minor, direction = (ground.spread(values) for values in principal_axes(*found))
     return {
@@ -200,20 +202,21 @@ def error_left(
     return x, y
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _errors(
-    begin, end, first, last, rows_columns, index, links, ways, link, steps, spacing, data, limit,
-    icap, use, size, sigma, tau, iterations, out,
+    low, high, begin, first, last, rows_columns, index, links, ways, link, steps, spacing, data,
+    limit, icap, use, size, sigma, tau, iterations, out,
 ):  # fmt: skip
-    for p in prange(begin, end):
+    for i in range(low, high):
+        row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         xx, xy, yy = 0.0, 0.0, 0.0
         for k in range(4):
             x, y = error_left(
-                rows_columns[p, 0], rows_columns[p, 1], ways[k], link[k], steps, index, first,
-                last, links, spacing, data, limit, icap, use, size, sigma, tau, iterations,
+                row, column, ways[k], link[k], steps, index, first, last, links, spacing, data,
+                limit, icap, use, size, sigma, tau, iterations,
             )  # fmt: skip
             xx, xy, yy = xx + 0.5 * x * x, xy + 0.5 * x * y, yy + 0.5 * y * y
-        out[0, p - begin], out[1, p - begin], out[2, p - begin] = xx, xy, yy
+        out[0, i], out[1, i], out[2, i] = xx, xy, yy
 
 
 LAYER = Layer(

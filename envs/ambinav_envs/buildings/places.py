@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
@@ -16,6 +16,7 @@ from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.sweep import line_free
+from ambinav.threads import run_rows
 from ambinav_envs.buildings.geodesic import LENGTHS, SIDES, STEPS, distance_at
 
 SPACING = 0.2
@@ -111,7 +112,7 @@ class Places:
             )
         moves = np.zeros(links.shape, dtype=np.uint16)
         origin = float(lattice.x[0]), float(lattice.y[0])
-        _join(room, links, spacing, *origin, *checker.arrays, moves)
+        run_rows(_join, len(room), room, links, spacing, *origin, *checker.arrays, moves)
         return cls(checker, origin, spacing, room, moves, links, _labels(room >= 0.0, moves))
 
     @property
@@ -184,11 +185,11 @@ def _flood(free, moves, columns, labels):
         part += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _join(room, links, spacing, low_x, low_y, table, bound, forbidden, moves):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _join(low, high, room, links, spacing, low_x, low_y, table, bound, forbidden, moves):
     """Write `Places.moves`."""
     rows, columns = room.shape
-    for row in prange(rows):
+    for row in range(low, high):
         for column in range(columns):
             here = room[row, column]
             x, y = low_x + column * spacing, low_y + row * spacing

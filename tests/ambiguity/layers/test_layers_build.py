@@ -31,11 +31,15 @@ def turning(fan: RangeScanner) -> AmbiguityMap:
     return build_map(room, fan, 0.2, headings=6, layers=("fisher", "wall_normals"))
 
 
-def test_with_the_map_or_after_it_is_the_same(laser: RangeScanner, tmp_path: Path) -> None:
+def test_with_the_map_or_after_it_is_the_same_on_any_number_of_threads(
+    laser: RangeScanner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     room = scenes.room(4.0, 2.0)
     names = ("fisher", "localizability", "wall_normals", "clearance")
     shares: list[float] = []
+    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
     at_once = build_map(room, laser, 0.2, layers=names, progress=shares.append)
+    monkeypatch.setattr("numba.get_num_threads", lambda: 1)
     build_map(room, laser, 0.2).save(tmp_path / "plain.zarr")
     plain = AmbiguityMap.open(tmp_path / "plain.zarr")
     later = with_layers(plain, names)
