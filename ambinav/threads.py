@@ -29,7 +29,8 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
 
     Args:
         work: To be done; pieces run at the same time, on as many threads as numba is set to. What
-            it raises is raised here, and no other piece is begun.
+            it raises is raised here, and no other piece is begun. It must not call this itself:
+            it would wait for the thread that it runs on.
         count: How many rows.
         least: Rows of a piece: fewer are not worth waking a thread.
     """

@@ -69,9 +69,9 @@ def drive(
     where the robot believes to be at the goal, truly touches a wall, or takes too long. Run k is
     the same whatever the number of runs, if that holds for the localizer.
 
-    Monte Carlo localization shares the runs among numba's threads in each time step. Where other
-    work wants the processor these wait for each other: processes that drive side by side are to
-    call `numba.set_num_threads(1)` first.
+    Monte Carlo localization shares the runs among as many threads as numba is set to, in each time
+    step. Where other work wants the processor these wait for each other: processes that drive side
+    by side are to call `numba.set_num_threads(1)` first.
 
     Args:
         environment: The map that the localizer has.

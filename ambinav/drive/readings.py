@@ -54,7 +54,7 @@ class Readings:
         rays = self._rays
         distance, _, incidence = scan_rays(
             self.environment, x, y, theta, rays.origin, rays.angle, self.scanner.max_range,
-            incidence=rays.specular, parallel=False,
+            incidence=rays.specular,
         )  # fmt: skip
         echo = rays.echoes(distance, incidence)
         if people is not None and people.shape[1]:

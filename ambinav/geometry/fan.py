@@ -30,7 +30,6 @@ def scan_rays(
     max_range: float,
     *,
     incidence: bool = True,
-    parallel: bool = True,
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]:
     """Cast the same rays from many poses of the robot.
 
@@ -43,7 +42,6 @@ def scan_rays(
         ray_angle: Where they look, shape (R,), radians, robot frame.
         max_range: How far to look, metres.
         incidence: Work out the angles of incidence too.
-        parallel: Use all of numba's threads.
 
     Returns:
         distance: float32, shape (N, R), metres; inf where nothing is hit within `max_range`,
@@ -66,10 +64,7 @@ def scan_rays(
             env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
             *mesh.index, distance, edge, oblique,
         )  # fmt: skip
-        if parallel:
-            run_rows(_fans, len(x), *arguments, least=1 + LEAST_RAYS // len(mine))
-        else:
-            _fans(0, len(x), *arguments)
+        run_rows(_fans, len(x), *arguments, least=1 + LEAST_RAYS // len(mine))
     return distance, edge, oblique
 
 

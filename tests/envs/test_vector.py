@@ -127,27 +127,23 @@ def test_a_fresh_process_gives_the_same() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere forks are not the default")
-def test_a_fork_that_can_have_no_threads_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    # OpenMP would end the child at its first building, with no word to Python.
-    code = (
-        "import os, numba\n"
-        "from ambinav_envs.forked import refuse_if_forked\n"
-        "if os.fork() == 0: refuse_if_forked(), os._exit(0)\n"
-        "assert os.wait()[1] == 0\n"
-        "numba.get_num_threads(), refuse_if_forked()\n"
-        "if numba.threading_layer() != 'omp': print('another layer')\n"
-        "elif os.fork(): os.wait()\n"
-        "else: refuse_if_forked()"
+def test_forked_processes_make_buildings_and_drive() -> None:
+    envs = gymnasium.make_vec(
+        "ambinav/Navigation-v0",
+        num_envs=2,
+        vectorization_mode="async",
+        map=room(),
+        **OPTIONS,
+        vector_kwargs={"context": "fork"},
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    if "another layer" in done.stdout:
-        pytest.skip("numba's threads are not OpenMP's here")
-    assert done.returncode == 0
-    assert done.stderr.count("InputError: this process was forked") == 1
-    monkeypatch.setattr("ambinav_envs.forked._forked", True)
-    for make in (NavigationEnv, NavigationVectorEnv):
-        with pytest.raises(InputError, match=r"was forked .* 'spawn'"):
-            make(map=room())
+    try:
+        seen, _ = envs.reset(seed=4)
+        many = NavigationVectorEnv(2, map=room(), **OPTIONS)
+        equal(seen, many.reset(seed=4)[0])
+        action = actions(2, 1)[0]
+        equal(envs.step(action)[0], many.step(action)[0])
+    finally:
+        envs.close()
 
 
 @pytest.mark.parametrize("localizer", ["ekf", "mcl"])

@@ -163,13 +163,13 @@ def test_permuted_rays_give_the_permuted_result(env: Environment) -> None:
 
 
 def test_threads_change_nothing(env: Environment, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("numba.get_num_threads", lambda: 2)
     x, y, theta = poses(env, 150)
-    arguments = (env, x, y, theta, np.zeros((100, 2)), CIRCLE, REACH)
-    for a, b in zip(
-        scan_rays(*arguments, parallel=False), scan_rays(*arguments, parallel=True), strict=True
-    ):
-        assert np.array_equal(a, b, equal_nan=True)
+    found = []
+    for threads in (1, 2):
+        monkeypatch.setattr("numba.get_num_threads", lambda threads=threads: threads)
+        found.append(scan_rays(env, x, y, theta, np.zeros((100, 2)), CIRCLE, REACH))
+    for one, other in zip(*found, strict=True):
+        assert np.array_equal(one, other, equal_nan=True)
 
 
 # -- thin walls and corners ----------------------------------------------------------------------

@@ -14,7 +14,6 @@ from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.suites import suite
-from ambinav_envs.forked import refuse_if_forked
 
 # Numbers of buildings end below this, so that each has one as a 32-bit integer.
 _END: Final = 2**31
@@ -123,7 +122,6 @@ class BuildingSource:
         if number in self._buildings:
             self._buildings.move_to_end(number)
             return self._buildings[number]
-        refuse_if_forked()
         if self._map is None:
             environment, keep = suite(self.name).building(number), self.count is not None
         else:

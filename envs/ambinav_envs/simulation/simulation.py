@@ -17,7 +17,6 @@ from ambinav.sensing.fields import nearest
 from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
-from ambinav_envs.forked import refuse_if_forked
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.fixed import fixed_of
@@ -87,15 +86,11 @@ class Simulation:
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.
         tasks: Start, goal and the field of distances of each.
-
-    Raises:
-        InputError: the process was forked from one in which numba's threads ran.
     """
 
     def __init__(
         self, source: BuildingSource, parameters: NavigationParameters, count: int
     ) -> None:
-        refuse_if_forked()
         announce()
         self.source = source
         self.parameters = parameters
