@@ -59,12 +59,11 @@ def scan_rays(
         mine = np.flatnonzero(which == k)
         mine = mine[counter_clockwise(ray_angle[mine])]
         angles = ray_angle[mine]
-        arguments = (
-            x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range), mine,
-            env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
-            *mesh.index, distance, edge, oblique,
+        run_rows(
+            _fans, len(x), x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range),
+            mine, env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops,
+            mesh.corner, *mesh.index, distance, edge, oblique, least=1 + LEAST_RAYS // len(mine),
         )  # fmt: skip
-        run_rows(_fans, len(x), *arguments, least=1 + LEAST_RAYS // len(mine))
     return distance, edge, oblique
 
 
