@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 # So many pieces for each thread, that one which is held up leaves its rest to the others.
-PIECES = 4
+PIECES = 16
 
 _pools: dict[int, ThreadPoolExecutor] = {}
 # A forked process has none of its parent's threads.
