@@ -26,7 +26,7 @@ def world_of(simulation: Simulation) -> dict[str, Any]:
     site, p = simulation.sites[0], simulation.parameters
     assert site is not None
     free = site.building.environment.free
-    left, low, right, high = site.bounds.tolist()
+    left, low, right, high = site.building.environment.bounds
     rings = [ring for part in shapely.get_parts(free) for ring in (part.exterior, *part.interiors)]
     sensor = p.scanner.sensors[0]
     robots = [
