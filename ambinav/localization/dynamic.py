@@ -10,8 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ambinav.localization.casting import work_space
-from ambinav.localization.information import beam_lines
+from ambinav.localization.information import beam_lines, line_space
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -93,12 +92,7 @@ def weighted_informations(
     low, high, poses, readings, spreads, z_hit, z_short, z_rand, decay, cast, noise, weights, told
 ):
     """`weighted_information` of some of N scans; `spreads` has the shape (N, 3, 3)."""
-    beams = noise.far.size
-    ranges = np.empty(beams)
-    ray = np.empty(beams, dtype=np.int32)
-    edge = np.empty(beams, dtype=np.int32)
-    line = np.empty((beams, 5))
-    work = work_space(cast.cosine.size)
+    work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):
         weighted_information(
             poses[p, 0], poses[p, 1], poses[p, 2], readings[p], spreads[p], z_hit, z_short,

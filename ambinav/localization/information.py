@@ -186,19 +186,23 @@ def linear_reading(d, b, j, k, co, si, cast, noise):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def line_space(beams, rays):
+    """The last five arguments of `beam_lines`, for scans of so many beams and rays."""
+    return (
+        work_space(rays), np.empty(beams), np.empty(beams, dtype=np.int32),
+        np.empty(beams, dtype=np.int32), np.empty((beams, 5)),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _informations(low, high, poses, cast, noise, out):
-    beams = noise.far.size
-    ranges = np.empty(beams)
-    ray = np.empty(beams, dtype=np.int32)
-    edge = np.empty(beams, dtype=np.int32)
-    line = np.empty((beams, 5))
-    work = work_space(cast.cosine.size)
+    work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):
         beam_lines(
             poses[p, 0], poses[p, 1], poses[p, 2], cast, noise, work, ranges, ray, edge, line
         )
         out[p] = 0.0
-        for b in range(beams):
+        for b in range(noise.far.size):
             if line[b, 4] < math.inf:
                 for i in range(3):
                     for j in range(3):
