@@ -9,7 +9,8 @@ The criterion, written before the first whole run:
 - Poses: drawn by a seed among the explored cells where the robot fits. About each, a robot with
   poor odometry (9 degrees and 12 cm in a metre) wanders for 12 m within 0.4 m, four times, Monte
   Carlo localization in the loop, started with 5 cm and 2 degrees. The world is the map's own
-  segments (in a second pass with furniture that the map does not know).
+  segments (in a second pass, `--world aged`, its walls stand 3 cm off the map's, and there is
+  furniture that the map does not know).
 - Measured: root mean square of the position's error over the second half of the four runs, and
   the axis of its second moment. A place is bad where that is above 0.3 m. With a start that is
   not known (20 particles a square metre, 4 000 to 20 000) it is bad where more than half of the
