@@ -72,6 +72,25 @@ class Field:
         w = theta * self.values.shape[2] / (2.0 * math.pi)
         return float(_value(u, v, w, self.values))
 
+    def on(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float32]:
+        """Values on another lattice, float32; where that is not free, of the nearest free cell.
+
+        Args:
+            x: Of its columns, shape (M,), metres.
+            y: Of its rows, shape (N,).
+
+        Returns:
+            Shape (N, M, headings).
+        """
+        rows, columns, _ = self.values.shape
+        row, up = _between((y - self.origin[1]) / self.spacing, rows)
+        column, right = _between((x - self.origin[0]) / self.spacing, columns)
+        up, right = up[:, None, None], right[:, None]
+        beside = np.minimum(column + 1, columns - 1)
+        lines = self.values[:, column] * (1.0 - right) + self.values[:, beside] * right
+        above = np.minimum(row + 1, rows - 1)
+        return np.asarray(lines[row] * (1.0 - up) + lines[above] * up, dtype=np.float32)
+
     def slope(self, x: Floats, y: Floats, theta: Floats) -> Floats:
         """Derivative by x and y at poses, shape (N, 2), per metre; nan where not free."""
         out = np.empty((len(x), 2))
@@ -102,6 +121,13 @@ class Field:
         values, _, left, low, inverse = self.arrays
         motion_integrals(kind, float(radius), a, b, values, left, low, inverse, out)
         return out
+
+
+def _between(u: NDArray[Any], count: int) -> tuple[NDArray[np.int64], Floats]:
+    """`corner` for many."""
+    u = np.clip(u, 0.0, count - 1.0)
+    low = np.minimum(u.astype(np.int64), max(count - 2, 0))
+    return low, u - low
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

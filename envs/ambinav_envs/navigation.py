@@ -65,12 +65,14 @@ class NavigationEnv(gym.Env[Observation, Any]):
     |               | 4       | deviation of the heading (rad)                | 0   | 2   |
     | `window`      | 0-255   | ambiguity around it, 16 x 16 cells of 0.4 m   | 0   | 1   |
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
-    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the shortest way    |     |     |
+    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the way there       |     |     |
 
     Goal, window and waypoint are seen from the *estimated* pose. The window's rows go from ahead
     to behind, each from left to right. `window` is left out with `window=False`, `waypoint` is
-    there with `waypoint=True` only. `gymnasium.wrappers.FilterObservation` and
-    `FlattenObservation` take parts of it and make one row of it; see `ambinav_envs.wrappers`.
+    there with `waypoint=True` only: ahead on the shortest way, or with `way_weight` on the way
+    that costs least where a metre counts 1 + way_weight * ambiguity.
+    `gymnasium.wrappers.FilterObservation` and `FlattenObservation` take parts of it and make one
+    row of it; see `ambinav_envs.wrappers`.
 
     ## Rewards
 
@@ -79,7 +81,7 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     | Term        | Meaning                                                | ambiguity, by default |
     |-------------|--------------------------------------------------------|-----------------------|
-    | `progress`  | metres by which the shortest way has become shorter    | 1                     |
+    | `progress`  | metres by which the way to the goal has become shorter | 1                     |
     | `arrival`   | 1 on truly arriving                                    | 10                    |
     | `collision` | -1 on touching a wall or a box                         | 10                    |
     | `time`      | minus seconds                                          | 0.1                   |

@@ -9,9 +9,10 @@ from ambinav.sensing.fields import as_number, nearest
 from ambinav_envs.simulation.layout import TERMS as TERMS
 
 MEANINGS = {
-    "progress": "metres by which the shortest way from the true place to the goal has become "
-    "shorter: d - gamma d', a difference of potentials as in Ng, Harada & Russell (1999), which is "
-    "not 0 at an episode's end: an end is worth more the nearer to the goal it is",
+    "progress": "metres by which the way from the true place to the goal has become shorter, at "
+    "the prices of `way_weight`: d - gamma d', a difference of potentials as in Ng, Harada & "
+    "Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to the "
+    "goal it is",
     "arrival": "1 when the robot believes to be at the goal and truly is near it",
     "collision": "-1 when it touches a wall or a box",
     "time": "minus the seconds of the step",

@@ -10,8 +10,10 @@ import pytest
 
 from ambinav.geometry.environment import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.rewards import TERMS
+from ambinav_envs.simulation.observe import ahead
 from tests.envs.cases import room
 from tests.envs.slow import SlowNavigation
 
@@ -22,7 +24,8 @@ WEIGHTS = dict(zip(TERMS, (1.0, 9.0, 7.0, 0.5, 0.8, 3.0, 2.0, 0.4), strict=True)
 @pytest.mark.parametrize(("name", "seed"), [("room", 1), ("room", 2), ("demo", 3), ("demo", 4)])
 def test_every_number_is_that_of_the_slow_way(name: str, seed: int) -> None:
     environment = room() if name == "room" else load_environment(DEMO)
-    env = NavigationEnv(map=environment, reward=WEIGHTS, gamma=0.97, odometry_scale=1.5)
+    options = {"reward": WEIGHTS, "gamma": 0.97, "odometry_scale": 1.5, "way_weight": seed % 2}
+    env = NavigationEnv(map=environment, **options)
     env.reset(seed=seed)
     slow = SlowNavigation(env)
     rng = np.random.default_rng(seed)
@@ -140,6 +143,29 @@ def test_waypoints_lie_ahead_on_the_shortest_way() -> None:
         x, y = x + 10 * away * math.cos(angle), y + 10 * away * math.sin(angle)
         left = site.places.distance(task.field, x, y)
         assert left == pytest.approx(max(info["shortest"] - 1.5, 0.0), abs=0.4)
+
+
+def test_the_way_that_waypoints_lie_on_is_the_cheapest_one() -> None:
+    demo = load_environment(DEMO)
+    costs = []
+    for seed in range(12):
+        for weight in (5.0, 0.0):
+            env = NavigationEnv(map=demo, way_weight=weight, shortest=6.0)
+            _, info = env.reset(seed=seed)
+            (site,), (task,) = env.simulation.sites, env.simulation.tasks
+            ground = env.simulation._memory.ground[0]
+            assert site is not None and task is not None
+            service = AmbiguityService(site.building.amap, "level", 5.0)
+            place, cost = tuple(info["true_pose"][:2]), 0.0
+            while place != tuple(task.goal):
+                there = ahead(*place, task.goal, 0.5, ground)
+                cost += float(service.motion_cost(*place, *there))
+                place = there
+            costs.append((cost, task.cost, task.distance))
+    cost, told, distance = np.array(costs).reshape(12, 2, 3).T
+    np.testing.assert_array_equal(distance[0], distance[1])
+    np.testing.assert_allclose(cost[0], told[0], rtol=0.05)
+    assert (cost[0] <= 1.02 * cost[1]).all() and (cost[0] < 0.95 * cost[1]).any()
 
 
 def test_reckons_with_cones_mounts_and_mixed_sensors() -> None:

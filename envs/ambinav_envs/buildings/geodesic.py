@@ -1,9 +1,9 @@
-"""Shortest ways over a lattice to one place, and the distance to it from anywhere in between.
+"""Shortest or cheapest ways over a lattice to one place, and what is left of them from anywhere.
 
 The cells of a lattice are joined in 16 directions, so a way is at most 2.8 % longer than the
-straight one. Every step is at least one cell long, so with buckets of that width what stands in
-the first bucket is final (Dinitz 1978; Denardo & Fox 1979, "Shortest-route methods: 1. reaching,
-pruning, and buckets", Operations Research 27(1)): Dijkstra's algorithm without a heap.
+straight one. Every step costs at least the length of a cell, so with buckets of that width what
+stands in the first bucket is final (Dinitz 1978; Denardo & Fox 1979, "Shortest-route methods: 1.
+reaching, pruning, and buckets", Operations Research 27(1)): Dijkstra's algorithm without a heap.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ STEPS = np.vstack(
 LENGTHS = np.hypot(STEPS[:, 0], STEPS[:, 1])
 SIDES = 8
 """How many of the steps lead to a cell that touches."""
-# Width of a bucket, in cells: a little less than a step, for rounding; and how many the longest
-# step reaches over, or the seeds.
+# Width of a bucket, in cells: a little less than a step, for rounding; and how many cells the
+# longest step is long, or the seeds are apart.
 _WIDTH = 0.999
-_BUCKETS = 4
+REACH = 2.5
 _FAR = np.float32(np.inf)
 # Bits of `lattice.STEPS` towards a column step and a row step of -1 or 1, at [row > 0, column > 0].
 _SIDEWAYS = np.array([4, 0])
@@ -34,8 +34,8 @@ _SLANTING = np.array([[5, 7], [3, 1]])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def geodesic(seeds, first, moves, links, spacing, field):
-    """Write the length of the shortest way from each cell to the seeds.
+def geodesic(seeds, first, moves, links, prices, spacing, field):
+    """Write what the cheapest way from each cell to the seeds costs, metres at their prices.
 
     Cells that no way leads to, but that no wall parts from one that a way leads to, get the
     length of a way that may be too narrow: a robot that stands there is nearer to some cell of
@@ -43,33 +43,38 @@ def geodesic(seeds, first, moves, links, spacing, field):
 
     Args:
         seeds: Running numbers (row * columns + column) of the cells next to the goal, int64, (K,).
-        first: Their distances to the goal, metres, float64, (K,); less than four cells apart.
+        first: Their distances to the goal, metres at their prices, float64, (K,); less than
+            `REACH` cells apart at the highest price.
         moves: Bit k of a cell: a way leads to it from its neighbour at STEPS[k]; uint16, shape
             (rows, columns). No step may leave the lattice.
         links: Bit k of a cell: no wall parts it from its neighbour at STEPS[k], k < SIDES; uint8,
             shape (rows, columns).
+        prices: What a metre costs at a cell where the robot drives in one of H headings, at least
+            1; float32, shape (rows, columns, H). Linear in between. Ones for the shortest way.
         spacing: Distance between cells, metres.
-        field: Distances, float32, shape (rows, columns), metres; inf where nothing leads to.
+        field: Costs, float32, shape (rows, columns); inf where nothing leads to.
     """
     columns = moves.shape[1]
-    flat, ways = field.ravel(), moves.ravel()
+    flat, ways, price = field.ravel(), moves.ravel(), prices.reshape(-1, prices.shape[2])
     flat[:] = _FAR
     offsets = STEPS[:, 1] * columns + STEPS[:, 0]
     lengths = (LENGTHS * spacing).astype(np.float32)
+    headings = travelling(prices.shape[2])
     per_metre = np.float32(1.0 / (_WIDTH * spacing))
     # A cell stands at most once in a bucket; where it has moved to a nearer one, it is left
     # behind and passed over.
-    stack = np.empty((_BUCKETS, flat.size), dtype=np.int32)
-    height = np.zeros(_BUCKETS, dtype=np.int64)
+    buckets = int(REACH * prices.max() / _WIDTH) + 2
+    stack = np.empty((buckets, flat.size), dtype=np.int32)
+    height = np.zeros(buckets, dtype=np.int64)
     waiting, now = seeds.size, 0
     for s in range(seeds.size):
         flat[seeds[s]] = first[s]
         bucket = int(flat[seeds[s]] * per_metre)
         now = bucket if s == 0 else min(now, bucket)
-        stack[bucket % _BUCKETS, height[bucket % _BUCKETS]] = seeds[s]
-        height[bucket % _BUCKETS] += 1
+        stack[bucket % buckets, height[bucket % buckets]] = seeds[s]
+        height[bucket % buckets] += 1
     while waiting > 0:
-        top = now % _BUCKETS
+        top = now % buckets
         if height[top] == 0:
             now += 1
             continue
@@ -83,21 +88,44 @@ def geodesic(seeds, first, moves, links, spacing, field):
         for k in range(offsets.size):
             if bits & (1 << k):
                 other = cell + offsets[k]
-                distance = here + lengths[k]
+                distance = here + _cost(price, cell, other, headings[k], lengths[k])
                 before = flat[other]
                 if distance < before:
                     flat[other] = distance
                     bucket = int(distance * per_metre)
                     if before == _FAR or int(before * per_metre) != bucket:
-                        bucket %= _BUCKETS
+                        bucket %= buckets
                         stack[bucket, height[bucket]] = other
                         height[bucket] += 1
                         waiting += 1
-    _fill(flat, links.ravel(), offsets, lengths)
+    _fill(flat, links.ravel(), price, offsets, lengths, headings)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill(flat, links, offsets, lengths):
+def travelling(count):
+    """Which of so many headings a robot has that comes to a cell from its neighbours at `STEPS`."""
+    turns = np.empty(len(STEPS), dtype=np.int64)
+    for k in range(len(STEPS)):
+        turns[k] = heading_of(-STEPS[k, 0], -STEPS[k, 1], count)
+    return turns
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def heading_of(dx, dy, count):
+    """Which of so many headings is nearest to a direction."""
+    if count == 1:
+        return 0
+    return int(math.floor(math.atan2(dy, dx) * count / (2.0 * math.pi) + 0.5)) % count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _cost(price, cell, other, heading, length):
+    """What a step costs that is so many metres long."""
+    return length * (np.float32(0.5) * (price[cell, heading] + price[other, heading]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(flat, links, price, offsets, lengths, headings):
     """Go on from the cells that have a distance into those that no wall parts from them.
 
     These are few if any, so this is short rather than quick: a cell may be taken more than once.
@@ -121,7 +149,7 @@ def _fill(flat, links, offsets, lengths):
         for k in range(SIDES):
             if links[cell] & (1 << k):
                 other = cell + offsets[k]
-                distance = flat[cell] + lengths[k]
+                distance = flat[cell] + _cost(price, cell, other, headings[k], lengths[k])
                 if distance < flat[other] and not known[other]:
                     flat[other] = distance
                     if not waits[other]:
@@ -132,7 +160,7 @@ def _fill(flat, links, offsets, lengths):
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def distance_at(x, y, field, links, low_x, low_y, inverse):
-    """Length of the shortest way from a point, metres; inf where no way leads to the goal.
+    """What is left of the way from a point, as in the field; inf where none leads to the goal.
 
     Linear between the cells around the point, as far as no wall parts them from the nearest one.
     That one is on the point's side of any wall if a robot of at least 0.71 cells of radius fits

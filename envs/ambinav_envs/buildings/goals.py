@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.localization.random import states, uniform
-from ambinav_envs.buildings.places import Places
+from ambinav_envs.buildings.places import Places, PlaceTable
 from ambinav_envs.buildings.tasks import Task, draw_places, draw_task, spread_from, start_for
 
 FEWEST, MOST = 32, 256
@@ -27,20 +27,24 @@ class _Goal:
 
     place: Floats
     field: NDArray[np.float32]
+    way: NDArray[np.float32]
     label: int
 
 
 class Goals:
     """Some places of a building, the same ones in every process.
 
-    The distances to each are worked out when it is first drawn, and kept.
+    The ways to each are worked out when it is first drawn, and kept.
 
     Args:
         places: Where the robot fits.
+        prices: What a metre costs, see `geodesic`: the cheapest way is the one to take; None:
+            the shortest one.
     """
 
-    def __init__(self, places: Places) -> None:
+    def __init__(self, places: Places, prices: NDArray[np.float32] | None = None) -> None:
         self._places = places
+        self._priced = None if prices is None else places.table._replace(prices=prices)
         self._known: dict[int, _Goal] = {}
         count = min(max(_MEMORY // (4 * places.room.size), FEWEST), MOST)
         self._points = np.empty((count if len(places.standing) else 0, 2))
@@ -62,14 +66,32 @@ class Goals:
                     goal.field, task,
                 )  # fmt: skip
                 if found:
-                    return Task(task[:3], goal.place, float(task[5]), goal.field)
-        return draw_task(self._places, state, shortest, longest)
+                    task[3:5] = goal.place
+                    return self._along(Task.shortest(task, goal.field), goal.way)
+        return self.towards(draw_task(self._places, state, shortest, longest))
+
+    def towards(self, task: Task) -> Task:
+        """A task with the way to take; it is given with the shortest one."""
+        if self._priced is None:
+            return task
+        return self._along(task, self._way_to(task.goal, self._priced)[0])
+
+    def _along(self, task: Task, way: NDArray[np.float32]) -> Task:
+        if self._priced is None:
+            return task
+        cost = self._places.distance(way, float(task.start[0]), float(task.start[1]))
+        return replace(task, way=way, cost=cost)
 
     def _goal(self, which: int) -> _Goal:
         """The goal of this number."""
         if which not in self._known:
             place = self._points[which].copy()
-            field = np.empty(self._places.room.shape, dtype=np.float32)
-            label = spread_from(place[0], place[1], self._places.table, field)
-            self._known[which] = _Goal(place, field, int(label))
+            field, label = self._way_to(place, self._places.table)
+            way = field if self._priced is None else self._way_to(place, self._priced)[0]
+            self._known[which] = _Goal(place, field, way, label)
         return self._known[which]
+
+    def _way_to(self, place: Floats, table: PlaceTable) -> tuple[NDArray[np.float32], int]:
+        """What the way to a place costs from every cell, and the place's label."""
+        field = np.empty(self._places.room.shape, dtype=np.float32)
+        return field, int(spread_from(place[0], place[1], table, field))

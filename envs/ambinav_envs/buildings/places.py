@@ -16,6 +16,7 @@ from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.sweep import line_free
+from ambinav.service.field import Field
 from ambinav.threads import run_rows
 from ambinav_envs.buildings.geodesic import LENGTHS, SIDES, STEPS, distance_at
 
@@ -37,6 +38,7 @@ class PlaceTable(NamedTuple):
         links: See there.
         labels: See there.
         standing: See there.
+        prices: Of a metre at each cell, see `geodesic`; float32, shape (rows, columns, H).
         low_x: x of the centre of cell (0, 0), metres.
         low_y: y of it.
         spacing: Distance between cells, metres.
@@ -50,6 +52,7 @@ class PlaceTable(NamedTuple):
     links: NDArray[np.uint8]
     labels: NDArray[np.int32]
     standing: NDArray[np.int64]
+    prices: NDArray[np.float32]
     low_x: float
     low_y: float
     spacing: float
@@ -137,15 +140,23 @@ class Places:
 
     @cached_property
     def table(self) -> PlaceTable:
-        """All of it, as the kernels take it."""
+        """All of it, as the kernels take it; a metre costs 1 anywhere."""
         walls, bound, forbidden = self.checker.arrays
+        prices = np.ones((*self.room.shape, 1), dtype=np.float32)
         return PlaceTable(
-            self.room, self.moves, self.links, self.labels, self.standing, *self.origin,
+            self.room, self.moves, self.links, self.labels, self.standing, prices, *self.origin,
             self.spacing, walls, bound, forbidden,
         )  # fmt: skip
 
+    def prices(self, ambiguity: Field, weight: float) -> NDArray[np.float32]:
+        """What a metre costs at each cell: 1 + weight times the ambiguity there; see `geodesic`."""
+        rows, columns = self.room.shape
+        x = self.origin[0] + self.spacing * np.arange(columns)
+        y = self.origin[1] + self.spacing * np.arange(rows)
+        return np.asarray(1.0 + weight * ambiguity.on(x, y), dtype=np.float32)
+
     def distance(self, field: NDArray[np.float32], x: float, y: float) -> float:
-        """Length in metres of the shortest way from (x, y), read from a `field`."""
+        """What is left of the way from (x, y), read from a field of `geodesic`."""
         return float(distance_at(x, y, field, self.links, *self.frame))
 
 

@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.sweep import line_free
 from ambinav.localization.random import uniform
-from ambinav_envs.buildings.geodesic import distance_at, geodesic
+from ambinav_envs.buildings.geodesic import REACH, distance_at, geodesic, heading_of
 from ambinav_envs.buildings.places import MARGIN, Places
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
 _DRAWN, _FAR_ENDS = 32, 8
-# A goal is joined to the cells within this many cells of it, fewer than `_SEEDS`, that the robot
-# gets to in a straight line: near a goal every direction is then as long as it is.
-_REACH = 2.5
+# A goal is joined to the cells within `REACH` cells of it, fewer than these, that the robot gets to
+# in a straight line: near a goal every direction is then as long as it is.
 _SEEDS = 32
 
 Floats = NDArray[np.float64]
@@ -34,12 +33,23 @@ class Task:
         goal: x, y, shape (2,).
         distance: Length of the shortest way from start to goal, metres.
         field: The same from every cell, see `Places`; float32, shape (rows, columns).
+        way: What the way that the robot is to take costs from every cell, see `Goals`; the same
+            array as `field` if that is the shortest one.
+        cost: What it costs from the start.
     """
 
     start: Floats
     goal: Floats
     distance: float
     field: NDArray[np.float32]
+    way: NDArray[np.float32]
+    cost: float
+
+    @classmethod
+    def shortest(cls, numbers: Floats, field: NDArray[np.float32]) -> Task:
+        """One whose way is the shortest: start, goal, distance, shape (6,), and the field."""
+        distance = float(numbers[5])
+        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, field, field, distance)
 
 
 def draw_task(
@@ -79,7 +89,7 @@ def draw_task(
     if start is None and goal is None:
         if not draw_into(state, float(shortest), float(longest), table, field, task):
             raise InputError(_no_task(places, shortest, longest, "any place", float(task[5])))
-        return Task(task[:3].copy(), task[3:5].copy(), float(task[5]), field)
+        return Task.shortest(task, field)
     task[3:5] = (np.nan, np.nan) if goal is None else _place(places, goal, "goal", 2)
     task[:3] = np.nan if start is None else _place(places, start, "start", 3)
     end = task[:2] if goal is None else task[3:5]
@@ -104,7 +114,7 @@ def draw_task(
             f"{task[4]:g}); move one of them."
         )
     task[5] = places.distance(field, float(task[0]), float(task[1]))
-    return Task(task[:3].copy(), task[3:5].copy(), float(task[5]), field)
+    return Task.shortest(task, field)
 
 
 def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:
@@ -223,7 +233,7 @@ def draw_places(state, table, points):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def spread_from(x, y, table, field):
-    """Write the distances to a place where the robot fits to `field`; see `geodesic`.
+    """Write what the way to a place where the robot fits costs to `field`; see `geodesic`.
 
     Returns:
         Label of the cells that the place is joined to; -1 if it is joined to none, which can only
@@ -232,7 +242,13 @@ def spread_from(x, y, table, field):
     seeds = np.empty(_SEEDS, dtype=np.int64)
     first = np.empty(_SEEDS)
     count = _joined(x, y, table, seeds, first)
-    geodesic(seeds[:count], first[:count], table.moves, table.links, table.spacing, field)
+    prices = table.prices.reshape(-1, table.prices.shape[2])
+    for s in range(count):
+        cx, cy = _centre(seeds[s], table)
+        first[s] *= prices[seeds[s], heading_of(x - cx, y - cy, prices.shape[1])]
+    geodesic(
+        seeds[:count], first[:count], table.moves, table.links, table.prices, table.spacing, field
+    )
     return table.labels.ravel()[seeds[0]] if count > 0 else -1
 
 
@@ -248,7 +264,7 @@ def _joined(x, y, table, seeds, first):
             cx, cy = table.low_x + column * table.spacing, table.low_y + row * table.spacing
             away = math.hypot(cx - x, cy - y)
             if (
-                away <= _REACH * table.spacing
+                away <= REACH * table.spacing
                 and table.room[row, column] >= 0.0
                 and line_free(x, y, cx, cy, table.walls, table.bound, table.forbidden)
             ):

@@ -24,8 +24,8 @@ Actions = NDArray[Any]
 
 
 SEEING: Final[tuple[str, ...]] = (
-    "window", "window_cells", "window_spacing", "waypoint", "waypoint_distance", "discrete",
-    "min_speed",
+    "window", "window_cells", "window_spacing", "way_weight", "waypoint", "waypoint_distance",
+    "discrete", "min_speed",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""
 BUILDINGS: Final[tuple[str, ...]] = (

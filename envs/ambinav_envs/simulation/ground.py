@@ -75,9 +75,16 @@ def free_of(ground):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def ways_of(ground):
-    """The distances to the goal, and what links the cells that have them."""
+    """What the ways to the goal cost, and what links the cells that have them."""
     shape = (ground.field_rows, ground.field_columns)
     return (
         array_at(ground.field, shape, np.float32),
         array_at(ground.links, shape, np.uint8),
     )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def prices_of(ground):
+    """What a metre costs at the cells of `ways_of`, see `geodesic`."""
+    shape = (ground.field_rows, ground.field_columns, ground.price_headings)
+    return array_at(ground.prices, shape, np.float32)

@@ -82,10 +82,10 @@ STATE = record(
 
 truth, mean and goal are poses and a place in the map frame (metres, radians), odometry is in a
 frame of its own; speeds are metres and radians per second. far_steps counts the steps since which
-the error has been too large; boxes how many stand in the way; distance is the length of the
-shortest way from the true place to the goal, shortest the same at the start; exposure and
-travelled are sums so far. before, way and met are of the last step: the true pose before it, how
-far the robot has gone, and whether it has met something.
+the error has been too large; boxes how many stand in the way; distance is what the way from
+the true place to the goal costs (`Task.way`), shortest the length of the shortest one at the
+start; exposure and travelled are sums so far. before, way and met are of the last step: the true
+pose before it, how far the robot has gone, and whether it has met something.
 """
 
 SETTINGS = record(
@@ -133,8 +133,8 @@ GROUND = record(
     level=_WHOLE, level_headings=_WHOLE, fisher=_WHOLE, fisher_headings=_WHOLE, free=_WHOLE,
     map_rows=_WHOLE, map_columns=_WHOLE, left=_REAL, low=_REAL, inverse=_REAL,
     # Ways to the goal, see `ambinav_envs.buildings.geodesic`.
-    field=_WHOLE, links=_WHOLE, moves=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE,
-    field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
+    field=_WHOLE, links=_WHOLE, moves=_WHOLE, prices=_WHOLE, price_headings=_WHOLE,
+    field_rows=_WHOLE, field_columns=_WHOLE, field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
     # Left, lower, right and upper end, metres.
     bounds=(_REAL, 4),
 )  # fmt: skip

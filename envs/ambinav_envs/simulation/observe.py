@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from ambinav.geometry.obstacles import around
-from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
-from ambinav_envs.simulation.ground import free_of, level_of, walls_of, ways_of
+from ambinav_envs.buildings.geodesic import LENGTHS, STEPS, heading_of
+from ambinav_envs.simulation.ground import free_of, level_of, prices_of, walls_of, ways_of
 from ambinav_envs.simulation.pointers import array_at
 
 # Distances are seen in units of this, metres, and up to so many units.
@@ -104,8 +104,9 @@ def _window(x, y, theta, ground, settings, out, i):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ahead(x, y, goal, distance, ground):
-    """The place this far on along the shortest way from (x, y), or the goal if that is nearer."""
+    """The place this far on along the way from (x, y), or the goal if that is nearer."""
     field, _ = ways_of(ground)
+    prices = prices_of(ground)
     rows, columns = field.shape
     moves = array_at(ground.moves, (rows, columns), np.uint16)
     spacing = 1.0 / ground.field_inverse
@@ -116,13 +117,18 @@ def ahead(x, y, goal, distance, ground):
     left = distance
     px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
     while True:
-        best, at = field[row, column], -1
+        best, at = math.inf, -1
         for k in range(STEPS.shape[0]):
             # Bit k of a cell: a way leads to it from its neighbour at STEPS[k].
             c, r = column - STEPS[k, 0], row - STEPS[k, 1]
             inside = 0 <= c < columns and 0 <= r < rows
-            if inside and moves[r, c] & (1 << k) and field[r, c] < best:
-                best, at = field[r, c], k
+            if inside and moves[r, c] & (1 << k) and field[r, c] < field[row, column]:
+                # The cheapest way leads where this is least: there it is what is left here.
+                h = heading_of(-STEPS[k, 0], -STEPS[k, 1], prices.shape[2])
+                mean = 0.5 * (prices[row, column, h] + prices[r, c, h])
+                left_then = field[r, c] + mean * LENGTHS[k] * spacing
+                if left_then < best:
+                    best, at = left_then, k
         if at < 0:
             return goal[0], goal[1]
         length = LENGTHS[at] * spacing

@@ -85,7 +85,7 @@ class Simulation:
         count: N.
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.
-        tasks: Start, goal and the field of distances of each.
+        tasks: Start, goal and way of each.
     """
 
     def __init__(
@@ -226,8 +226,8 @@ class Simulation:
         if start is None and goal is None:
             task = site.goals.draw(streams[TASK], p.shortest, p.longest)
         else:
-            task = draw_task(
-                site.places, streams[TASK], p.shortest, p.longest, start=start, goal=goal
+            task = site.goals.towards(
+                draw_task(site.places, streams[TASK], p.shortest, p.longest, start=start, goal=goal)
             )
         std = np.array(p.start_std)
         estimate = task.start + std * own.standard_normal(3)
@@ -257,7 +257,7 @@ class Simulation:
             self._fixed = fixed_of(self._memory, self._eyes)
         ground = self._memory.ground
         ground[i] = site.ground[0]
-        ground["field"][i] = address(task.field, np.float32)
+        ground["field"][i] = address(task.way, np.float32)
 
     def _start(self, i: int, episode: _Episode) -> None:
         """Make the record of robot i that of an episode which begins."""
@@ -265,7 +265,7 @@ class Simulation:
         state[i] = np.zeros((), dtype=STATE)
         row = state[i]
         row["random"], row["truth"], row["goal"] = episode.streams, task.start, task.goal
-        row["distance"] = row["shortest"] = task.distance
+        row["distance"], row["shortest"] = task.cost, task.distance
         row["outcome"], row["mean"] = RUNNING, episode.estimate
         row["covariance"][[0, 1, 2], [0, 1, 2]] = std * std
         self._filters[i] = episode.particles

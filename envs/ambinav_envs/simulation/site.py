@@ -52,11 +52,14 @@ class Site:
         environment = building.environment
         self.building = building
         self.places: Places = building.places
-        self.goals = Goals(self.places)
         beams = np.arange(parameters.scanner.beams)
         self.tables: CastTables = cast_tables(environment, parameters.scanner, beams)
         # The service refuses layers that are no amount of ambiguity.
         level = AmbiguityService(building.amap, parameters.layer, 1.0).ambiguity
+        weight = parameters.way_weight
+        priced = self.places.prices(level, weight) if weight > 0.0 else None
+        self.goals = Goals(self.places, priced)
+        prices = self.places.table.prices if priced is None else priced
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
         kinds = environment.segments.kind[environment.border_segment]
         self._kept: list[NDArray[Any]] = []
@@ -71,8 +74,8 @@ class Site:
             fisher_headings=fisher.values.shape[2], map_rows=level.values.shape[0],
             map_columns=level.values.shape[1], left=level.origin[0], low=level.origin[1],
             inverse=1.0 / level.spacing, field_rows=places.room.shape[0],
-            field_columns=places.room.shape[1], field_x=places.origin[0],
-            field_y=places.origin[1], field_inverse=1.0 / places.spacing,
+            field_columns=places.room.shape[1], price_headings=prices.shape[2],
+            field_x=places.origin[0], field_y=places.origin[1], field_inverse=1.0 / places.spacing,
             bounds=environment.bounds,
         )  # fmt: skip
         self._point(
@@ -86,6 +89,7 @@ class Site:
             bound=(bound, np.float32), level=(level.values, np.float32),
             fisher=(fisher.values, np.float32), free=(level.free, np.bool_),
             links=(places.links, np.uint8), moves=(places.moves, np.uint16),
+            prices=(prices, np.float32),
         )  # fmt: skip
         self._likelihood: dict[tuple[float, float], LikelihoodField] = {}
 

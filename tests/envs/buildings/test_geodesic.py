@@ -25,21 +25,33 @@ from tests.envs.buildings.scenes import (
 )
 
 
-def from_cell(places: Places, cell: int) -> NDArray[np.float32]:
+def from_cell(
+    places: Places, cell: int, prices: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
     field = np.empty(places.room.shape, dtype=np.float32)
-    geodesic(np.array([cell]), np.zeros(1), places.moves, places.links, places.spacing, field)
+    prices = places.table.prices if prices is None else prices
+    seeds = np.array([cell]), np.zeros(1)
+    geodesic(*seeds, places.moves, places.links, prices, places.spacing, field)
     return field
 
 
-def slow(places: Places, cell: int) -> NDArray[np.float64]:
-    """SciPy's distances to a cell over the same graph, shape (rows, columns)."""
+def slow(
+    places: Places, cell: int, prices: NDArray[np.float32] | None = None
+) -> NDArray[np.float64]:
+    """SciPy's costs of the ways to a cell over the same graph, shape (rows, columns)."""
     rows, columns = places.room.shape
+    prices = places.table.prices if prices is None else prices
+    each = prices.astype(np.float64).reshape(rows * columns, -1)
     source, target, length = [], [], []
     for k, (dx, dy) in enumerate(STEPS):
         here = np.flatnonzero(places.moves.ravel() >> k & 1)
+        there = here + dy * columns + dx
+        # From there to here it drives in this direction, of as many as there are prices.
+        count = each.shape[1]
+        h = math.floor(math.atan2(-dy, -dx) / (2.0 * math.pi) * count + 0.5) % count
         source.append(here)
-        target.append(here + dy * columns + dx)
-        length.append(np.full(len(here), LENGTHS[k] * places.spacing))
+        target.append(there)
+        length.append(LENGTHS[k] * places.spacing * 0.5 * (each[here, h] + each[there, h]))
     graph = coo_array(
         (np.concatenate(length), (np.concatenate(source), np.concatenate(target))),
         (rows * columns,) * 2,
@@ -67,6 +79,20 @@ def test_equals_dijkstra(seed: int) -> None:
         # Where no way leads to there may be a distance too: as the lattice is linked.
         linked = (places.links > 0) & ~known
         assert (field[linked] > 0.0).all()
+
+
+@pytest.mark.parametrize("headings", [1, 6, 16])
+def test_the_cheapest_way_is_dijkstras(headings: int) -> None:
+    places = places_in(cluttered(2))
+    rng = np.random.default_rng(headings)
+    # Prices as rough as they can be, up to the highest that there is.
+    shape = (*places.room.shape, headings)
+    prices = (1.0 + 100.0 * rng.uniform(size=shape) ** 4).astype(np.float32)
+    for cell in places.standing[:: len(places.standing) // 3]:
+        field = from_cell(places, int(cell), prices)
+        wanted = slow(places, int(cell), prices)
+        known = np.isfinite(wanted)
+        np.testing.assert_allclose(field[known], wanted[known], rtol=1e-5)
 
 
 def test_straight_in_an_empty_room() -> None:
