@@ -1,9 +1,9 @@
 """Train the policies that ambinav ships, put each with its card into the package, and report.
 
-Both are trained by `ambinav train configs/ppo.yaml`, with the rewards `shortest` and `ambiguity`
-and nothing else different. A training that is in its folder already is not run again. The report
-says how long the trainings took and how arrival rose; the picture of one of them goes to
-docs/images.
+Both are trained by `ambinav train configs/ppo.yaml`: `ppo-ambiguity` as that is, `ppo-shortest`
+with the reward `shortest` and the shortest way to go by (`way_weight: 0`), and nothing else different. A
+training that is in its folder already is not run again. The report says how long the trainings took
+and how arrival rose; the picture of one of them goes to docs/images.
 """
 
 from __future__ import annotations
@@ -35,8 +35,11 @@ CONFIG = ROOT / "configs" / "ppo.yaml"
 OUT = ROOT / "benchmarks" / "results" / "baselines.md"
 PICTURE = ROOT / "docs" / "images" / "training-curve.png"
 PICTURED = "ppo-ambiguity"
-POLICIES = {"ppo-shortest": "shortest", "ppo-ambiguity": "ambiguity"}
-"""Reward by name of the policy."""
+POLICIES: dict[str, dict[str, Any]] = {
+    "ppo-shortest": {"reward": "shortest", "way_weight": 0},
+    "ppo-ambiguity": {},
+}
+"""Arguments of the environment that are not the configuration's."""
 LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 BUILDINGS, EPISODES, SEED = 100, 1000, 1
 SHOWN = ("arrived", "missed", "collided", "lost", "error", "length", "exposure")
@@ -45,13 +48,14 @@ WANTED = 0.9
 """Share of the judged episodes that is to arrive."""
 
 
-def train(reward: str, folder: Path, threads: int) -> Path:
-    """Train with a reward, or go on with it; returns the run's folder."""
-    run = folder / reward
+def train(name: str, folder: Path, threads: int) -> Path:
+    """Train a policy, or go on with it; returns the run's folder."""
+    run = folder / name
     if not (run / files.FINAL).is_file():
         told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-        told["environment"]["reward"], told["threads"] = reward, threads
-        config = folder / f"{reward}.yaml"
+        told["environment"].update(POLICIES[name])
+        told["threads"] = threads
+        config = folder / f"{name}.yaml"
         config.write_text(yaml.safe_dump(told, sort_keys=False), encoding="utf-8")
         words = ["train", str(config), "-o", str(run)]
         words += ["--resume"] if (run / files.CONFIG).is_file() else []
@@ -80,14 +84,17 @@ def judged(name: str) -> str:
 def card_text(name: str, card: Card, told: Mapping[str, Any], figures: str) -> str:
     """What a policy is, what it does, and what that does not show."""
     versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
-    trained = ", ".join(f"{key} {value}" for key, value in told["environment"].items())
+    environment = told["environment"]
+    trained = ", ".join(f"{key} {value}" for key, value in environment.items())
+    weight = environment["way_weight"]
+    way = f"way on which a metre counts 1 + {weight:g} * ambiguity" if weight else "shortest way"
     return f"""# {name}
 
-{card.algorithm} with the reward `{POLICIES[name]}`, {card.steps:,} steps, seed {card.seed}.
+{card.algorithm} with the reward `{environment["reward"]}`, {card.steps:,} steps, seed {card.seed}.
 Trained in:
 {trained}.
 
-`ambinav train configs/ppo.yaml` with this reward; again: `python benchmarks/make_baselines.py`.
+`ambinav train configs/ppo.yaml` with these arguments; again: `python benchmarks/make_baselines.py`.
 Network {told["policy"]["net_arch"]} after one layer of convolutions over scan and window.
 {versions}.
 
@@ -102,8 +109,8 @@ and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/basel
 
 - One training with one seed. What the ambiguity reward does, over several seeds:
   benchmarks/results/ablation.md.
-- It sees a way point 1.5 m ahead on the shortest way from where it believes to be: it does not
-  find the way by itself, it drives it.
+- It sees a way point 1.5 m ahead on the {way},
+  from where it believes to be: it does not find the way by itself, it drives it.
 - Its laser has 60 beams of 4 m all around, its robot a radius of 0.22 m. Another scanner or robot
   is another task: train anew.
 """
@@ -154,14 +161,13 @@ def main() -> None:
     if args.report_only is None:
         args.folder.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(args.jobs) as pool:
-            runs = pool.map(
-                lambda reward: train(reward, args.folder, args.threads), POLICIES.values()
-            )
+            runs = pool.map(lambda name: train(name, args.folder, args.threads), POLICIES)
             made = dict(zip(POLICIES, list(runs), strict=True))
     else:
-        made = {name: args.report_only / reward for name, reward in POLICIES.items()}
+        made = {name: args.report_only / name for name in POLICIES}
     parts = [
-        "Both by `ambinav train configs/ppo.yaml` with another reward each, one seed. Judged while "
+        "Both by `ambinav train configs/ppo.yaml`, with another reward and another way to go by "
+        "each, one seed. Judged while "
         "they train: 200 episodes, always the same, in 100 procedural buildings that they never "
         "train in, boxes and odometry as in training."
     ]
