@@ -1,9 +1,9 @@
 """Train the policies that ambinav ships, put each with its card into the package, and report.
 
 Both are trained by `ambinav train configs/ppo.yaml`: `ppo-ambiguity` as that is, `ppo-shortest`
-with the reward `shortest` and the shortest way to go by (`way_weight: 0`), and nothing else different. A
-training that is in its folder already is not run again. The report says how long the trainings took
-and how arrival rose; the picture of one of them goes to docs/images.
+with the reward `shortest` and the shortest way to go by (`way_weight: 0`), and nothing else
+different. A training that is in its folder already is not run again. The report says how long the
+trainings took and how arrival rose; the picture of one of them goes to docs/images.
 """
 
 from __future__ import annotations
