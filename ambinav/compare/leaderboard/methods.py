@@ -9,8 +9,13 @@ from typing import Any, Final
 
 from ambinav.compare.leaderboard.follow import Followers, as_actions
 from ambinav.compare.leaderboard.routes import PlannerChoice, Routes
-from ambinav.compare.leaderboard.waypoint import AHEAD, SEES, WaypointFollower
-from ambinav.compare.leaderboard.waypoint import NAME as WAYPOINT
+from ambinav.compare.leaderboard.waypoint import (
+    AHEAD,
+    SEES,
+    WEIGHTS,
+    WaypointFollower,
+    follower_name,
+)
 from ambinav.drive.course import Course
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.errors import InputError
@@ -111,6 +116,16 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
     )  # fmt: skip
 
 
+def follower_method(way_weight: float) -> Method:
+    """Who drives from waypoint to waypoint."""
+    way = f"cheapest way at weight {way_weight:g}" if way_weight else "shortest way"
+    name = follower_name(way_weight)
+    return Method(
+        name, "policy", f"drives at the place {AHEAD:g} m ahead on the {way}", {"name": name},
+        {**SEES, **STEERS, "way_weight": way_weight},
+    )  # fmt: skip
+
+
 def planner_methods(asked: Sequence[str]) -> list[Method]:
     """The planners that are named NAME or NAME:WEIGHT; the shortest ways are always among them.
 
@@ -169,8 +184,7 @@ def all_methods(
         InputError: one is unknown, or two have the same name.
     """
     methods = [
-        Method(WAYPOINT, "policy", f"drives at the place {AHEAD:g} m ahead on the shortest way",
-               {"name": WAYPOINT}, {**SEES, **STEERS}),
+        *(follower_method(weight) for weight in WEIGHTS),
         *planner_methods(planners),
         *(policy_method(name, shipped=True) for name in baselines() if name not in policies),
         *(policy_method(name, folder) for name in dict.fromkeys(policies)),

@@ -1,4 +1,4 @@
-"""The simplest driver: straight at a place ahead on the shortest way."""
+"""The simplest driver: straight at a place ahead on the way."""
 
 from __future__ import annotations
 
@@ -15,8 +15,15 @@ NAME = "waypoint follower"
 # Metres ahead; farther on it cuts corners.
 AHEAD = 0.5
 SEES = {"waypoint": True, "waypoint_distance": AHEAD}
+WEIGHTS = (0.0, 3.0)
+"""Of the ways by which followers take part: the shortest, and that of the shipped policy."""
 # Above this bearing, radians, it turns on the spot.
 SIDEWAYS = 0.785
+
+
+def follower_name(way_weight: float) -> str:
+    """What the follower of a way is called."""
+    return f"{NAME} {way_weight:g}" if way_weight else NAME
 
 
 class WaypointFollower(Policy):
@@ -26,11 +33,13 @@ class WaypointFollower(Policy):
     trusts both.
 
     Args:
-        parameters: Of the environment; the robot's limits and the lowest speed are taken.
+        parameters: Of the environment; the robot's limits, the lowest speed and the weight of the
+            way are taken.
     """
 
     def __init__(self, parameters: NavigationParameters) -> None:
-        super().__init__(NAME, dict(SEES))
+        weight = parameters.way_weight
+        super().__init__(follower_name(weight), {**SEES, "way_weight": weight})
         self._robot, self._min_speed = parameters.robot, parameters.min_speed
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:

@@ -13,7 +13,8 @@ from ambinav_envs.buildings.tasks import Task, draw_places, draw_task, spread_fr
 
 FEWEST, MOST = 32, 256
 """How many a building has."""
-# Bytes that the ways to all goals of a building may take, but for the fewest.
+# Bytes that the shortest ways to all goals of a building may take, but for the fewest; other ways
+# take as much again.
 _MEMORY = 2_000_000
 # How many of them are tried before a goal is drawn from anywhere.
 _TRIES = 8
