@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambinav.ambiguity.layers.aliasing import look_alikes
+from ambinav.ambiguity.layers.aliasing import LookAlikes, look_alikes, squares
+from ambinav.ambiguity.layers.aliasing_settle import settle
 from ambinav.ambiguity.layers.ground import Ground
+from ambinav.audit.following import follow
 from ambinav.audit.links import Link, find_links
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -24,7 +26,11 @@ SPACING = 0.25
 power, and what lies between is found by the offset within a cell."""
 MOST_POSES = 6000
 """Poses up to which look-alikes are sought without being asked for: about half a minute."""
-COUNT = 6
+WIDEST = 4
+"""With more poses, look-alikes are sought from about `MOST_POSES` of them and followed from there:
+from one in so many squares (`aliasing.squares`) in each direction at the least, half a metre in
+two, so that rooms are not left out."""
+COUNT = 20
 """Look-alikes that each pose may be linked with."""
 
 
@@ -36,8 +42,10 @@ class Alikes:
         poses: Poses of the lattice they were or would have been sought on.
         spacing: Of that lattice, metres.
         sought: Whether they were sought.
-        share: Mean of `aliasing` over the floor; NaN if they were not sought.
-        area: Square metres of floor from which a scan more probably places the robot elsewhere.
+        share: Mean of `aliasing` over the floor, or over the poses that were sought from; NaN if
+            they were not sought.
+        area: Square metres of floor from which a scan more probably places the robot elsewhere,
+            as told by the same poses.
         links: The strongest first.
     """
 
@@ -77,22 +85,49 @@ def find_alikes(
     poses = len(ground.points[0]) * (1 if ground.scanner.looks_all_around else len(ground.headings))
     if not (poses <= MOST_POSES if wanted is None else wanted):
         return Alikes(poses, spacing, False)
-    found = look_alikes(ground, count=COUNT, place=own_places(amap, *ground.points), report=report)
-    share = found.share.mean(axis=1)
+    found, sought = seek(amap, ground, report)
+    share = found.share[sought].mean(axis=1)
     return Alikes(
         poses,
         spacing,
         True,
         float(share.mean()),
-        float((share >= 0.5).sum()) * spacing**2,
+        float((share >= 0.5).mean()) * len(sought) * spacing**2,
         find_links(ground, found, letters),
     )
+
+
+def seek(
+    amap: AmbiguityMap, ground: Ground, report: Callable[[float], None] | None = None
+) -> tuple[LookAlikes, NDArray[np.bool_]]:
+    """Look-alikes for links, up to `COUNT` of each pose, and the cells that were sought from.
+
+    Those that the search finds are scanned where they are (`settle`), and what their arrangement
+    leads to expect of neighbours is scanned too (`follow`). Those in the pose's own corridor or
+    hall are left out.
+
+    Args:
+        amap: The map.
+        ground: Its ground, or one with a wider lattice.
+        report: Called with the share done.
+    """
+    place = own_places(amap, *ground.points)
+    row, column = squares(*ground.points, ground.spacing)
+    every = min(math.ceil(math.sqrt(len(place) / MOST_POSES)), WIDEST)
+    sought = (row % every == 0) & (column % every == 0)
+    found = look_alikes(ground, count=COUNT, place=place, sought=sought, report=report)
+    alike = follow(ground, settle(ground, found.found))
+    # What was followed may have come into the pose's own place.
+    at = np.nan_to_num(alike[..., :2])
+    there = own_places(amap, at[..., 0], at[..., 1])
+    alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
+    return dataclasses.replace(found, found=alike), sought
 
 
 def own_places(
     amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.int32]:
-    """Number of the corridor or hall that each point lies in, 0 for none; int32, shape (N,)."""
+    """Number of the corridor or hall that each point lies in, 0 for none; int32, as x and y."""
     zone = amap.floor("zone", "mean").values
     labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
     grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values

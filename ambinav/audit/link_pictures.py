@@ -6,20 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
-from matplotlib.patches import FancyArrowPatch
+from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.patches import FancyArrowPatch, Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.audit.links import Link
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import draw_image, finish, floor_axes
+from ambinav.maps.drawing import is_tall
+from ambinav.maps.plot import draw_image, finish, floor_axes, view
 from ambinav.maps.zones import OUTSIDE_COLOUR
 
 # Okabe and Ito: told apart by the colour-blind too; each pair also has a letter.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 FLOOR = "#FFFFFF"
+DARK, PALE = 0.6, 0.25
+"""Share of the colour in a place, and in what it looks like."""
 
 
 def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axes:
@@ -36,13 +39,26 @@ def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axe
     )
     letters = list(dict.fromkeys(link.letter for link in links))
     colour = {letter: COLOURS[i % len(COLOURS)] for i, letter in enumerate(letters)}
-    # The first are the largest: they are painted last. Regions that are looked like are paler.
-    for letter in reversed(letters):
+    handles = []
+    # Large places first: of these enough is left to be seen.
+    for letter in letters:
         own = [link for link in links if link.letter == letter]
-        _paint(picture, amap, np.concatenate([o.images for o in own]), spacing, colour[letter], 0.3)
-        _paint(picture, amap, own[0].cells, spacing, colour[letter], 0.55)
+        everywhere = np.concatenate([part for link in own for part in (link.cells, link.images)])
+        _paint(picture, amap, everywhere, spacing, _mixed(colour[letter], PALE))
+        _paint(picture, amap, _around(own, spacing), spacing, _mixed(colour[letter], DARK))
+        label = f"{letter} and {len(own)} look-alike{'s' if len(own) > 1 else ''}"
+        handles.append(Patch(facecolor=_mixed(colour[letter], DARK), label=label))
     draw_image(axes, amap, picture)
     finish(axes, amap, "Places that look alike")
+    tall = is_tall(view(amap))
+    axes.legend(
+        handles=handles,
+        frameon=False,
+        fontsize=11,
+        loc="upper left" if tall else "upper right",
+        bbox_to_anchor=(1.01, 1.0) if tall else (1.0, -0.01),
+        ncol=1 if tall else min(len(handles), 3),
+    )
     for link in reversed(links):
         axes.add_patch(
             FancyArrowPatch(
@@ -61,6 +77,26 @@ def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axe
         for point in ((link.x, link.y), (link.other_x, link.other_y)):
             _mark(axes, link.letter, point, colour[link.letter])
     return axes
+
+
+def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
+    """A colour on white."""
+    red, green, blue = (1.0 - strength * (1.0 - part) for part in to_rgb(colour))
+    return red, green, blue
+
+
+def _around(links: Sequence[Link], spacing: float) -> NDArray[np.float64]:
+    """The points of the first link's region that stand for it.
+
+    Where a building is turned or moved onto itself, the region is all of it and so are its
+    look-alikes: of these points, those nearer to the start than to any other end of the links.
+    """
+    first = links[0]
+    ends = [first.ends[0], *(link.ends[1] for link in links)]
+    images = np.concatenate([link.images for link in links])
+    both = cKDTree(images).query(first.cells)[0] <= spacing
+    own = cKDTree(ends).query(first.cells)[1] == 0
+    return np.asarray(first.cells[~both | own])
 
 
 def _mark(axes: Axes, letter: str, point: tuple[float, float], colour: str) -> None:
@@ -87,13 +123,12 @@ def _paint(
     amap: AmbiguityMap,
     points: NDArray[np.float64],
     spacing: float,
-    colour: str,
-    strength: float,
+    colour: tuple[float, float, float],
 ) -> None:
-    """Colour the free cells of the map that a square around one of the points holds."""
+    """Colour the free cells around the points, which a lattice has or a turned one."""
     rows, columns = np.nonzero(amap.dataset["free"].values)
     cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
-    near, _ = cKDTree(points).query(cells, p=np.inf)
-    # Look-alikes lie off the lattice, and up to a tenth farther apart than its points.
-    held = near <= 0.6 * spacing
-    picture[rows[held], columns[held]] = (1 - strength) + strength * np.array(to_rgba(colour))
+    near, _ = cKDTree(points).query(cells)
+    # Half the diagonal of a lattice's cell, and a little for look-alikes that lie farther apart.
+    held = near <= 0.75 * spacing
+    picture[rows[held], columns[held], :3] = colour

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,18 +11,21 @@ from scipy.spatial import cKDTree
 
 from ambinav.ambiguity.layers.aliasing import LookAlikes
 from ambinav.ambiguity.layers.ground import Ground
+from ambinav.audit.arrangement import Cells, join
+from ambinav.audit.following import LEAST_LIKENESS
 
 Floats = NDArray[np.float64]
 
-LEAST_LIKENESS = 0.3
-"""Likeness from which two poses are linked."""
 LEAST_DISTANCE = 1.5
 """Metres from which two poses are linked: nearer ones the map itself tells of. Links of one letter
 end at least so far apart."""
 LEAST_AREA = 0.5
 """Square metres of a region that is worth a link."""
-SAME_TURN = 0.2
-"""Radians by which the turns of neighbours may differ."""
+LEAST_CELLS = 4
+"""Cells of one on a coarse lattice: fewer may be alike by chance."""
+LEAST_SHARE = 0.1
+"""Share of the largest region from which one gets a letter, and of a letter's first from which
+others are linked with it: less is what is left over from large ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +57,23 @@ class Link:
     images: Floats
 
     @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The two points."""
+        return (self.x, self.y), (self.other_x, self.other_y)
+
+    @property
     def distance(self) -> float:
         """Metres between the two points."""
-        return math.hypot(self.other_x - self.x, self.other_y - self.y)
+        return math.dist(*self.ends)
 
 
 def find_links(ground: Ground, found: LookAlikes, letters: int) -> tuple[Link, ...]:
     """Join neighbouring poses whose look-alikes are neighbours in the same arrangement.
 
-    If p looks like q, turned by t, then a step s from p leads to a look-alike a step s, turned by
-    t, from q. Cells are joined along lattice steps while that holds within half a spacing and
-    `SAME_TURN`. The largest region, by likeness times area, gets the first letter, and with
-    it all regions that one point of it looks like; then the largest among the rest of the floor.
+    Cells are joined along lattice steps while their look-alikes are where `stepped` expects them.
+    The largest region, by likeness times area, gets the first letter, and with it all regions that
+    one point of it looks like; then the largest among the rest of the floor, without what looks
+    like one of these.
 
     Args:
         ground: Where the poses are.
@@ -77,90 +84,72 @@ def find_links(ground: Ground, found: LookAlikes, letters: int) -> tuple[Link, .
     x, y = ground.points
     apart = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
     # NaN is no look-alike, and compares as False.
-    open_ = (entries[..., 3] >= LEAST_LIKENESS) & (apart >= LEAST_DISTANCE)
-    region_of = np.full(open_.shape, -1)
-    regions: list[tuple[list[int], list[int]]] = []
-    order = np.argsort(-np.where(open_, entries[..., 3], -1.0), axis=None, kind="stable")
-    for flat in order[: int(open_.sum())].tolist():
-        cell, entry = divmod(flat, entries.shape[1])
-        if open_[cell, entry]:
-            grown = _grow(ground, entries, open_, cell, entry)
-            region_of[grown] = len(regions)
-            regions.append(grown)
-    weight = np.array([entries[grown][:, 3].sum() for grown in regions])
+    linked = (entries[..., 3] >= LEAST_LIKENESS) & (apart >= LEAST_DISTANCE)
+    least = max(LEAST_CELLS, math.ceil(LEAST_AREA / ground.spacing**2))
+    regions = join(ground, entries, linked, least)
+    weight = np.array([entries[region][:, 3].sum() for region in regions])
+    region_of = np.full(linked.shape, -1)
+    for r, region in enumerate(regions):
+        region_of[region] = r
     points = cKDTree(np.column_stack([x, y]))
+    looks_like = [points.query(entries[region][:, :2])[1] for region in regions]
+    large = weight >= LEAST_SHARE * weight.max(initial=0.0)
     links: list[Link] = []
     shown = np.zeros(len(x), dtype=np.bool_)
-    least = max(1, math.ceil(LEAST_AREA / ground.spacing**2))
     letter = 0
     for i in np.argsort(-weight, kind="stable").tolist():
         cells = regions[i][0]
-        if letter == letters or len(cells) < least:
+        if letter == letters or not large[i]:
             break
         if shown[cells].mean() > 0.5:
             continue
-        start = _start(x, y, apart, regions[i])
-        own = {r for r in region_of[start].tolist() if r >= 0 and len(regions[r][0]) >= least}
+        notable = (region_of >= 0) & (weight[region_of] >= LEAST_SHARE * weight[i])
+        start = _start(x, y, notable.sum(axis=1), apart, regions[i])
+        at = float(x[start]), float(y[start])
+        if any(math.dist(at, end) < LEAST_DISTANCE for link in links for end in link.ends):
+            continue
+        own = {int(region_of[start, c]): c for c in np.flatnonzero(notable[start])}
+        # What an earlier letter tells of is not told again.
+        own = {r: c for r, c in own.items() if shown[regions[r][0]].mean() <= 0.5}
         places: list[tuple[float, float]] = []
         for r in sorted(own, key=lambda r: (r != i, -weight[r])):
-            there = entries[start, int(np.flatnonzero(region_of[start] == r)[0])]
-            link = _link(ground, chr(ord("A") + letter), start, there, entries[regions[r]],
-                         regions[r][0])  # fmt: skip
+            link = _link(ground, chr(ord("A") + letter), start, entries[start, own[r]],
+                         entries[regions[r]], regions[r][0])  # fmt: skip
             # Where a region looks like itself along a wall, one link stands for its neighbours.
             place = link.other_x, link.other_y
             if all(math.dist(place, other) >= LEAST_DISTANCE for other in places):
                 places.append(place)
                 links.append(link)
             shown[regions[r][0]] = True
-            shown[points.query(link.images)[1]] = True
+            shown[looks_like[r]] = True
+        _spread(shown, [(region[0], looks_like[r]) for r, region in enumerate(regions) if large[r]])
         letter += 1
     return tuple(links)
 
 
-def _grow(
-    ground: Ground, entries: Floats, open_: NDArray[np.bool_], cell: int, entry: int
-) -> tuple[list[int], list[int]]:
-    """Cells joined to one of them, and which of their look-alikes; these are closed in `open_`."""
-    index, places = ground.lattice.index, ground.lattice.rows_columns
-    cells, chosen, todo = [cell], [entry], deque([(cell, entry)])
-    open_[cell, entry] = False
-    members = {cell}
-    while todo:
-        cell, entry = todo.popleft()
-        row, column = places[cell]
-        qx, qy, turn, _ = entries[cell, entry]
-        for dx, dy in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-            to_row, to_column = row + dy, column + dx
-            if not (0 <= to_row < index.shape[0] and 0 <= to_column < index.shape[1]):
-                continue
-            to = int(index[to_row, to_column])
-            if to < 0 or to in members or not open_[to].any():
-                continue
-            sx = ground.spacing * (dx * math.cos(turn) - dy * math.sin(turn))
-            sy = ground.spacing * (dx * math.sin(turn) + dy * math.cos(turn))
-            off = np.hypot(entries[to, :, 0] - qx - sx, entries[to, :, 1] - qy - sy)
-            bend = np.abs(np.angle(np.exp(1j * (entries[to, :, 2] - turn))))
-            fits = open_[to] & (off <= 0.5 * ground.spacing) & (bend <= SAME_TURN)
-            if fits.any():
-                best = int(np.argmin(np.where(fits, off, np.inf)))
-                open_[to, best] = False
-                members.add(to)
-                cells.append(to)
-                chosen.append(best)
-                todo.append((to, best))
-    return cells, chosen
+def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
+    """What looks like a region that is shown, by half of its cells, is shown with it."""
+    before = -1
+    while shown.sum() > before:
+        before = shown.sum()
+        for cells, looks_like in regions:
+            if shown[cells].mean() > 0.5:
+                shown[looks_like] = True
 
 
-def _start(x: Floats, y: Floats, apart: Floats, region: tuple[list[int], list[int]]) -> int:
-    """The cell in the middle of those of a region that are farthest from their look-alikes."""
-    cells = np.array(region[0])
-    distance = apart[region]
+def _start(
+    x: Floats, y: Floats, many: NDArray[np.intp], apart: Floats, region: tuple[Cells, Cells]
+) -> int:
+    """A region's cell to link: of those in most regions the middle of the farthest linked."""
+    cells, distance = region[0], apart[region]
+    rich = many[cells] == many[cells].max()
+    cells, distance = cells[rich], distance[rich]
     far = cells[distance >= 0.9 * distance.max()]
     return int(far[np.hypot(x[far] - x[far].mean(), y[far] - y[far].mean()).argmin()])
 
 
 def _link(
-    ground: Ground, letter: str, start: int, there: Floats, alike: Floats, cells: list[int]
+    ground: Ground, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
 ) -> Link:
     """Describe the region of `cells`, whose look-alikes are `alike`, at the cell `start`."""
     x, y = ground.points

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
 
 STACK = 128
+# So many rays are parted at a corner one by one.
+_FEW, _ONE = np.uint64(16), np.uint64(1)
+# Edges are beyond a reach that are so much farther, metres.
+ROUNDING = 1e-6
+# Gaps between rays that differ by less, in radians, are equally wide.
+EQUAL = 1e-9
 # Fewer are not worth waking a thread for.
 LEAST_RAYS = 2048
 
@@ -70,12 +76,15 @@ def scan_rays(
 def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
     """Order of the rays, counter-clockwise from the widest gap on.
 
-    So no two neighbours in the list are half a turn apart, unless nothing lies between them.
+    So no two neighbours in the list are half a turn apart, unless nothing lies between them. Of
+    gaps that are equally wide it is one that keeps rays in their order, if there is one.
     """
     turned = np.mod(angles, 2 * math.pi)
     order = np.argsort(turned, kind="stable")
     gaps = np.diff(turned[order], append=turned[order[0]] + 2 * math.pi)
-    return np.roll(order, -1 - int(gaps.argmax()))
+    widest = np.flatnonzero(gaps > gaps.max() - EQUAL)
+    after = (widest + 1) % len(order)
+    return np.roll(order, -after[order[after].argmin()])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -109,40 +118,68 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, distance, hit):
+def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, distance, hit):
     """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t.
+
+    A ray that meets nothing within `reach` gets either what it meets beyond, or inf and -1.
 
     The walk writes the edge of the first ray of each piece alone. Loops over all rays then spread
     it and work out the distances: pieces are short, and many short loops take longer.
     """
     edges, lows, highs = stack
     depth = first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, hit)
+    none = border.shape[0]
+    enough = reach + ROUNDING
     while depth > 0:
         depth -= 1
-        h, low, high = edges[depth], lows[depth], highs[depth]
-        while h >= 0 and high - low > 1:
+        # Without a sign, numba need not ask at each access whether an index counts from the end.
+        h, low, last = edges[depth], np.uint64(lows[depth]), np.uint64(highs[depth]) - _ONE
+        # How far the ends of half-edge h are along the first ray: no point of the edge is nearer
+        # than the less of the two. In drawn buildings a third of all steps lead beyond 4 m.
+        vx, vy = ux[low], uy[low]
+        left_end = right_end = 0.0
+        if h >= 0:
+            after = h + 1 if h % 3 < 2 else h - 2
+            left_end = (corner[h, 0] - px) * vx + (corner[h, 1] - py) * vy
+            right_end = (corner[after, 0] - px) * vx + (corner[after, 1] - py) * vy
+        while h >= 0 and low < last:
             qx, qy = node[h, 0] - px, node[h, 1] - py
-            if ux[low] * qy - uy[low] * qx <= 0:
+            end = vx * qx + vy * qy
+            if vx * qy - vy * qx <= 0:
                 h = hops[h, LEFT]
-            elif ux[high - 1] * qy - uy[high - 1] * qx > 0:
+                right_end = end
+            elif ux[last] * qy - uy[last] * qx > 0:
                 h = hops[h, RIGHT]
+                left_end = end
             else:
-                right, left = low, high - 1
-                while left - right > 1:
-                    middle = (left + right) >> 1
+                right, left = low, last
+                while left - right > _FEW:
+                    middle = (left + right) >> _ONE
                     if ux[middle] * qy - uy[middle] * qx > 0:
                         right = middle
                     else:
                         left = middle
-                edges[depth], lows[depth], highs[depth] = hops[h, LEFT], left, high
+                # All of a few are looked at: which half to take is guessed wrong every other time.
+                passed = 0
+                for i in range(right + _ONE, left):
+                    passed += ux[i] * qy - uy[i] * qx > 0
+                right += np.uint64(passed)
+                edges[depth], lows[depth], highs[depth] = hops[h, LEFT], right + _ONE, last + _ONE
                 depth += 1
                 h = hops[h, RIGHT]
-                high = left
-        if h >= 0:
-            vx, vy = ux[low], uy[low]
-            while h >= 0:
-                side = vx * (node[h, 1] - py) - vy * (node[h, 0] - px)
-                h = hops[h, RIGHT] if side > 0 else hops[h, LEFT]
+                left_end = end
+                last = right
+            if min(left_end, right_end) > enough:
+                h = -1 - none
+        while h >= 0:
+            qx, qy = node[h, 0] - px, node[h, 1] - py
+            end = vx * qx + vy * qy
+            onto_right = vx * qy - vy * qx > 0
+            h = hops[h, RIGHT] if onto_right else hops[h, LEFT]
+            left_end = end if onto_right else left_end
+            right_end = right_end if onto_right else end
+            if min(left_end, right_end) > enough:
+                h = -1 - none
         hit[low] = -1 - h
     k = hit[0]
     for i in range(n):
@@ -150,15 +187,18 @@ def cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, dist
         hit[i] = k
     parallel = False
     for i in range(n):
-        k = hit[i]
+        seen = hit[i] < none
+        k = np.uint64(hit[i] if seen else 0)
         ax, ay = border[k, 0] - px, border[k, 1] - py
         ex, ey = border[k, 2] - border[k, 0], border[k, 3] - border[k, 1]
         cross = ux[i] * ey - uy[i] * ex
         parallel |= not abs(cross) > PARALLEL * (abs(ex) + abs(ey))
-        distance[i] = (ax * ey - ay * ex) / cross
+        distance[i] = (ax * ey - ay * ex) / cross if seen else math.inf
+        hit[i] = hit[i] if seen else -1
     if parallel:
         for i in range(n):
-            distance[i] = border_distance(px, py, ux[i], uy[i], border, hit[i])
+            if hit[i] >= 0:
+                distance[i] = border_distance(px, py, ux[i], uy[i], border, hit[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -191,7 +231,7 @@ def _fans(
         for i in range(n):
             ux[i] = co * bx[i] - si * by[i]
             uy[i] = si * bx[i] + co * by[i]
-        cast_fan(px, py, ux, uy, n, t, corner, twin, node, hops, border, stack, d, hit)
+        cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, d, hit)
         for i in range(n):
             c = column[i]
             if d[i] <= reach:

@@ -29,6 +29,9 @@ class CastTables(NamedTuple):
         limit: Farthest distance that returns an echo, shape (R,), metres.
         incidence: Largest angle to the normal that returns an echo, shape (R,), radians.
         start: x and y of each ray, shape (R, 2), metres, robot frame.
+        reach: The largest of each group's limits, shape (G,), metres.
+        plain: Whether ray b is the only one of beam b, for all b, and returns an echo at any
+            angle, shape (1,): a laser, which can do without much of what sonars need.
         border_segment: See `Environment`.
         border: `Environment.border_lines`.
         normal: Unit normals of the border edges, shape (K, 2), into the free space.
@@ -44,6 +47,8 @@ class CastTables(NamedTuple):
     limit: NDArray[np.float64]
     incidence: NDArray[np.float64]
     start: NDArray[np.float64]
+    reach: NDArray[np.float64]
+    plain: NDArray[np.bool_]
     border_segment: NDArray[np.int32]
     border: NDArray[np.float64]
     normal: NDArray[np.float64]
@@ -74,15 +79,20 @@ def cast_tables(
     parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
     order = np.concatenate([part[counter_clockwise(rays.angle[part])] for part in parts])
     mesh = environment.triangulation
+    limit, incidence = rays.max_range[order].astype(np.float64), rays.max_incidence[order]
+    first, beam = np.cumsum([0, *map(len, parts)]), number[owner[order]]
+    plain = np.array_equal(beam, np.arange(len(beams))) and np.isinf(incidence).all()
     return CastTables(
         np.ascontiguousarray(origin),
-        np.cumsum([0, *map(len, parts)]),
+        first,
         np.cos(rays.angle[order]),
         np.sin(rays.angle[order]),
-        number[owner[order]],
-        rays.max_range[order].astype(np.float64),
-        rays.max_incidence[order].astype(np.float64),
+        beam,
+        limit,
+        incidence.astype(np.float64),
         np.ascontiguousarray(rays.origin[order]),
+        np.maximum.reduceat(limit, first[:-1]),
+        np.array([plain]),
         environment.border_segment,
         environment.border_lines,
         edge_normals(environment.border_lines),
@@ -137,7 +147,8 @@ def cast_rays(x, y, theta, tables, work):
     """The first half of `expected_ranges`: where each ray meets the border, echo or none.
 
     Written to `work`: directions, shape (R,) each; distances, shape (R,), metres, nan where the
-    ray starts outside of the free space; border edges, int32, shape (R,).
+    ray starts outside of the free space; border edges, int32, shape (R,). A ray that meets nothing
+    within its limit has some distance beyond.
     """
     ux, uy, distance, hit, stack = work
     co, si = math.cos(theta), math.sin(theta)
@@ -149,15 +160,17 @@ def cast_rays(x, y, theta, tables, work):
             px, py, tables.grid_x, tables.grid_y, tables.cell, tables.rows, tables.columns,
             tables.grid_start, tables.item, tables.triangle,
         )  # fmt: skip
-        for j in range(low, high):
-            ux[j] = co * tables.cosine[j] - si * tables.sine[j]
-            uy[j] = si * tables.cosine[j] + co * tables.sine[j]
+        # Indices from 0 on: of others numba asks whether they count from the end.
+        vx, vy, bx, by = ux[low:high], uy[low:high], tables.cosine[low:high], tables.sine[low:high]
+        for j in range(bx.size):
+            vx[j] = co * bx[j] - si * by[j]
+            vy[j] = si * bx[j] + co * by[j]
         if t < 0:
             distance[low:high] = math.nan
             hit[low:high] = -1
             continue
         cast_fan(
-            px, py, ux[low:high], uy[low:high], high - low, t, tables.corner, tables.twin,
+            px, py, vx, vy, high - low, t, tables.reach[g], tables.corner, tables.twin,
             tables.node, tables.hops, tables.border, stack, distance[low:high], hit[low:high],
         )  # fmt: skip
 
@@ -170,6 +183,16 @@ def nearest_echoes(tables, work, ranges, ray, edge):
     angle.
     """
     ux, uy, distance, hit, _ = work
+    if tables.plain[0]:
+        # Whole loops without a branch: an echo or none is guessed wrong every other time. Two of
+        # them: each has so few arrays that the compiler takes several beams at a time.
+        for b in range(ranges.size):
+            ranges[b] = math.inf if distance[b] > tables.limit[b] else distance[b]
+        for b in range(ranges.size):
+            echo = ranges[b] < math.inf
+            ray[b] = b if echo else -1
+            edge[b] = hit[b] if echo else -1
+        return
     border = tables.border
     ranges[:] = math.inf
     ray[:] = -1

@@ -310,27 +310,10 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
         if step == 0 or recast:
             expected_ranges(ax, ay, at, cast, work, ranges, ray, edge)
             count = _take_in(at, reading, cast, noise, ranges, ray, edge, chosen, beam)
-        else:
-            _on_lines(ax, ay, at, beam, count)
-        bx, by, bt = ax - x, ay - y, wrapped(at - t)
-        # Sums in variables of their own stay in registers, those in arrays do not.
-        txx = tyy = ttt = txy = txt = tyt = px = py = pt = 0.0
-        used = 0
-        for m in range(count):
-            off = beam[_READ, m] - beam[_LINE, m]
-            gx, gy, gt = beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m]
-            expected = gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
-            expected += beam[_VARIANCE, m] + gt * gt * tt
-            if off * off > gate * gate * expected:
-                continue
-            used += 1
-            # The residual that the prior would have were the range linear from here on.
-            off += gx * bx + gy * by + gt * bt
-            weight = beam[_WEIGHT, m]
-            wx, wy, wt = gx * weight, gy * weight, gt * weight
-            px, py, pt = px + wx * off, py + wy * off, pt + wt * off
-            txx, txy, txt = txx + wx * gx, txy + wx * gy, txt + wx * gt
-            tyy, tyt, ttt = tyy + wy * gy, tyt + wy * gt, ttt + wt * gt
+        used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
+            ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
+            step == 0 or recast, beam, count,
+        )  # fmt: skip
         told[0, 0], told[1, 1], told[2, 2] = txx, tyy, ttt
         told[0, 1], told[0, 2], told[1, 2] = txy, txt, tyt
         told[1, 0], told[2, 0], told[2, 1] = txy, txt, tyt
@@ -376,22 +359,64 @@ def _take_in(theta, reading, cast, noise, ranges, ray, edge, chosen, beam):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _on_lines(x, y, theta, beam, count):
-    """Move readings along to a pose nearby, were each ray to meet the line of the same wall."""
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"reassoc"})
+def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, count):
+    """What the beams tell at a pose: how many are used, their information, and what they are off.
+
+    The sums may be made in any order, so the compiler takes several beams at a time.
+
+    Args:
+        x: The pose about which the ranges are linear, map frame.
+        y: The same.
+        theta: The same.
+        bx: How far that is from the prior, as by and bt.
+        by: See there.
+        bt: See there.
+        xx: Its covariance, as yy and tt.
+        yy: See there.
+        tt: See there.
+        xy: Twice its covariance, as xt and yt.
+        xt: See there.
+        yt: See there.
+        gate: As `update_pose`.
+        met: Whether that is the pose at which the beams were met. If not, each ray is moved along
+            to where it meets the line of the same wall.
+        beam: As `Scratch`.
+        count: How many of them tell something.
+
+    Returns:
+        How many are used; information xx, yy, tt, xy, xt, yt; weighted residuals x, y, theta.
+    """
     co, si = math.cos(theta), math.sin(theta)
+    used = 0
+    # Sums in variables of their own stay in registers, those in arrays do not.
+    txx = tyy = ttt = txy = txt = tyt = px = py = pt = 0.0
     for m in range(count):
-        px = x + co * beam[_START_X, m] - si * beam[_START_Y, m]
-        py = y + si * beam[_START_X, m] + co * beam[_START_Y, m]
-        ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
-        uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
-        nx, ny = beam[_NORMAL_X, m], beam[_NORMAL_Y, m]
-        facing = nx * ux + ny * uy
-        d = (beam[_WALL, m] - nx * px - ny * py) / facing
-        # A ray along the wall stays as it was.
-        d = d if abs(facing) > PARALLEL else beam[_RANGE, m]
-        beam[_LINE, m] += d - beam[_RANGE, m]
-        beam[_RANGE, m] = d
+        off = beam[_READ, m] - beam[_LINE, m]
+        if not met:
+            sx = x + co * beam[_START_X, m] - si * beam[_START_Y, m]
+            sy = y + si * beam[_START_X, m] + co * beam[_START_Y, m]
+            ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
+            uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
+            nx, ny = beam[_NORMAL_X, m], beam[_NORMAL_Y, m]
+            facing = nx * ux + ny * uy
+            further = (beam[_WALL, m] - nx * sx - ny * sy) / facing - beam[_RANGE, m]
+            # A ray along the wall stays as it was.
+            off -= further if abs(facing) > PARALLEL else 0.0
+        gx, gy, gt = beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m]
+        expected = gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
+        expected += beam[_VARIANCE, m] + gt * gt * tt
+        # A beam that is left out weighs nothing: a branch would make it one beam at a time.
+        within = off * off <= gate * gate * expected
+        used += within
+        # The residual that the prior would have were the range linear from here on.
+        off += gx * bx + gy * by + gt * bt
+        weight = beam[_WEIGHT, m] if within else 0.0
+        wx, wy, wt = gx * weight, gy * weight, gt * weight
+        px, py, pt = px + wx * off, py + wy * off, pt + wt * off
+        txx, txy, txt = txx + wx * gx, txy + wx * gy, txt + wx * gt
+        tyy, tyt, ttt = tyy + wy * gy, tyt + wy * gt, ttt + wt * gt
+    return used, txx, tyy, ttt, txy, txt, tyt, px, py, pt
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -184,7 +184,7 @@ def filter_model(
     heard = beam if p.localizability_weighting > 0.0 else beam[:0]
     noise = BeamNoise(
         noise.near[heard], noise.far[heard], noise.bias[heard], noise.variance[heard],
-        noise.frontier, np.arange(len(heard)),
+        noise.frontier, np.arange(len(heard)), noise.steady[heard],
     )  # fmt: skip
     x, y, yaw = scanner.mounts[beam].T
     corner = environment.triangulation.corner

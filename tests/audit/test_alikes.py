@@ -11,15 +11,16 @@ import shapely
 from PIL import Image
 
 import ambinav as an
+from ambinav.ambiguity.layers.ground import Ground
 from ambinav.audit import alikes as module
-from ambinav.audit.alikes import Alikes, find_alikes, own_places
+from ambinav.audit.alikes import Alikes, find_alikes, own_places, seek
 from ambinav.audit.audit import audit
 from ambinav.audit.document import Document
 from ambinav.audit.report import write_report
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from tests.audit import symmetric
+from tests.audit.symmetric import PERIOD
 from tests.maps import synthetic
-
-PERIOD = 4.0
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +58,51 @@ def test_equal_rooms_are_linked(found):
         assert link.likeness > 0.3
         offsets = link.images - link.cells
         assert np.abs(offsets - offsets[0]).max() < 0.2
-    assert round((first[0].other_x - first[1].other_x) / PERIOD) != 0
+    assert len({round(link.other_x / PERIOD, 1) for link in first}) == 2
     assert [link.letter for link in alikes.links] == sorted(link.letter for link in alikes.links)
     area = sum({link.letter: link.area for link in alikes.links}.values())
     assert area < amap.free_area
+
+
+@pytest.mark.parametrize(
+    ("make", "fold"),
+    [(symmetric.crossing, 4), (symmetric.hexagon, 6)],
+    ids=["crossing", "hexagon"],
+)
+def test_turned_places_are_linked(make, fold, laser):
+    """Each arm with all the others, a place at its start's own turned by whole steps."""
+    env = make()
+    alikes = find_alikes(an.build_map(env, laser, spacing=0.1), env)
+    first = [link for link in alikes.links if link.letter == "A"]
+    steps = {round(link.turn / math.tau * fold) % fold: link for link in first}
+    assert sorted(steps) == list(range(1, fold))
+    assert len(first) == fold - 1
+    for step, link in steps.items():
+        turn = math.tau * step / fold
+        assert math.remainder(link.turn - turn, math.tau) == pytest.approx(0.0, abs=0.01)
+        there = (link.x + 1j * link.y) * np.exp(1j * turn)
+        assert abs(complex(link.other_x, link.other_y) - there) < 0.02
+        assert link.likeness > 0.9
+        assert link.area > 1.0
+        # And so is every pose of the region with its own.
+        cells, images = (part @ [1.0, 1j] for part in (link.cells, link.images))
+        assert np.median(np.abs(images - cells * np.exp(1j * turn))) < 0.01
+
+
+def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
+    amap, alikes = found
+    here = Ground.of(amap, rooms)
+    assert seek(amap, here)[1].all()
+    monkeypatch.setattr(module, "MOST_POSES", len(here.points[0]) // 3)
+    some, sought = seek(amap, here)
+    assert 0.15 < sought.mean() < 0.35
+    assert np.isfinite(some.share[sought]).all() and np.isnan(some.share[~sought]).all()
+    # Those that were not are followed to.
+    assert np.isfinite(some.found[~sought, 0, 0, 3]).sum() > 100
+    few = find_alikes(amap, rooms, True)
+    assert few.sought
+    assert few.share == pytest.approx(alikes.share, abs=0.1)
+    assert len([link for link in few.links if link.letter == "A"]) == 2
 
 
 def test_report_shows_them(found, rooms, laser, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import scan_rays
+from ambinav.geometry.fan import counter_clockwise, scan_rays
 from tests.geometry import scenes
 
 REACH = 12.0
@@ -129,6 +129,29 @@ def test_out_of_range_is_inf() -> None:
     assert distance[0].tolist() == [math.inf, 1.0]
     assert segment[0, 0] == -1 and segment[0, 1] >= 0
     assert np.isnan(incidence[0, 0]) and incidence[0, 1] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("reach", [0.5, 2.0, 5.0])
+def test_a_shorter_reach_leaves_out_what_is_beyond_and_nothing_else(
+    env: Environment, reach: float
+) -> None:
+    x, y, theta = poses(env, 200)
+    origin = np.zeros((100, 2))
+    whole, walls, oblique = scan_rays(env, x, y, theta, origin, CIRCLE, 100.0)
+    beyond = whole > reach
+    distance, segment, incidence = scan_rays(env, x, y, theta, origin, CIRCLE, reach)
+    assert np.array_equal(distance, np.where(beyond, np.inf, whole), equal_nan=True)
+    assert np.array_equal(segment, np.where(beyond, -1, walls))
+    assert np.array_equal(incidence, np.where(beyond, np.nan, oblique), equal_nan=True)
+
+
+def test_rays_all_around_stay_in_their_order() -> None:
+    for count in (3, 60, 61, 1080):
+        turned = -math.pi + 2 * math.pi * np.arange(count) / count
+        assert counter_clockwise(turned).tolist() == list(range(count))
+        assert counter_clockwise(turned + 0.3).tolist() == list(range(count))
+    # Three quarters: the widest gap decides.
+    assert counter_clockwise(np.array([2.0, 3.0, -3.0, -1.0])).tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.0, 1.5])

@@ -53,6 +53,8 @@ from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.errors import InputError
 
+Floats = NDArray[np.float64]
+
 LEAST_LIKENESS = 0.01
 # Poses searched for in one call of the kernel.
 BATCH = 1024
@@ -91,6 +93,7 @@ def look_alikes(
     *,
     least: float = LEAST_LIKENESS,
     place: NDArray[np.int32] | None = None,
+    sought: NDArray[np.bool_] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> LookAlikes:
     """Find what looks like each pose of a map.
@@ -101,6 +104,8 @@ def look_alikes(
         least: Likeness from which a pair counts, in (0, 1).
         place: Number of the place that each cell lies in, shape (P,); look-alikes in the pose's
             own place are not listed where the number is above 0. They count all the same.
+        sought: Cells whose look-alikes are sought, on all the map, shape (P,); None: all. The
+            share and the area of others are NaN, and nothing is listed.
         report: Called with the share done.
 
     Raises:
@@ -120,8 +125,10 @@ def look_alikes(
         tree = Tree.over(signatures, explored, scans.turns)
         places = np.zeros(cells, dtype=np.int32) if place is None else place.astype(np.int32)
         rows = orbit_rows(scans)
-        bundles = _bundles(scans, explored)
-        parts = -(-explored.size // BATCH)
+        bundles = _bundles(
+            scans, explored if sought is None else explored[sought[scans.cell[explored]]]
+        )
+        parts = -(-sum(map(len, bundles)) // BATCH)
         for part in range(parts):
             # Far apart, so that hard poses are shared among the threads.
             some = bundles[part::parts]
@@ -139,6 +146,8 @@ def look_alikes(
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
     area = np.where(scans.explored, mass[:, 1] * ground.spacing**2, np.nan)
+    if sought is not None:
+        share[~sought[scans.cell]] = area[~sought[scans.cell]] = np.nan
     found[:, :, 2] = math.pi - np.mod(math.pi - found[:, :, 2], 2.0 * math.pi)
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
@@ -152,16 +161,18 @@ def look_alikes(
 
 
 def _bundles(scans: Scans, explored: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Poses of one heading in squares of `SIDE` x `SIDE` cells, which see nearly the same."""
-    side = SIDE * scans.spacing
-    square = np.column_stack([
-        scans.heading[explored],
-        np.floor(scans.y[explored] / side + 1e-6),
-        np.floor(scans.x[explored] / side + 1e-6),
-    ])  # fmt: skip
+    """Poses of one heading in the same square, which see nearly the same."""
+    x, y = scans.x[explored], scans.y[explored]
+    square = np.column_stack([scans.heading[explored], *squares(x, y, scans.spacing)])
     _, of = np.unique(square, axis=0, return_inverse=True)
     order = np.argsort(of.ravel(), kind="stable")
     return np.split(explored[order], np.flatnonzero(np.diff(of.ravel()[order])) + 1)
+
+
+def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
+    """Row and column of the square of `SIDE` x `SIDE` cells that each point lies in."""
+    side = SIDE * spacing
+    return np.floor(y / side + 1e-6), np.floor(x / side + 1e-6)
 
 
 def compute(ground: Ground, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:

@@ -159,6 +159,38 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def approach(
+    begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
+):  # fmt: skip
+    """Evidence per tau between scans and those of their look-alikes, and where these agree best.
+
+    Args:
+        begin: First row.
+        end: One past the last.
+        first: Scans, shape (P, 5, padded).
+        cell: Which of them is compared, shape (M,).
+        second: Scans of the look-alikes, shape (M, 5, padded).
+        rest: Radians by which each look-alike's heading exceeds the one it was cast at, shape (M,).
+        limit: See `Scans`, in the beams' own order, as the next three.
+        icap: See `Scans`.
+        use: See `Scans`.
+        evidence: See `Scans`.
+        tau: See `Scans`.
+        c0: See `compare`.
+        c2: See `compare`.
+        apart: Written, shape (M,).
+        moved: Written: best offset from where `second` was cast, shape (M, 3).
+    """
+    pair = np.empty((2, 5, limit.size), dtype=np.float32)
+    for i in range(begin, end):
+        pair[0], pair[1] = first[cell[i]], second[i]
+        turn = np.float32(rest[i])
+        apart[i] = evidence_at(pair, limit, icap, use, evidence, F0, F0, turn) / tau
+        _, x, y, t, _, _ = compare_fully(pair, limit, icap, use, evidence, tau, c0, c2)
+        moved[i, 0], moved[i, 1], moved[i, 2] = x, y, t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def search_one(
     p, blocks, wide, orbits, limit, icap, use, evidence, told, x, y, heading, place,
     turns, tau, c0, c2, codes, above, blind, odd, stride, block_low, block_high, lows, widths,

@@ -24,7 +24,7 @@ class Eyes(NamedTuple):
     """A scanner of R rays, B beams and S different sensors.
 
     Attributes:
-        origin: See `ambinav.localization.casting.CastTables`, as the next seven.
+        origin: See `ambinav.localization.casting.CastTables`, as the next nine.
         first: See there.
         cosine: See there.
         sine: See there.
@@ -32,6 +32,8 @@ class Eyes(NamedTuple):
         limit: See there.
         incidence: See there.
         start: See there.
+        reach: See there.
+        plain: See there.
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         sensor: Which sensor each beam is of, shape (B,).
@@ -51,6 +53,8 @@ class Eyes(NamedTuple):
     limit: Floats
     incidence: Floats
     start: Floats
+    reach: Floats
+    plain: NDArray[np.bool_]
     near: Floats
     far: Floats
     sensor: NDArray[np.int64]
@@ -71,7 +75,7 @@ def eyes_of(scanner: RangeScanner, tables: CastTables) -> Eyes:
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
     return Eyes(
-        *tables[:8],
+        *tables[:10],
         np.array([s.min_range for s in scanner.sensors])[which],
         np.array([s.max_range for s in scanner.sensors])[which],
         np.array(which, dtype=np.int64),

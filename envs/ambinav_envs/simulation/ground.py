@@ -16,7 +16,7 @@ def cast_tables_of(ground, eyes):
     halves, edges, items = ground.half_edges, ground.edges, ground.items
     return CastTables(
         eyes.origin, eyes.first, eyes.cosine, eyes.sine, eyes.beam, eyes.limit, eyes.incidence,
-        eyes.start,
+        eyes.start, eyes.reach, eyes.plain,
         array_at(ground.border_segment, (edges,), np.int32),
         array_at(ground.border, (edges, 4), np.float64),
         array_at(ground.normal, (edges, 2), np.float64),
@@ -41,6 +41,8 @@ def beam_noise_of(ground, eyes):
         array_at(ground.variance, (sensors, TABLE), np.float64),
         array_at(ground.frontier, (ground.edges,), np.bool_),
         eyes.sensor,
+        # Whether bias and deviation are the same at any range.
+        eyes.reading[:, 6],
     )  # fmt: skip
 
 

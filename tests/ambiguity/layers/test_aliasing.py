@@ -207,6 +207,23 @@ def test_places_of_ones_own_are_not_listed_but_count():
     assert np.isnan(own.found).all()
 
 
+@pytest.mark.parametrize(
+    ("scanner", "headings"), [(laser(), None), (laser(20, 4, 2.0), 4)], ids=["laser", "fan"]
+)
+def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
+    here = ground(floor(), scanner, 0.4, headings=headings)
+    whole = look_alikes(here, count=3)
+    sought = np.arange(len(here.points[0])) % 3 == 1
+    some = look_alikes(here, count=3, sought=sought)
+    for name in ("share", "area", "found"):
+        one, all_ = getattr(some, name), getattr(whole, name)
+        np.testing.assert_array_equal(one[sought], all_[sought])
+        assert np.isnan(one[~sought]).all()
+    assert some.compared < whole.compared
+    none = look_alikes(here, sought=np.zeros_like(sought))
+    assert np.isnan(none.share).all() and none.compared == 0
+
+
 def test_unexplored_floor_is_like_everything_and_nothing_is_like_it():
     """A room open to unknown space all round: nothing is told there."""
     box = shapely.box(0, 0, 1.5, 1.5)

@@ -1,0 +1,65 @@
+"""Look-alikes followed from pose to pose: what a search on a coarse lattice leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.layers.aliasing_settle import settle_at
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.audit.arrangement import STEPS, neighbours, same, stepped
+
+Floats = NDArray[np.float64]
+
+LEAST_LIKENESS = 0.3
+"""Likeness from which two poses are linked."""
+
+
+def follow(ground: Ground, found: Floats) -> Floats:
+    """Scan where the look-alikes of a pose's neighbours lead to expect one of its own.
+
+    Args:
+        ground: Where the poses are.
+        found: What `settle` returns, shape (P, K, count, 4).
+
+    Returns:
+        The same without what is less alike than `LEAST_LIKENESS`, and with up to `count`
+        look-alikes of each pose, in no order.
+    """
+    full = np.where(found[..., 3:] >= LEAST_LIKENESS, found, np.nan)
+    # Where the scanner looks all around, one heading stands for all.
+    for k in range(1 if ground.scanner.looks_all_around else found.shape[1]):
+        _follow(ground, k, full[:, k])
+    if ground.scanner.looks_all_around:
+        full[:] = full[:, :1]
+    return full
+
+
+def _follow(ground: Ground, heading: int, entries: Floats) -> None:
+    """Fill up the look-alikes of the poses at one heading, shape (P, count, 4)."""
+    spacing = ground.spacing
+    cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
+    to, alike = _expected(ground, cell, entries[cell, rank])
+    while to.size:
+        own = entries[to]
+        missing = ~same(spacing, own, alike[:, np.newaxis]).any(axis=1)
+        missing &= np.isnan(own[..., 3]).any(axis=1)
+        to, alike = to[missing], alike[missing]
+        # One for each pose at a time, for the next may lead to the same.
+        _, now = np.unique(to, return_index=True)
+        there = settle_at(ground, heading, to[now], alike[now])
+        good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])
+        cell, there = to[now][good], there[good]
+        entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = there
+        more = _expected(ground, cell, there)
+        to = np.concatenate([np.delete(to, now), more[0]])
+        alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
+
+
+def _expected(
+    ground: Ground, cell: NDArray[np.intp], alike: Floats
+) -> tuple[NDArray[np.intp], Floats]:
+    """Neighbours of cells, and where they are expected to have a look-alike, shape (M, 3)."""
+    to = np.stack([neighbours(ground, cell, step) for step in STEPS], axis=1)
+    there = np.stack([stepped(ground.spacing, alike, step) for step in STEPS], axis=1)
+    return to[to >= 0], there[to >= 0]
