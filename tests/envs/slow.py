@@ -64,7 +64,7 @@ class SlowNavigation:
         error = float(np.hypot(*(self.mean - self.truth)[:2]))
         # An arc, whose chord is shorter by far less than a millimetre.
         way = abs(self.speeds[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
-        here = self.building.places.distance(self.task.way, *self.truth[:2])
+        here = self.building.places.distance(self.task.way.costs, *self.truth[:2])
         terms = dict.fromkeys(TERMS, 0.0)
         terms["progress"] = self.distance - p.gamma * here
         terms["collision"] = -float(met)

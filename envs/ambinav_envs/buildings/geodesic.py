@@ -102,6 +102,35 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def follow(moves, prices, spacing, field, towards):
+    """Write where the cheapest way leads from each cell, of a field by `geodesic`.
+
+    Args:
+        moves: See `geodesic`, as prices, spacing and field.
+        prices: See there.
+        spacing: See there.
+        field: See there.
+        towards: The way leads to the neighbour at -STEPS[towards]; int8, shape (rows, columns),
+            negative where no step leads nearer to the goal.
+    """
+    rows, columns = field.shape
+    headings = travelling(prices.shape[2])
+    towards[:] = -1
+    for row in range(rows):
+        for column in range(columns):
+            here, least = field[row, column], math.inf
+            for k in range(STEPS.shape[0]):
+                # Bit k of a cell: a way leads to it from its neighbour at STEPS[k].
+                c, r = column - STEPS[k, 0], row - STEPS[k, 1]
+                inside = 0 <= c < columns and 0 <= r < rows
+                if inside and moves[r, c] & (1 << k) and field[r, c] < here:
+                    mean = 0.5 * (prices[row, column, headings[k]] + prices[r, c, headings[k]])
+                    cost = field[r, c] + mean * LENGTHS[k] * spacing
+                    if cost < least:
+                        least, towards[row, column] = cost, k
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def travelling(count):
     """Which of so many headings a robot has that comes to a cell from its neighbours at `STEPS`."""
     turns = np.empty(len(STEPS), dtype=np.int64)

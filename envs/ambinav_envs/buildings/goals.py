@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ambinav.localization.random import states, uniform
 from ambinav_envs.buildings.places import Places, PlaceTable
-from ambinav_envs.buildings.tasks import Task, draw_places, draw_task, spread_from, start_for
+from ambinav_envs.buildings.tasks import Task, Way, draw_places, draw_task, spread_from, start_for
 
 FEWEST, MOST = 32, 256
 """How many a building has."""
@@ -27,8 +27,8 @@ class _Goal:
     """One of them; see `Task`, and `spread_from` for the label."""
 
     place: Floats
-    field: NDArray[np.float32]
-    way: NDArray[np.float32]
+    shortest: Way
+    way: Way
     label: int
 
 
@@ -64,11 +64,11 @@ class Goals:
             if goal.label >= 0:
                 found, _, _ = start_for(
                     state, float(shortest), float(longest), goal.label, self._places.table,
-                    goal.field, task,
+                    goal.shortest.costs, task,
                 )  # fmt: skip
                 if found:
                     task[3:5] = goal.place
-                    return self._along(Task.shortest(task, goal.field), goal.way)
+                    return self._along(Task.shortest(task, goal.shortest), goal.way)
         return self.towards(draw_task(self._places, state, shortest, longest))
 
     def towards(self, task: Task) -> Task:
@@ -77,22 +77,23 @@ class Goals:
             return task
         return self._along(task, self._way_to(task.goal, self._priced)[0])
 
-    def _along(self, task: Task, way: NDArray[np.float32]) -> Task:
+    def _along(self, task: Task, way: Way) -> Task:
         if self._priced is None:
             return task
-        cost = self._places.distance(way, float(task.start[0]), float(task.start[1]))
-        return replace(task, way=way, cost=cost)
+        x, y, _ = task.start.tolist()
+        return replace(task, way=way, cost=self._places.distance(way.costs, x, y))
 
     def _goal(self, which: int) -> _Goal:
         """The goal of this number."""
         if which not in self._known:
             place = self._points[which].copy()
-            field, label = self._way_to(place, self._places.table)
-            way = field if self._priced is None else self._way_to(place, self._priced)[0]
-            self._known[which] = _Goal(place, field, way, label)
+            shortest, label = self._way_to(place, self._places.table)
+            way = shortest if self._priced is None else self._way_to(place, self._priced)[0]
+            self._known[which] = _Goal(place, shortest, way, label)
         return self._known[which]
 
-    def _way_to(self, place: Floats, table: PlaceTable) -> tuple[NDArray[np.float32], int]:
-        """What the way to a place costs from every cell, and the place's label."""
-        field = np.empty(self._places.room.shape, dtype=np.float32)
-        return field, int(spread_from(place[0], place[1], table, field))
+    def _way_to(self, place: Floats, table: PlaceTable) -> tuple[Way, int]:
+        """The way to a place at the prices of a table, and the place's label."""
+        costs = np.empty(self._places.room.shape, dtype=np.float32)
+        label = int(spread_from(place[0], place[1], table, costs))
+        return Way.of(costs, table), label

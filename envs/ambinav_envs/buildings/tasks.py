@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.sweep import line_free
 from ambinav.localization.random import uniform
-from ambinav_envs.buildings.geodesic import REACH, distance_at, geodesic, heading_of
-from ambinav_envs.buildings.places import MARGIN, Places
+from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic, heading_of
+from ambinav_envs.buildings.places import MARGIN, Places, PlaceTable
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
 _DRAWN, _FAR_ENDS = 32, 8
@@ -22,6 +23,25 @@ _DRAWN, _FAR_ENDS = 32, 8
 _SEEDS = 32
 
 Floats = NDArray[np.float64]
+
+
+class Way(NamedTuple):
+    """The way to a goal from every cell.
+
+    Attributes:
+        costs: See `geodesic`, float32, shape (rows, columns).
+        towards: See `follow`, int8, shape (rows, columns).
+    """
+
+    costs: NDArray[np.float32]
+    towards: NDArray[np.int8]
+
+    @classmethod
+    def of(cls, costs: NDArray[np.float32], table: PlaceTable) -> Way:
+        """The way that has these costs at the prices of the table."""
+        towards = np.empty(costs.shape, dtype=np.int8)
+        follow(table.moves, table.prices, table.spacing, costs, towards)
+        return cls(costs, towards)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +53,7 @@ class Task:
         goal: x, y, shape (2,).
         distance: Length of the shortest way from start to goal, metres.
         field: The same from every cell, see `Places`; float32, shape (rows, columns).
-        way: What the way that the robot is to take costs from every cell, see `Goals`; the same
-            array as `field` if that is the shortest one.
+        way: The way that the robot is to take, see `Goals`.
         cost: What it costs from the start.
     """
 
@@ -42,14 +61,14 @@ class Task:
     goal: Floats
     distance: float
     field: NDArray[np.float32]
-    way: NDArray[np.float32]
+    way: Way
     cost: float
 
     @classmethod
-    def shortest(cls, numbers: Floats, field: NDArray[np.float32]) -> Task:
-        """One whose way is the shortest: start, goal, distance, shape (6,), and the field."""
+    def shortest(cls, numbers: Floats, way: Way) -> Task:
+        """One whose way is the shortest; start, goal and distance are the six numbers."""
         distance = float(numbers[5])
-        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, field, field, distance)
+        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, way.costs, way, distance)
 
 
 def draw_task(
@@ -89,7 +108,7 @@ def draw_task(
     if start is None and goal is None:
         if not draw_into(state, float(shortest), float(longest), table, field, task):
             raise InputError(_no_task(places, shortest, longest, "any place", float(task[5])))
-        return Task.shortest(task, field)
+        return Task.shortest(task, Way.of(field, table))
     task[3:5] = (np.nan, np.nan) if goal is None else _place(places, goal, "goal", 2)
     task[:3] = np.nan if start is None else _place(places, start, "start", 3)
     end = task[:2] if goal is None else task[3:5]
@@ -114,7 +133,7 @@ def draw_task(
             f"{task[4]:g}); move one of them."
         )
     task[5] = places.distance(field, float(task[0]), float(task[1]))
-    return Task.shortest(task, field)
+    return Task.shortest(task, Way.of(field, table))
 
 
 def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:

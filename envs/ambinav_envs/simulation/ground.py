@@ -86,7 +86,6 @@ def ways_of(ground):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def prices_of(ground):
-    """What a metre costs at the cells of `ways_of`, see `geodesic`."""
-    shape = (ground.field_rows, ground.field_columns, ground.price_headings)
-    return array_at(ground.prices, shape, np.float32)
+def towards_of(ground):
+    """Where the ways lead, see `follow`."""
+    return array_at(ground.towards, (ground.field_rows, ground.field_columns), np.int8)

@@ -133,8 +133,8 @@ GROUND = record(
     level=_WHOLE, level_headings=_WHOLE, fisher=_WHOLE, fisher_headings=_WHOLE, free=_WHOLE,
     map_rows=_WHOLE, map_columns=_WHOLE, left=_REAL, low=_REAL, inverse=_REAL,
     # Ways to the goal, see `ambinav_envs.buildings.geodesic`.
-    field=_WHOLE, links=_WHOLE, moves=_WHOLE, prices=_WHOLE, price_headings=_WHOLE,
-    field_rows=_WHOLE, field_columns=_WHOLE, field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
+    field=_WHOLE, towards=_WHOLE, links=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE,
+    field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
     # Left, lower, right and upper end, metres.
     bounds=(_REAL, 4),
 )  # fmt: skip

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
 
 from ambinav.geometry.obstacles import around
-from ambinav_envs.buildings.geodesic import LENGTHS, STEPS, heading_of
-from ambinav_envs.simulation.ground import free_of, level_of, prices_of, walls_of, ways_of
-from ambinav_envs.simulation.pointers import array_at
+from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
+from ambinav_envs.simulation.ground import free_of, level_of, towards_of, walls_of
 
 # Distances are seen in units of this, metres, and up to so many units.
 FAR, MOST_FAR = 10.0, 10.0
@@ -105,36 +103,21 @@ def _window(x, y, theta, ground, settings, out, i):
 @njit(cache=True, nogil=True, error_model="numpy")
 def ahead(x, y, goal, distance, ground):
     """The place this far on along the way from (x, y), or the goal if that is nearer."""
-    field, _ = ways_of(ground)
-    prices = prices_of(ground)
-    rows, columns = field.shape
-    moves = array_at(ground.moves, (rows, columns), np.uint16)
+    towards = towards_of(ground)
+    rows, columns = towards.shape
     spacing = 1.0 / ground.field_inverse
     column = int(math.floor((x - ground.field_x) * ground.field_inverse + 0.5))
     row = int(math.floor((y - ground.field_y) * ground.field_inverse + 0.5))
-    if not (0 <= row < rows and 0 <= column < columns) or field[row, column] == math.inf:
+    if not (0 <= row < rows and 0 <= column < columns):
         return goal[0], goal[1]
     left = distance
-    px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
-    while True:
-        best, at = math.inf, -1
-        for k in range(STEPS.shape[0]):
-            # Bit k of a cell: a way leads to it from its neighbour at STEPS[k].
-            c, r = column - STEPS[k, 0], row - STEPS[k, 1]
-            inside = 0 <= c < columns and 0 <= r < rows
-            if inside and moves[r, c] & (1 << k) and field[r, c] < field[row, column]:
-                # The cheapest way leads where this is least: there it is what is left here.
-                h = heading_of(-STEPS[k, 0], -STEPS[k, 1], prices.shape[2])
-                mean = 0.5 * (prices[row, column, h] + prices[r, c, h])
-                left_then = field[r, c] + mean * LENGTHS[k] * spacing
-                if left_then < best:
-                    best, at = left_then, k
-        if at < 0:
-            return goal[0], goal[1]
-        length = LENGTHS[at] * spacing
-        if length >= left:
-            share = left / length
-            return px - share * STEPS[at, 0] * spacing, py - share * STEPS[at, 1] * spacing
+    while towards[row, column] >= 0:
+        k = towards[row, column]
+        length = LENGTHS[k] * spacing
+        share = min(left / length, 1.0)
+        if share < 1.0:
+            px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
+            return px - share * STEPS[k, 0] * spacing, py - share * STEPS[k, 1] * spacing
         left -= length
-        column, row = column - STEPS[at, 0], row - STEPS[at, 1]
-        px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
+        column, row = column - STEPS[k, 0], row - STEPS[k, 1]
+    return goal[0], goal[1]

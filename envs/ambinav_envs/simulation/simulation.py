@@ -257,7 +257,8 @@ class Simulation:
             self._fixed = fixed_of(self._memory, self._eyes)
         ground = self._memory.ground
         ground[i] = site.ground[0]
-        ground["field"][i] = address(task.way, np.float32)
+        ground["field"][i] = address(task.way.costs, np.float32)
+        ground["towards"][i] = address(task.way.towards, np.int8)
 
     def _start(self, i: int, episode: _Episode) -> None:
         """Make the record of robot i that of an episode which begins."""

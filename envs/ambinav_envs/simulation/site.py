@@ -57,9 +57,8 @@ class Site:
         # The service refuses layers that are no amount of ambiguity.
         level = AmbiguityService(building.amap, parameters.layer, 1.0).ambiguity
         weight = parameters.way_weight
-        priced = self.places.prices(level, weight) if weight > 0.0 else None
-        self.goals = Goals(self.places, priced)
-        prices = self.places.table.prices if priced is None else priced
+        prices = self.places.prices(level, weight) if weight > 0.0 else None
+        self.goals = Goals(self.places, prices)
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
         kinds = environment.segments.kind[environment.border_segment]
         self._kept: list[NDArray[Any]] = []
@@ -74,8 +73,8 @@ class Site:
             fisher_headings=fisher.values.shape[2], map_rows=level.values.shape[0],
             map_columns=level.values.shape[1], left=level.origin[0], low=level.origin[1],
             inverse=1.0 / level.spacing, field_rows=places.room.shape[0],
-            field_columns=places.room.shape[1], price_headings=prices.shape[2],
-            field_x=places.origin[0], field_y=places.origin[1], field_inverse=1.0 / places.spacing,
+            field_columns=places.room.shape[1], field_x=places.origin[0],
+            field_y=places.origin[1], field_inverse=1.0 / places.spacing,
             bounds=environment.bounds,
         )  # fmt: skip
         self._point(
@@ -88,8 +87,7 @@ class Site:
             variance=(noise[1], np.float64), table=(table, np.float64),
             bound=(bound, np.float32), level=(level.values, np.float32),
             fisher=(fisher.values, np.float32), free=(level.free, np.bool_),
-            links=(places.links, np.uint8), moves=(places.moves, np.uint16),
-            prices=(prices, np.float32),
+            links=(places.links, np.uint8),
         )  # fmt: skip
         self._likelihood: dict[tuple[float, float], LikelihoodField] = {}
 

@@ -62,14 +62,14 @@ def test_the_way_to_take_is_the_cheapest_one() -> None:
         task, short = dear.draw(state(seed), 2.0, 6.0), plain.draw(state(seed), 2.0, 6.0)
         np.testing.assert_array_equal(task.start, short.start)
         np.testing.assert_array_equal(task.field, short.field)
-        assert task.distance == short.distance == short.cost and short.way is short.field
+        assert task.distance == short.distance == short.cost and short.way.costs is short.field
         both = task.start[0], task.goal[0]
         if min(both) > 4.5:
             assert task.cost == pytest.approx(task.distance, rel=1e-6)
         elif max(both) < 3.5:
             # Up to the edge and back may be cheaper; straight on it is ten times as much.
             assert 1.0 < task.cost / task.distance <= 10.0 + 1e-3
-        assert task.cost == places.distance(task.way, task.start[0], task.start[1])
+        assert task.cost == places.distance(task.way.costs, task.start[0], task.start[1])
     given = plain.draw(state(3), 2.0, 6.0)
     again = dear.towards(given)
     assert again.distance == given.distance and again.cost >= given.cost
