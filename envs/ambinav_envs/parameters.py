@@ -79,7 +79,7 @@ class NavigationParameters:
         window_spacing: Edge of a cell.
         way_weight: What ambiguity adds to a metre of the way that the term `progress` and the
             waypoint go by: it counts 1 + way_weight * layer metres, as `AmbiguityService` and
-            the planners have it. 0: the shortest way; at most 100.
+            the planners have it. 0: the shortest way; at most 100. See `rewards.PRESETS`.
         waypoint: Whether the observation holds the place ahead on that way.
         waypoint_distance: How far ahead.
         reward: Name of a preset, or weights by term; see `rewards`.

@@ -33,7 +33,8 @@ PRESETS: dict[str, dict[str, float]] = {
 """Weights by name; terms that are left out have the weight 0.
 
 Driving at 0.5 m/s a metre costs 0.2 of `time`. So with "ambiguity" a metre at level 1 costs as
-much as 5 more metres, which is `AmbiguityService`'s default weight. The other two weigh about as
+much as 5 more metres, which is `AmbiguityService`'s default weight, and the `way_weight` with which
+the way of `progress` is the one that this reward asks for. The other two weigh about as
 much as that on the whole: in procedural buildings a metre's `fisher` is a fifth of its `level`.
 """
 

@@ -15,7 +15,7 @@ NAME = "waypoint follower"
 # Metres ahead; farther on it cuts corners.
 AHEAD = 0.5
 SEES = {"waypoint": True, "waypoint_distance": AHEAD}
-WEIGHTS = (0.0, 3.0)
+WEIGHTS = (0.0, 5.0)
 """Of the ways by which followers take part: the shortest, and that of the shipped policy."""
 # Above this bearing, radians, it turns on the spot.
 SIDEWAYS = 0.785
