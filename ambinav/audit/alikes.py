@@ -28,8 +28,8 @@ MOST_POSES = 6000
 """Poses up to which look-alikes are sought without being asked for: about half a minute."""
 WIDEST = 4
 """With more poses, look-alikes are sought from about `MOST_POSES` of them and followed from there:
-from one in so many squares (`aliasing.squares`) in each direction at the least, half a metre in
-two, so that rooms are not left out."""
+from one square (`aliasing.squares`, 0.5 m wide at 0.25 m) in so many in each direction at the
+least, so that no room is left out."""
 COUNT = 20
 """Look-alikes that each pose may be linked with."""
 
@@ -42,6 +42,7 @@ class Alikes:
         poses: Poses of the lattice they were or would have been sought on.
         spacing: Of that lattice, metres.
         sought: Whether they were sought.
+        sought_from: From how many of the poses; the rest was followed from there.
         share: Mean of `aliasing` over the floor, or over the poses that were sought from; NaN if
             they were not sought.
         area: Square metres of floor from which a scan more probably places the robot elsewhere,
@@ -52,6 +53,7 @@ class Alikes:
     poses: int
     spacing: float
     sought: bool
+    sought_from: int = 0
     share: float = math.nan
     area: float = math.nan
     links: tuple[Link, ...] = ()
@@ -82,7 +84,7 @@ def find_alikes(
     if spacing > amap.spacing:
         lattice = Lattice.over(environment, spacing)
         ground = dataclasses.replace(ground, lattice=lattice)
-    poses = len(ground.points[0]) * (1 if ground.scanner.looks_all_around else len(ground.headings))
+    poses = pose_count(ground)
     if not (poses <= MOST_POSES if wanted is None else wanted):
         return Alikes(poses, spacing, False)
     found, sought = seek(amap, ground, report)
@@ -91,6 +93,7 @@ def find_alikes(
         poses,
         spacing,
         True,
+        int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
         float((share >= 0.5).mean()) * len(sought) * spacing**2,
         find_links(ground, found, letters),
@@ -113,7 +116,7 @@ def seek(
     """
     place = own_places(amap, *ground.points)
     row, column = squares(*ground.points, ground.spacing)
-    every = min(math.ceil(math.sqrt(len(place) / MOST_POSES)), WIDEST)
+    every = min(math.ceil(math.sqrt(pose_count(ground) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
     found = look_alikes(ground, count=COUNT, place=place, sought=sought, report=report)
     alike = follow(ground, settle(ground, found.found))
@@ -122,6 +125,11 @@ def seek(
     there = own_places(amap, at[..., 0], at[..., 1])
     alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
     return dataclasses.replace(found, found=alike), sought
+
+
+def pose_count(ground: Ground) -> int:
+    """How many poses differ: of a scanner that looks all around one heading stands for all."""
+    return len(ground.points[0]) * (1 if ground.scanner.looks_all_around else len(ground.headings))
 
 
 def own_places(

@@ -156,7 +156,8 @@ class AlikesPart(_Part):
     """Where else a scan could be from."""
 
     sought: bool
-    poses: int = Field(description="poses that are compared with each other")
+    poses: int = Field(description="poses of the floor, with their headings if they matter")
+    sought_from: int = Field(description="poses from which look-alikes were sought; 0: none")
     spacing_m: Metres
     share: Share | None = Field(description="mean probability that a scan is from elsewhere")
     area_m2: SquareMetres | None = Field(description="floor where that is more probable than not")
@@ -307,6 +308,7 @@ def _alikes(alikes: Alikes) -> AlikesPart:
     return AlikesPart(
         sought=alikes.sought,
         poses=alikes.poses,
+        sought_from=alikes.sought_from,
         spacing_m=alikes.spacing,
         share=alikes.share if alikes.sought else None,
         area_m2=alikes.area if alikes.sought else None,

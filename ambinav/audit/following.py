@@ -13,6 +13,8 @@ Floats = NDArray[np.float64]
 
 LEAST_LIKENESS = 0.3
 """Likeness from which two poses are linked."""
+CHUNK = 1 << 16
+"""So many are looked at at a time, which bounds the memory."""
 
 
 def follow(ground: Ground, found: Floats) -> Floats:
@@ -41,9 +43,7 @@ def _follow(ground: Ground, heading: int, entries: Floats) -> None:
     cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
     to, alike = _expected(ground, cell, entries[cell, rank])
     while to.size:
-        own = entries[to]
-        missing = ~same(spacing, own, alike[:, np.newaxis]).any(axis=1)
-        missing &= np.isnan(own[..., 3]).any(axis=1)
+        missing = _missing(spacing, entries, to, alike)
         to, alike = to[missing], alike[missing]
         # One for each pose at a time, for the next may lead to the same.
         _, now = np.unique(to, return_index=True)
@@ -54,6 +54,19 @@ def _follow(ground: Ground, heading: int, entries: Floats) -> None:
         more = _expected(ground, cell, there)
         to = np.concatenate([np.delete(to, now), more[0]])
         alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
+
+
+def _missing(
+    spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
+) -> NDArray[np.bool_]:
+    """Which poses have no such look-alike yet, and room for one."""
+    missing = np.empty(len(to), dtype=np.bool_)
+    for first in range(0, len(to), CHUNK):
+        rows = slice(first, first + CHUNK)
+        own = entries[to[rows]]
+        missing[rows] = ~same(spacing, own, alike[rows, np.newaxis]).any(axis=1)
+        missing[rows] &= np.isnan(own[..., 3]).any(axis=1)
+    return missing
 
 
 def _expected(

@@ -1,4 +1,4 @@
-"""The picture of look-alikes: pairs of regions in one colour and letter, joined by a line."""
+"""The picture of look-alikes: regions in one colour and letter, joined by lines."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ambinav.maps.drawing import is_tall
 from ambinav.maps.plot import draw_image, finish, floor_axes, view
 from ambinav.maps.zones import OUTSIDE_COLOUR
 
-# Okabe and Ito: told apart by the colour-blind too; each pair also has a letter.
+# Okabe and Ito: told apart by the colour-blind too; each colour also has a letter.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 FLOOR = "#FFFFFF"
 DARK, PALE = 0.6, 0.25
@@ -51,14 +51,15 @@ def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axe
     draw_image(axes, amap, picture)
     finish(axes, amap, "Places that look alike")
     tall = is_tall(view(amap))
-    axes.legend(
-        handles=handles,
-        frameon=False,
-        fontsize=11,
-        loc="upper left" if tall else "upper right",
-        bbox_to_anchor=(1.01, 1.0) if tall else (1.0, -0.01),
-        ncol=1 if tall else min(len(handles), 3),
-    )
+    if handles:
+        axes.legend(
+            handles=handles,
+            frameon=False,
+            fontsize=11,
+            loc="upper left" if tall else "upper right",
+            bbox_to_anchor=(1.01, 1.0) if tall else (1.0, -0.01),
+            ncol=1 if tall else min(len(handles), 3),
+        )
     for link in reversed(links):
         axes.add_patch(
             FancyArrowPatch(

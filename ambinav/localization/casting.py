@@ -179,8 +179,8 @@ def cast_rays(x, y, theta, tables, work):
 def nearest_echoes(tables, work, ranges, ray, edge):
     """The second half of `expected_ranges`: the nearest echo of each beam among its rays.
 
-    A ray without an edge (-1) has met something else than a wall, which returns an echo at any
-    angle.
+    A ray without an edge (-1) within its limit has met something else than a wall, which returns
+    an echo at any angle.
     """
     ux, uy, distance, hit, _ = work
     if tables.plain[0]:

@@ -35,7 +35,7 @@ from numba import njit
 
 from ambinav.localization.casting import work_space
 from ambinav.localization.dynamic import weighted_information
-from ambinav.localization.ekf import posterior
+from ambinav.localization.ekf_update import posterior
 from ambinav.localization.odometry import wrapped
 
 # Beyond these deviations of the particles (metres along any direction, radians) one linear model

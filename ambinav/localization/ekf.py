@@ -1,13 +1,10 @@
 """A Kalman filter on the ranges themselves: what a drive knows of its pose, and what it will know.
 
-For other kernels: `odometry.spread_motion` and `apply_motion`, then `update_pose`, are one step of
-the filter.
+For other kernels: `odometry.spread_motion` and `apply_motion`, then `ekf_update.update_pose`, are
+one step of the filter.
 """
 
 from __future__ import annotations
-
-import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,27 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.triangulation import PARALLEL
-from ambinav.localization.casting import (
-    CastTables,
-    cast_tables,
-    expected_ranges,
-    work_space,
-)
+from ambinav.localization.casting import CastTables, cast_tables
+from ambinav.localization.ekf_update import posterior, scratch_for, update_pose
 from ambinav.localization.information import (
     BeamNoise,
     as_map_std,
     as_poses,
     beam_noise,
     informations,
-    linear_reading,
 )
 from ambinav.localization.odometry import (
     OdometryModel,
     apply_motion,
     motion_between,
     spread_motion,
-    wrapped,
 )
 from ambinav.sensing.fields import as_count, as_number
 from ambinav.sensing.scanner import RangeScanner
@@ -172,251 +162,6 @@ class ExtendedKalmanFilter:
         out = np.empty_like(told)
         _foretell(rows, first, told, self.odometry.array, out)
         return out
-
-
-# Rows of `Scratch.beam`: what is read, what is expected, its derivatives by x, y and theta, its
-# variance and one over that; normal of the wall, and where that is along it; direction and place
-# of the ray in the robot's frame, and its range.
-(
-    _READ, _LINE, _BY_X, _BY_Y, _BY_T, _VARIANCE, _WEIGHT, _NORMAL_X, _NORMAL_Y, _WALL,
-    _COSINE, _SINE, _START_X, _START_Y, _RANGE,
-) = range(15)  # fmt: skip
-_ROWS = 15
-
-
-class Scratch(NamedTuple):
-    """Arrays that `update_pose` works in.
-
-    Attributes:
-        ranges: Expected ranges, shape (B,).
-        ray: Which ray each of them is of, int32, shape (B,).
-        edge: Which border edge it meets, int32, shape (B,).
-        chosen: Numbers of the beams that tell something, int32, shape (B,).
-        beam: Of the beams that tell something, one after the other; rows as above, shape
-            (rows, B).
-        noise: For who simulates the readings, shape (B,).
-        told: Information of a scan, shape (3, 3).
-        spread: Covariance after it, shape (3, 3).
-        cast: See `casting.work_space`.
-    """
-
-    ranges: Floats
-    ray: NDArray[np.int32]
-    edge: NDArray[np.int32]
-    chosen: NDArray[np.int32]
-    beam: Floats
-    noise: Floats
-    told: Floats
-    spread: Floats
-    cast: tuple[Any, ...]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def scratch_for(beams, rays):
-    """`Scratch` for scans of so many beams and rays."""
-    return Scratch(
-        np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
-        np.empty(beams, dtype=np.int32),
-        np.empty((_ROWS, beams)), np.empty(beams), np.empty((3, 3)), np.empty((3, 3)),
-        work_space(rays),
-    )  # fmt: skip
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _over(value, pivot):
-    """A quotient, 0 where the pivot is: a covariance may know something exactly."""
-    return value / pivot if pivot > 0.0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def posterior(cov, told):
-    """Replace a covariance P by (P^-1 + told)^-1; P may be singular.
-
-    With P = L L^T and R R^T = I + L^T told L it is G G^T, G = L R^-T: symmetric, without negative
-    variances, and as exact as P and told are. (30 times as fast as numpy.linalg.inv.)
-    """
-    if told[0, 0] == 0.0 and told[1, 1] == 0.0 and told[2, 2] == 0.0:
-        # Nothing is told, and nothing is changed: not by rounding either.
-        return
-    # L, a lower triangle.
-    a = math.sqrt(max(cov[0, 0], 0.0))
-    b, d = _over(cov[1, 0], a), _over(cov[2, 0], a)
-    c = math.sqrt(max(cov[1, 1] - b * b, 0.0))
-    e = _over(cov[2, 1] - d * b, c)
-    f = math.sqrt(max(cov[2, 2] - d * d - e * e, 0.0))
-    # told L, then the lower triangle of I + L^T told L.
-    p0 = told[0, 0] * a + told[0, 1] * b + told[0, 2] * d
-    p1 = told[1, 0] * a + told[1, 1] * b + told[1, 2] * d
-    p2 = told[2, 0] * a + told[2, 1] * b + told[2, 2] * d
-    q1 = told[1, 1] * c + told[1, 2] * e
-    q2 = told[2, 1] * c + told[2, 2] * e
-    s22 = told[2, 2] * f
-    # R, a lower triangle; the matrix is at least I.
-    ra = math.sqrt(1.0 + a * p0 + b * p1 + d * p2)
-    rb, rd = (c * p1 + e * p2) / ra, f * p2 / ra
-    rc = math.sqrt(max(1.0 + c * q1 + e * q2 - rb * rb, 1.0))
-    re = (f * q2 - rd * rb) / rc
-    rf = math.sqrt(max(1.0 + f * s22 - rd * rd - re * re, 1.0))
-    # The rows of G.
-    x0 = a / ra
-    x1 = -x0 * rb / rc
-    x2 = -(x0 * rd + x1 * re) / rf
-    y0 = b / ra
-    y1 = (c - y0 * rb) / rc
-    y2 = -(y0 * rd + y1 * re) / rf
-    z0 = d / ra
-    z1 = (e - z0 * rb) / rc
-    z2 = (f - z0 * rd - z1 * re) / rf
-    cov[0, 0] = x0 * x0 + x1 * x1 + x2 * x2
-    cov[1, 1] = y0 * y0 + y1 * y1 + y2 * y2
-    cov[2, 2] = z0 * z0 + z1 * z1 + z2 * z2
-    cov[0, 1] = cov[1, 0] = x0 * y0 + x1 * y1 + x2 * y2
-    cov[0, 2] = cov[2, 0] = x0 * z0 + x1 * z1 + x2 * z2
-    cov[1, 2] = cov[2, 1] = y0 * z0 + y1 * z1 + y2 * z2
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
-    """Take one scan into an estimate (3,) and its covariance (3, 3), in place.
-
-    The update is iterated (Bell & Cathey 1993, "The iterated Kalman filter update as a
-    Gauss-Newton method"): ranges to slanted walls and past corners are not linear over a few
-    centimetres, and one step would be surer of itself than it may be.
-
-    Args:
-        mean: x, y, theta, written.
-        cov: Written.
-        reading: Of each beam, shape (B,), metres; inf no echo, -inf too near, nan none.
-        gate: Standard deviations of the residual beyond which a beam is left out.
-        rounds: Steps of the iteration, at least 1.
-        recast: Whether each step casts the beams anew; if not, they stay on the lines of the
-            walls that they met at the prior, with the gradients that they had there: a tenth of
-            the cost, and in drives through drawn buildings errors and NEES are the same.
-        cast: See `casting.CastTables`.
-        noise: See `BeamNoise`.
-        scratch: See `Scratch`.
-
-    Returns:
-        How many beams were used.
-    """
-    ranges, ray, edge, chosen, beam, _, told, spread, work = scratch
-    x, y, t = mean[0], mean[1], mean[2]
-    ax, ay, at = x, y, t
-    # Of the pose about which the ranges are linear.
-    xx, yy, tt = cov[0, 0], cov[1, 1], cov[2, 2]
-    xy, xt, yt = 2.0 * cov[0, 1], 2.0 * cov[0, 2], 2.0 * cov[1, 2]
-    count = used = 0
-    for step in range(rounds):
-        if step == 0 or recast:
-            expected_ranges(ax, ay, at, cast, work, ranges, ray, edge)
-            count = _take_in(at, reading, cast, noise, ranges, ray, edge, chosen, beam)
-        used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
-            ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
-            step == 0 or recast, beam, count,
-        )  # fmt: skip
-        told[0, 0], told[1, 1], told[2, 2] = txx, tyy, ttt
-        told[0, 1], told[0, 2], told[1, 2] = txy, txt, tyt
-        told[1, 0], told[2, 0], told[2, 1] = txy, txt, tyt
-        for i in range(3):
-            for j in range(3):
-                spread[i, j] = cov[i, j]
-        posterior(spread, told)
-        ax = x + spread[0, 0] * px + spread[0, 1] * py + spread[0, 2] * pt
-        ay = y + spread[1, 0] * px + spread[1, 1] * py + spread[1, 2] * pt
-        at = wrapped(t + spread[2, 0] * px + spread[2, 1] * py + spread[2, 2] * pt)
-        xx, yy, tt = spread[0, 0], spread[1, 1], spread[2, 2]
-        xy, xt, yt = 2.0 * spread[0, 1], 2.0 * spread[0, 2], 2.0 * spread[1, 2]
-    mean[0], mean[1], mean[2] = ax, ay, at
-    for i in range(3):
-        for j in range(3):
-            cov[i, j] = spread[i, j]
-    return used
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _take_in(theta, reading, cast, noise, ranges, ray, edge, chosen, beam):
-    """Write the beams that tell something, as they were met, to `beam`; how many."""
-    co, si = math.cos(theta), math.sin(theta)
-    count = 0
-    for b in range(ranges.size):
-        # Chosen without a branch, which the processor would guess wrong every other time.
-        told = (ray[b] >= 0) & (ranges[b] > noise.near[b]) & math.isfinite(reading[b])
-        chosen[count] = b
-        count += told & (not noise.frontier[edge[b]])
-    for m in range(count):
-        # Without a sign, numba need not ask at each access whether an index counts from the end.
-        b = np.uint64(chosen[m])
-        j, k, d = np.uint64(ray[b]), np.uint64(edge[b]), ranges[b]
-        line, gx, gy, gt, variance = linear_reading(d, b, j, k, co, si, cast, noise)
-        beam[_READ, m], beam[_LINE, m], beam[_RANGE, m] = reading[b], line, d
-        beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gx, gy, gt
-        beam[_VARIANCE, m], beam[_WEIGHT, m] = variance, 1.0 / variance
-        nx, ny = cast.normal[k, 0], cast.normal[k, 1]
-        beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = nx, ny
-        beam[_WALL, m] = nx * cast.border[k, 0] + ny * cast.border[k, 1]
-        beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
-        beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
-    return count
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"reassoc"})
-def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, count):
-    """What the beams tell at a pose: how many are used, their information, and what they are off.
-
-    The sums may be made in any order, so the compiler takes several beams at a time.
-
-    Args:
-        x: The pose about which the ranges are linear, map frame.
-        y: The same.
-        theta: The same.
-        bx: How far that is from the prior, as by and bt.
-        by: See there.
-        bt: See there.
-        xx: Its covariance, as yy and tt.
-        yy: See there.
-        tt: See there.
-        xy: Twice its covariance, as xt and yt.
-        xt: See there.
-        yt: See there.
-        gate: As `update_pose`.
-        met: Whether that is the pose at which the beams were met. If not, each ray is moved along
-            to where it meets the line of the same wall.
-        beam: As `Scratch`.
-        count: How many of them tell something.
-
-    Returns:
-        How many are used; information xx, yy, tt, xy, xt, yt; weighted residuals x, y, theta.
-    """
-    co, si = math.cos(theta), math.sin(theta)
-    used = 0
-    # Sums in variables of their own stay in registers, those in arrays do not.
-    txx = tyy = ttt = txy = txt = tyt = px = py = pt = 0.0
-    for m in range(count):
-        off = beam[_READ, m] - beam[_LINE, m]
-        if not met:
-            sx = x + co * beam[_START_X, m] - si * beam[_START_Y, m]
-            sy = y + si * beam[_START_X, m] + co * beam[_START_Y, m]
-            ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
-            uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
-            nx, ny = beam[_NORMAL_X, m], beam[_NORMAL_Y, m]
-            facing = nx * ux + ny * uy
-            further = (beam[_WALL, m] - nx * sx - ny * sy) / facing - beam[_RANGE, m]
-            # A ray along the wall stays as it was.
-            off -= further if abs(facing) > PARALLEL else 0.0
-        gx, gy, gt = beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m]
-        expected = gx * (gx * xx + gy * xy + gt * xt) + gy * (gy * yy + gt * yt)
-        expected += beam[_VARIANCE, m] + gt * gt * tt
-        # A beam that is left out weighs nothing: a branch would make it one beam at a time.
-        within = off * off <= gate * gate * expected
-        used += within
-        # The residual that the prior would have were the range linear from here on.
-        off += gx * bx + gy * by + gt * bt
-        weight = beam[_WEIGHT, m] if within else 0.0
-        wx, wy, wt = gx * weight, gy * weight, gt * weight
-        px, py, pt = px + wx * off, py + wy * off, pt + wt * off
-        txx, txy, txt = txx + wx * gx, txy + wx * gy, txt + wx * gt
-        tyy, tyt, ttt = tyy + wy * gy, tyt + wy * gt, ttt + wt * gt
-    return used, txx, tyy, ttt, txy, txt, tyt, px, py, pt
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -49,7 +49,7 @@ def test_other_code_is_another_type() -> None:
     assert {
         "step.py",
         "layout.py",
-        "ekf.py",
+        "ekf_update.py",
         "fan.py",
         "noise.py",
         "field.py",

@@ -13,7 +13,7 @@ from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.steering import Steering
 from ambinav.localization.casting import cast_rays, nearest_echoes
-from ambinav.localization.ekf import scratch_for
+from ambinav.localization.ekf_update import scratch_for
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.obstacles import SPARE, shade
 from ambinav_envs.vector import NavigationVectorEnv

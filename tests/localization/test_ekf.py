@@ -11,7 +11,8 @@ from scipy import stats
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.errors import InputError
-from ambinav.localization.ekf import ExtendedKalmanFilter, posterior
+from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.ekf_update import posterior
 from ambinav.localization.information import beam_noise, scan_information
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.random import states

@@ -22,10 +22,10 @@ STEPS = np.vstack(
 LENGTHS = np.hypot(STEPS[:, 0], STEPS[:, 1])
 SIDES = 8
 """How many of the steps lead to a cell that touches."""
-# Width of a bucket, in cells: a little less than a step, for rounding; and how many cells the
-# longest step is long, or the seeds are apart.
+# Width of a bucket, in cells: a little less than a step, for rounding.
 _WIDTH = 0.999
 REACH = 2.5
+"""Cells: no step is longer, and no seed farther from the goal."""
 _FAR = np.float32(np.inf)
 # Bits of `lattice.STEPS` towards a column step and a row step of -1 or 1, at [row > 0, column > 0].
 _SIDEWAYS = np.array([4, 0])
@@ -43,14 +43,15 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
 
     Args:
         seeds: Running numbers (row * columns + column) of the cells next to the goal, int64, (K,).
-        first: Their distances to the goal, metres at their prices, float64, (K,); less than
-            `REACH` cells apart at the highest price.
+        first: What the straight way from each to the goal costs, at the price of its own cell,
+            metres, float64, (K,); it is at most `REACH` cells long.
         moves: Bit k of a cell: a way leads to it from its neighbour at STEPS[k]; uint16, shape
             (rows, columns). No step may leave the lattice.
         links: Bit k of a cell: no wall parts it from its neighbour at STEPS[k], k < SIDES; uint8,
             shape (rows, columns).
         prices: What a metre costs at a cell where the robot drives in one of H headings, at least
-            1; float32, shape (rows, columns, H). Linear in between. Ones for the shortest way.
+            1; float32, shape (rows, columns, H). A step costs the mean of its ends' prices. Ones
+            for the shortest way.
         spacing: Distance between cells, metres.
         field: Costs, float32, shape (rows, columns); inf where nothing leads to.
     """
@@ -59,7 +60,7 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
     flat[:] = _FAR
     offsets = STEPS[:, 1] * columns + STEPS[:, 0]
     lengths = (LENGTHS * spacing).astype(np.float32)
-    headings = travelling(prices.shape[2])
+    headings = _step_headings(prices.shape[2])
     per_metre = np.float32(1.0 / (_WIDTH * spacing))
     # A cell stands at most once in a bucket; where it has moved to a nearer one, it is left
     # behind and passed over.
@@ -103,7 +104,11 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(moves, prices, spacing, field, towards):
-    """Write where the cheapest way leads from each cell, of a field by `geodesic`.
+    """Write where the way leads from each cell, of a field by `geodesic`.
+
+    A step is the better the more it brings for its cost less its length: of steps along the
+    cheapest way the longest, and one that is longer still may cost a little more. So ways lead
+    round corners in wide turns, a few per cent above the least cost.
 
     Args:
         moves: See `geodesic`, as prices, spacing and field.
@@ -114,24 +119,24 @@ def follow(moves, prices, spacing, field, towards):
             negative where no step leads nearer to the goal.
     """
     rows, columns = field.shape
-    headings = travelling(prices.shape[2])
+    headings = _step_headings(prices.shape[2])
     towards[:] = -1
     for row in range(rows):
         for column in range(columns):
-            here, least = field[row, column], math.inf
-            for k in range(STEPS.shape[0]):
+            least = field[row, column]
+            for k in range(len(STEPS)):
                 # Bit k of a cell: a way leads to it from its neighbour at STEPS[k].
                 c, r = column - STEPS[k, 0], row - STEPS[k, 1]
                 inside = 0 <= c < columns and 0 <= r < rows
-                if inside and moves[r, c] & (1 << k) and field[r, c] < here:
+                if inside and moves[r, c] & (1 << k) and field[r, c] < least:
                     mean = 0.5 * (prices[row, column, headings[k]] + prices[r, c, headings[k]])
-                    cost = field[r, c] + mean * LENGTHS[k] * spacing
-                    if cost < least:
-                        least, towards[row, column] = cost, k
+                    left = field[r, c] + (mean - 1.0) * LENGTHS[k] * spacing
+                    if left < least:
+                        least, towards[row, column] = left, k
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def travelling(count):
+def _step_headings(count):
     """Which of so many headings a robot has that comes to a cell from its neighbours at `STEPS`."""
     turns = np.empty(len(STEPS), dtype=np.int64)
     for k in range(len(STEPS)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,8 @@ from ambinav_envs.buildings.tasks import Task, Way, draw_places, draw_task, spre
 
 FEWEST, MOST = 32, 256
 """How many a building has."""
-# Bytes that the shortest ways to all goals of a building may take, but for the fewest; other ways
-# take as much again.
+# Bytes that the lengths of the shortest ways to all goals of a building may take, but for the
+# fewest. Where they lead takes a quarter more, and other ways as much as both.
 _MEMORY = 2_000_000
 # How many of them are tried before a goal is drawn from anywhere.
 _TRIES = 8
@@ -24,10 +24,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """One of them; see `Task`, and `spread_from` for the label."""
+    """One of them: lengths of the shortest ways to it, and the way to take.
+
+    See `Task`, and `spread_from` for the label.
+    """
 
     place: Floats
-    shortest: Way
+    lengths: NDArray[np.float32]
     way: Way
     label: int
 
@@ -64,36 +67,39 @@ class Goals:
             if goal.label >= 0:
                 found, _, _ = start_for(
                     state, float(shortest), float(longest), goal.label, self._places.table,
-                    goal.shortest.costs, task,
+                    goal.lengths, task,
                 )  # fmt: skip
                 if found:
-                    task[3:5] = goal.place
-                    return self._along(Task.shortest(task, goal.shortest), goal.way)
+                    return self._along(task[:3], goal.place, float(task[5]), goal.way)
         return self.towards(draw_task(self._places, state, shortest, longest))
 
     def towards(self, task: Task) -> Task:
         """A task with the way to take; it is given with the shortest one."""
         if self._priced is None:
             return task
-        return self._along(task, self._way_to(task.goal, self._priced)[0])
+        way = Way.of(self._costs_to(task.goal, self._priced)[0], self._priced)
+        return self._along(task.start, task.goal, task.distance, way)
 
-    def _along(self, task: Task, way: Way) -> Task:
-        if self._priced is None:
-            return task
-        x, y, _ = task.start.tolist()
-        return replace(task, way=way, cost=self._places.distance(way.costs, x, y))
+    def _along(self, start: Floats, goal: Floats, distance: float, way: Way) -> Task:
+        cost = distance
+        if self._priced is not None:
+            cost = self._places.distance(way.costs, float(start[0]), float(start[1]))
+        return Task(start, goal, distance, way, cost)
 
     def _goal(self, which: int) -> _Goal:
         """The goal of this number."""
         if which not in self._known:
             place = self._points[which].copy()
-            shortest, label = self._way_to(place, self._places.table)
-            way = shortest if self._priced is None else self._way_to(place, self._priced)[0]
-            self._known[which] = _Goal(place, shortest, way, label)
+            table = self._places.table
+            lengths, label = self._costs_to(place, table)
+            if self._priced is None:
+                way = Way.of(lengths, table)
+            else:
+                way = Way.of(self._costs_to(place, self._priced)[0], self._priced)
+            self._known[which] = _Goal(place, lengths, way, label)
         return self._known[which]
 
-    def _way_to(self, place: Floats, table: PlaceTable) -> tuple[Way, int]:
-        """The way to a place at the prices of a table, and the place's label."""
+    def _costs_to(self, place: Floats, table: PlaceTable) -> tuple[NDArray[np.float32], int]:
+        """What the ways to a place cost at the prices of a table, and the place's label."""
         costs = np.empty(self._places.room.shape, dtype=np.float32)
-        label = int(spread_from(place[0], place[1], table, costs))
-        return Way.of(costs, table), label
+        return costs, int(spread_from(place[0], place[1], table, costs))

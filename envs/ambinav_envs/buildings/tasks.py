@@ -52,7 +52,6 @@ class Task:
         start: x, y, theta, metres and radians, map frame, shape (3,).
         goal: x, y, shape (2,).
         distance: Length of the shortest way from start to goal, metres.
-        field: The same from every cell, see `Places`; float32, shape (rows, columns).
         way: The way that the robot is to take, see `Goals`.
         cost: What it costs from the start.
     """
@@ -60,7 +59,6 @@ class Task:
     start: Floats
     goal: Floats
     distance: float
-    field: NDArray[np.float32]
     way: Way
     cost: float
 
@@ -68,7 +66,7 @@ class Task:
     def shortest(cls, numbers: Floats, way: Way) -> Task:
         """One whose way is the shortest; start, goal and distance are the six numbers."""
         distance = float(numbers[5])
-        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, way.costs, way, distance)
+        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, way, distance)
 
 
 def draw_task(

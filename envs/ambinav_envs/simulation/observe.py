@@ -114,8 +114,8 @@ def ahead(x, y, goal, distance, ground):
     while towards[row, column] >= 0:
         k = towards[row, column]
         length = LENGTHS[k] * spacing
-        share = min(left / length, 1.0)
-        if share < 1.0:
+        if left < length:
+            share = left / length
             px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
             return px - share * STEPS[k, 0] * spacing, py - share * STEPS[k, 1] * spacing
         left -= length

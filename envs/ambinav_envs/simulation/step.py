@@ -14,7 +14,7 @@ from ambinav.drive.follower import limited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import reckon, report
 from ambinav.drive.world import free_share, path, unicycle
-from ambinav.localization.ekf import scratch_for, update_pose
+from ambinav.localization.ekf_update import scratch_for, update_pose
 from ambinav.localization.odometry import wrapped
 from ambinav.service.field import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
