@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, Final
 
@@ -156,10 +157,27 @@ class ModelPolicy(Policy):
         if self.normalization is not None:
             seen = self.normalization(seen)
         given: Any = seen if "parts" in self._wanted else seen[ROW]
-        actions, self._state = self.model.predict(
-            given, state=self._state, episode_start=starts, deterministic=True
-        )
+        with _one_thread():
+            actions, self._state = self.model.predict(
+                given, state=self._state, episode_start=starts, deterministic=True
+            )
         return np.asarray(actions)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let torch work on one thread: for nets so small two are no faster.
+
+    And where another program has the second core, they wait for each other, busily, for minutes.
+    """
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class CallablePolicy(Policy):
