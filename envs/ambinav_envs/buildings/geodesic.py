@@ -108,7 +108,7 @@ def follow(moves, prices, spacing, field, towards):
 
     A step is the better the more it brings for its cost less its length: of steps along the
     cheapest way the longest, and one that is longer still may cost a little more. So ways lead
-    round corners in wide turns, a few per cent above the least cost.
+    round corners in wide turns, and cost up to a tenth more than the least.
 
     Args:
         moves: See `geodesic`, as prices, spacing and field.
