@@ -222,15 +222,15 @@ def test_a_refused_reset_begins_nothing(monkeypatch: pytest.MonkeyPatch) -> None
     envs.reset(seed=0)
     other.reset(seed=0)
     source, before = envs.simulation.source, envs.simulation.state.tobytes()
-    draw, calls = source.draw, []
+    at, calls = source.at, []
 
-    def fails_at_the_second(rng: np.random.Generator) -> Any:
-        calls.append(rng)
+    def fails_at_the_second(share: float) -> Any:
+        calls.append(share)
         if len(calls) == 2:
             raise InputError("no room.")
-        return draw(rng)
+        return at(share)
 
-    monkeypatch.setattr(source, "draw", fails_at_the_second)
+    monkeypatch.setattr(source, "at", fails_at_the_second)
     with pytest.raises(InputError, match="no room"):
         envs.reset()
     assert envs.simulation.state.tobytes() == before
@@ -248,10 +248,10 @@ def test_a_next_episode_that_is_refused(mode: str, monkeypatch: pytest.MonkeyPat
     envs.reset(seed=0)
     envs.reset(options=start | {"reset_mask": mask})
 
-    def fails(rng: np.random.Generator) -> Any:
+    def fails(share: float) -> Any:
         raise InputError("no room.")
 
-    monkeypatch.setattr(envs.simulation.source, "draw", fails)
+    monkeypatch.setattr(envs.simulation.source, "at", fails)
     with pytest.raises(InputError, match="no room"):
         for _ in range(20):
             envs.step(np.array([[1.0, 0.0], [-1.0, 0.0]]))

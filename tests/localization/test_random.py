@@ -6,7 +6,14 @@ import numpy as np
 from numba import njit
 from scipy import stats
 
-from ambinav.localization.random import normals, states, uniform, ziggurat, ziggurats
+from ambinav.localization.random import (
+    normals,
+    states,
+    states_of_each,
+    uniform,
+    ziggurat,
+    ziggurats,
+)
 
 COUNT = 200_000
 
@@ -115,3 +122,19 @@ def test_normals_at_once_are_those_one_by_one() -> None:
     assert np.abs(at_once).max() > 3.66
     np.testing.assert_array_equal(at_once, one_by_one)
     np.testing.assert_array_equal(state[0], state[1])
+
+
+def test_states_of_each_are_those_of_its_generator_alone() -> None:
+    def rngs() -> list[np.random.Generator]:
+        return [np.random.default_rng(seed) for seed in range(40)]
+
+    drawn = states_of_each(rngs(), 6)
+    assert drawn.shape == (40, 6, 4)
+    assert (drawn[:, :, 0] & np.uint64(1)).all()
+    for row, rng in zip(drawn, rngs(), strict=True):
+        np.testing.assert_array_equal(row, states_of_each([rng], 6)[0])
+    # Every bit but the one that is set comes half of the time.
+    bits = np.unpackbits(np.ascontiguousarray(drawn).view(np.uint8), bitorder="little")
+    share = bits.reshape(-1, 256).mean(axis=0)
+    assert share[0] == 1.0
+    assert np.abs(share[1:] - 0.5).max() < 5.0 * 0.5 / np.sqrt(240.0)

@@ -102,10 +102,10 @@ class BuildingSource:
         """Buildings are drawn again where they are needed."""
         return self.__dict__ | {"_buildings": OrderedDict()}
 
-    def draw(self, rng: np.random.Generator) -> Building:
-        """Draw one of the buildings, each as likely as the others."""
+    def at(self, share: float) -> Building:
+        """The building at a share, from [0, 1), of all of them: each as likely if it is drawn."""
         count = _END - self.first if self.count is None else self.count
-        return self.get(self.first + int(rng.integers(count)))
+        return self.get(self.first + int(share * count))
 
     def get(self, which: int | str) -> Building:
         """The building of this number or key.

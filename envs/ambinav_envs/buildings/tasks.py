@@ -18,6 +18,8 @@ from ambinav_envs.buildings.places import MARGIN, Places, PlaceTable
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
 _DRAWN, _FAR_ENDS = 32, 8
+# How many starts are tried before all that will do are counted.
+_GUESSES = 32
 # A goal is joined to the cells within `REACH` cells of it, fewer than these, that the robot gets to
 # in a straight line: near a goal every direction is then as long as it is.
 _SEEDS = 32
@@ -227,7 +229,8 @@ def start_for(state, shortest, longest, label, table, field, task):
         task: x, y and theta of the start become its first three, the distance the last of six.
 
     Returns:
-        Whether there is one, the greatest distance of a cell to stand at, and that cell or -1.
+        Whether there is one; if not, the greatest distance of a cell to stand at, and that cell
+        or -1.
     """
     start, away, far_end = _pick(state, shortest, longest, label, table, field)
     if start >= 0:
@@ -295,9 +298,15 @@ def _pick(state, shortest, longest, label, table, field):
     """Draw one of the cells to stand at with this label and within these distances.
 
     Returns:
-        The cell or -1, the greatest distance of a cell with this label, and that cell or -1.
+        The cell; or -1, and then the greatest distance of a cell with this label, and that cell
+        or -1.
     """
     flat, labels = field.ravel(), table.labels.ravel()
+    # Any cell, until one will do: each that does is as likely. Few draws where many do.
+    for _ in range(_GUESSES if table.standing.size > 0 else 0):
+        cell = table.standing[int(uniform(state) * table.standing.size)]
+        if labels[cell] == label and shortest <= flat[cell] <= longest:
+            return cell, 0.0, -1
     count, farthest, far_end = 0, 0.0, -1
     for cell in table.standing:
         if labels[cell] == label:

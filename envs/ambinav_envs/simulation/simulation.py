@@ -12,7 +12,7 @@ from ambinav.compiling import announce
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.errors import InputError
 from ambinav.localization.mcl import MonteCarloLocalizer
-from ambinav.localization.random import states
+from ambinav.localization.random import states_of_each, uniform
 from ambinav.sensing.fields import nearest
 from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
@@ -25,6 +25,7 @@ from ambinav_envs.simulation.layout import (
     GROUND,
     LOCALIZERS,
     MCL,
+    PARTICLES,
     ROWS,
     RUNNING,
     SETTINGS,
@@ -36,7 +37,7 @@ from ambinav_envs.simulation.layout import (
 )
 from ambinav_envs.simulation.pointers import address
 from ambinav_envs.simulation.site import Site, Sites, eyes_for
-from ambinav_envs.simulation.step import BEGIN, JUDGE, SHOW, STEP, UP_TO_LOOK, advance
+from ambinav_envs.simulation.step import BEGIN, DRIVE, JUDGE, LOOK, PLACE, SHOW, STEP, advance
 from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
@@ -67,8 +68,6 @@ class _Episode(NamedTuple):
 
     site: Site
     task: Task
-    streams: NDArray[np.uint64]
-    estimate: Floats
     particles: MonteCarloLocalizer | None
 
 
@@ -185,12 +184,13 @@ class Simulation:
         """
         given = _checked(options)
         # First one draw of each, so that what is refused then moves all of them on alike.
-        streams = [states(generators[i], STREAMS) for i in rows]
+        streams = states_of_each([generators[i] for i in rows], STREAMS)
         episodes = [self._draw(own, given) for own in streams]
         for i, episode in zip(rows, episodes, strict=True):
             self._settle(i, episode.site, episode.task)
-            self._start(i, episode)
+            self._filters[i] = episode.particles
         chosen = np.array(rows, dtype=np.int64)
+        self._start(chosen, [episode.task for episode in episodes], streams)
         self._advance(chosen, BEGIN, out)
 
     def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
@@ -218,10 +218,10 @@ class Simulation:
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
         """Draw what the options leave open of an episode."""
         p = self.parameters
-        own = np.random.Generator(np.random.PCG64(streams[BUILDING]))
         building, start, goal = given["building"], given["start"], given["goal"]
+        share = uniform(streams[BUILDING])
         site = self._known.of(
-            self.source.draw(own) if building is None else self.source.get(building)
+            self.source.at(share) if building is None else self.source.get(building)
         )
         if start is None and goal is None:
             task = site.goals.draw(streams[TASK], p.shortest, p.longest)
@@ -229,24 +229,19 @@ class Simulation:
             task = site.goals.towards(
                 draw_task(site.places, streams[TASK], p.shortest, p.longest, start=start, goal=goal)
             )
-        std = np.array(p.start_std)
-        estimate = task.start + std * own.standard_normal(3)
-        particles = self._localizer(site, own, estimate, std) if self._particles else None
-        return _Episode(site, task, streams, estimate, particles)
+        particles = self._localizer(site, streams[PARTICLES]) if self._particles else None
+        return _Episode(site, task, particles)
 
-    def _localizer(
-        self, site: Site, own: np.random.Generator, estimate: Floats, std: Floats
-    ) -> MonteCarloLocalizer:
-        """A particle filter that is told an estimate and its deviations."""
+    def _localizer(self, site: Site, stream: NDArray[np.uint64]) -> MonteCarloLocalizer:
+        """A particle filter that has not been told where it starts."""
         scanner, mcl = self.parameters.scanner, self.parameters.particles
         environment = site.building.environment
+        own = np.random.Generator(np.random.PCG64(stream))
         try:
             field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
-            localizer = MonteCarloLocalizer(environment, scanner, mcl, rng=own, field=field)
+            return MonteCarloLocalizer(environment, scanner, mcl, rng=own, field=field)
         except InputError as error:
             raise InputError(f"mcl: {error}") from error
-        localizer.start(estimate, np.diag(std * std))
-        return localizer
 
     def _settle(self, i: int, site: Site, task: Task) -> None:
         """Put robot i into a building, with a goal."""
@@ -260,27 +255,31 @@ class Simulation:
         ground["field"][i] = address(task.way.costs, np.float32)
         ground["towards"][i] = address(task.way.towards, np.int8)
 
-    def _start(self, i: int, episode: _Episode) -> None:
-        """Make the record of robot i that of an episode which begins."""
-        state, task, std = self.state, episode.task, np.array(self.parameters.start_std)
-        state[i] = np.zeros((), dtype=STATE)
-        row = state[i]
-        row["random"], row["truth"], row["goal"] = episode.streams, task.start, task.goal
-        row["distance"], row["shortest"] = task.cost, task.distance
-        row["outcome"], row["mean"] = RUNNING, episode.estimate
-        row["covariance"][[0, 1, 2], [0, 1, 2]] = std * std
-        self._filters[i] = episode.particles
+    def _start(
+        self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
+    ) -> None:
+        """Make the records of some robots those of episodes which begin."""
+        state = self.state
+        state[rows] = np.zeros(len(rows), dtype=STATE)
+        state["outcome"][rows], state["random"][rows] = RUNNING, streams
+        state["truth"][rows] = [task.start for task in tasks]
+        state["goal"][rows] = [task.goal for task in tasks]
+        state["distance"][rows] = [task.cost for task in tasks]
+        state["shortest"][rows] = [task.distance for task in tasks]
 
     def _advance(
         self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING
     ) -> None:
         """Do parts of a step with some robots, see `step.advance`, and with their filters."""
-        if self._particles:
-            self._kernel(rows, parts & UP_TO_LOOK, out, actions)
-            self._filter(rows.tolist())
-            self._kernel(rows, parts & (JUDGE | SHOW), out, actions)
-        else:
+        if not self._particles:
             self._kernel(rows, parts, out, actions)
+            return
+        if parts & PLACE:
+            self._kernel(rows, PLACE, out, actions)
+            self._tell_start(rows.tolist())
+        self._kernel(rows, parts & (DRIVE | LOOK), out, actions)
+        self._filter(rows.tolist())
+        self._kernel(rows, parts & (JUDGE | SHOW), out, actions)
 
     def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
         fixed = self._fixed, out.view, out.figures, actions
@@ -291,6 +290,13 @@ class Simulation:
                 self._refuse(full)
 
         share(some, len(rows), LEAST)
+
+    def _tell_start(self, rows: Sequence[int]) -> None:
+        """Tell particle filters the estimates of the starts, and how far off they may be."""
+        for i in rows:
+            localizer = self._filters[i]
+            assert localizer is not None
+            localizer.start(self.state["mean"][i], self.state["covariance"][i])
 
     def _refuse(self, i: int) -> None:
         """Say that there is no room for people around robot i."""

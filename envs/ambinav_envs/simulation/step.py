@@ -16,6 +16,7 @@ from ambinav.drive.noise import reckon, report
 from ambinav.drive.world import free_share, path, unicycle
 from ambinav.localization.ekf_update import scratch_for, update_pose
 from ambinav.localization.odometry import wrapped
+from ambinav.localization.random import ziggurat
 from ambinav.service.field import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
 from ambinav_envs.simulation.eyes import look
@@ -45,6 +46,7 @@ from ambinav_envs.simulation.layout import (
     REWARD,
     RUNNING,
     SHORTEST,
+    START,
     TERMS,
     TIMEOUT,
     TRAVELLED,
@@ -60,7 +62,6 @@ from ambinav_envs.simulation.pointers import borrowed
 # What `advance` does. A localizer that is no kernel comes between the looking and the rest.
 PLACE, DRIVE, LOOK, JUDGE, SHOW = 1, 2, 4, 8, 16
 STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
-UP_TO_LOOK = PLACE | DRIVE | LOOK
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -217,9 +218,16 @@ def act(memory, actions, i):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def place(memory, i):
-    """Put boxes and people around robot i, which is at `truth`; whether there is room for them."""
+    """Put boxes and people around robot i, which is at `truth`; whether there is room for them.
+
+    And give its localizer an estimate of that place.
+    """
     state, settings, ground = memory.state[i], memory.settings[0], memory.ground[i]
     table, _ = walls_of(ground)
+    for k in range(3):
+        std = settings.start_std[k]
+        state.mean[k] = state.truth[k] + std * ziggurat(state.random[START])
+        state.covariance[k, k] = std * std
     x, y = state.truth[0], state.truth[1]
     state.boxes = clutter(
         memory.boxes, i, x, y, state.goal[0], state.goal[1], ground.bounds, settings, table,

@@ -32,16 +32,16 @@ def test_numbers_and_keys() -> None:
 def test_drawn_ones_lie_in_the_range() -> None:
     rng = np.random.default_rng(0)
     train, test = source(count=4), source(count=3, first=4)
-    keys = [{one.draw(rng).key for _ in range(60)} for one in (train, test)]
+    keys = [{one.at(rng.random()).key for _ in range(60)} for one in (train, test)]
     assert keys == [{f"hall-{k}" for k in range(4)}, {f"hall-{k}" for k in range(4, 7)}]
-    first, second = ([source().draw(np.random.default_rng(3)).key] for _ in range(2))
+    first, second = ([source().at(np.random.default_rng(3).random()).key] for _ in range(2))
     assert first == second
 
 
 def test_without_a_count_every_building_is_new_and_none_is_kept() -> None:
     endless = source(first=100)
     rng = np.random.default_rng(1)
-    keys = {endless.draw(rng).key for _ in range(20)}
+    keys = {endless.at(rng.random()).key for _ in range(20)}
     assert len(keys) == 20
     assert not endless.get(100).keep
     with pytest.raises(an.InputError, match="from 100 to 2147483647"):
@@ -74,7 +74,7 @@ def test_a_map(tmp_path: Path) -> None:
         one = source(what)
         building = one.get(0)
         assert building.key == one.name == name
-        assert one.get(name) is building is one.draw(np.random.default_rng(0))
+        assert one.get(name) is building is one.at(0.5)
         assert one.count == 1
         with pytest.raises(an.InputError, match=f"from 0 to 0, or a key: '{name}'"):
             one.get("hall-0")
