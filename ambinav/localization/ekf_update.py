@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import PARALLEL
 from ambinav.localization.casting import expected_ranges, work_space
-from ambinav.localization.information import linear_reading
+from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
 
 Floats = NDArray[np.float64]
@@ -19,12 +19,12 @@ Floats = NDArray[np.float64]
 
 # Rows of `Scratch.beam`: what is read, what is expected, its derivatives by x, y and theta, its
 # variance and one over that; normal of the wall, and where that is along it; direction and place
-# of the ray in the robot's frame, and its range.
+# of the ray in the robot's frame, its range, and how the sensor's bias grows with that.
 (
     _READ, _LINE, _BY_X, _BY_Y, _BY_T, _VARIANCE, _WEIGHT, _NORMAL_X, _NORMAL_Y, _WALL,
-    _COSINE, _SINE, _START_X, _START_Y, _RANGE,
-) = range(15)  # fmt: skip
-_ROWS = 15
+    _COSINE, _SINE, _START_X, _START_Y, _RANGE, _RISE,
+) = range(16)  # fmt: skip
+_ROWS = 16
 
 
 class Scratch(NamedTuple):
@@ -186,19 +186,26 @@ def _take_in(theta, reading, cast, noise, ranges, ray, edge, chosen, beam):
         told = (ray[b] >= 0) & (ranges[b] > noise.near[b]) & math.isfinite(reading[b])
         chosen[count] = b
         count += told & (not noise.frontier[edge[b]])
+    # What is looked up first, then what is worked out: of a loop without tables the compiler takes
+    # several beams at a time.
     for m in range(count):
         # Without a sign, numba need not ask at each access whether an index counts from the end.
         b = np.uint64(chosen[m])
-        j, k, d = np.uint64(ray[b]), np.uint64(edge[b]), ranges[b]
-        line, gx, gy, gt, variance = linear_reading(d, b, j, k, co, si, cast, noise)
-        beam[_READ, m], beam[_LINE, m], beam[_RANGE, m] = reading[b], line, d
-        beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gx, gy, gt
-        beam[_VARIANCE, m], beam[_WEIGHT, m] = variance, 1.0 / variance
+        j, k = np.uint64(ray[b]), np.uint64(edge[b])
+        beam[_READ, m], beam[_RANGE, m] = reading[b], ranges[b]
+        beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
+        beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
         nx, ny = cast.normal[k, 0], cast.normal[k, 1]
         beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = nx, ny
         beam[_WALL, m] = nx * cast.border[k, 0] + ny * cast.border[k, 1]
-        beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
-        beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
+        beam[_LINE, m], beam[_RISE, m], beam[_VARIANCE, m] = sensor_line(ranges[b], b, noise)
+    for m in range(count):
+        beam[_LINE, m] += beam[_RANGE, m]
+        beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gradient(
+            beam[_RANGE, m], beam[_RISE, m], co, si, beam[_COSINE, m], beam[_SINE, m],
+            beam[_START_X, m], beam[_START_Y, m], beam[_NORMAL_X, m], beam[_NORMAL_Y, m],
+        )  # fmt: skip
+        beam[_WEIGHT, m] = 1.0 / beam[_VARIANCE, m]
     return count
 
 

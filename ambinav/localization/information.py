@@ -159,38 +159,56 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
         line[b, 4] = math.inf
         if j < 0 or not d > noise.near[b] or noise.frontier[k]:
             continue
-        line[b, 0], line[b, 1], line[b, 2], line[b, 3], line[b, 4] = linear_reading(
-            d, b, j, k, co, si, cast, noise
-        )
+        shift, rise, line[b, 4] = sensor_line(d, b, noise)
+        line[b, 0] = d + shift
+        line[b, 1], line[b, 2], line[b, 3] = gradient(
+            d, rise, co, si, cast.cosine[j], cast.sine[j], cast.start[j, 0], cast.start[j, 1],
+            cast.normal[k, 0], cast.normal[k, 1],
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def linear_reading(d, b, j, k, co, si, cast, noise):
-    """A row of `beam_lines`: of beam b, whose ray j meets edge k at distance d.
+def sensor_line(d, b, noise):
+    """Bias of beam b at a range, metres, how that grows with the range, and the variance."""
+    r = np.uint64(noise.row[b])
+    # A fifth of the work, which a sensor that is the same at any range can do without.
+    if noise.steady[r]:
+        return noise.bias[r, 0], 0.0, noise.variance[r, 0]
+    per_metre = (TABLE - 1) / noise.far[b]
+    place = d * per_metre
+    low = np.uint64(min(max(int(place), 0), TABLE - 2))
+    share, after = place - float(low), low + np.uint64(1)
+    rise = (noise.bias[r, after] - noise.bias[r, low]) * per_metre
+    shift = noise.bias[r, low] * (1.0 - share) + noise.bias[r, after] * share
+    variance = noise.variance[r, low] * (1.0 - share) + noise.variance[r, after] * share
+    return shift, rise, variance
 
-    The robot's heading is given by its cosine and sine.
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
+    """Derivatives of what a beam reads by x, y and theta of the robot.
+
+    Args:
+        d: Distance at which its ray meets a wall, metres.
+        rise: See `sensor_line`.
+        co: Cosine of the robot's heading.
+        si: Sine of it.
+        cosine: Of the ray's angle in the robot's frame.
+        sine: Likewise.
+        start_x: Of the ray there, metres.
+        start_y: Likewise.
+        nx: Of the wall's unit normal in the map frame.
+        ny: Likewise.
     """
-    ux = co * cast.cosine[j] - si * cast.sine[j]
-    uy = si * cast.cosine[j] + co * cast.sine[j]
-    nx, ny = cast.normal[k, 0], cast.normal[k, 1]
+    ux = co * cosine - si * sine
+    uy = si * cosine + co * sine
     facing = nx * ux + ny * uy
     facing = math.copysign(max(abs(facing), GRAZING), facing)
     # How the sensor and the end of its beam swing when the robot turns.
-    sx = -si * cast.start[j, 0] - co * cast.start[j, 1] - d * uy
-    sy = co * cast.start[j, 0] - si * cast.start[j, 1] + d * ux
-    r = np.uint64(noise.row[b])
-    shift, rise, variance = noise.bias[r, 0], 0.0, noise.variance[r, 0]
-    # A fifth of the work, which a sensor that is the same at any range can do without.
-    if not noise.steady[r]:
-        per_metre = (TABLE - 1) / noise.far[b]
-        place = d * per_metre
-        low = np.uint64(min(max(int(place), 0), TABLE - 2))
-        share, after = place - float(low), low + np.uint64(1)
-        rise = (noise.bias[r, after] - noise.bias[r, low]) * per_metre
-        shift = noise.bias[r, low] * (1.0 - share) + noise.bias[r, after] * share
-        variance = noise.variance[r, low] * (1.0 - share) + noise.variance[r, after] * share
+    sx = -si * start_x - co * start_y - d * uy
+    sy = co * start_x - si * start_y + d * ux
     scale = -(1.0 + rise) / facing
-    return d + shift, nx * scale, ny * scale, (nx * sx + ny * sy) * scale, variance
+    return nx * scale, ny * scale, (nx * sx + ny * sy) * scale
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
