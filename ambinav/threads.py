@@ -14,10 +14,11 @@ from itertools import pairwise
 from typing import Any
 
 import numba
-import numpy as np
 
-# So many pieces for each thread, that one which is held up leaves its rest to the others.
-PIECES = 16
+# A piece is this share of what is left, over the number of threads: the first ones are long, since
+# each costs a few microseconds, the last ones short, so that nobody waits long for a thread that
+# was held up (Polychronopoulos & Kuck 1987, "Guided self-scheduling").
+SHARE = 0.5
 
 _pools: dict[int, ThreadPoolExecutor] = {}
 # A forked process has none of its parent's threads.
@@ -41,8 +42,7 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
         return
     if threads not in _pools:
         _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
-    edges = np.linspace(0, count, min(most, PIECES * threads) + 1).astype(int).tolist()
-    pieces = iter(list(pairwise(edges)))
+    pieces = iter(list(pairwise(_edges(count, threads, least))))
 
     def some() -> None:
         try:
@@ -61,6 +61,14 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
         wait(others)
     for other in others:
         other.result()
+
+
+def _edges(count: int, threads: int, least: int) -> list[int]:
+    """Where pieces begin, and where the last one ends."""
+    edges = [0]
+    while (left := count - edges[-1]) >= 2 * least:
+        edges.append(edges[-1] + max(int(left * SHARE / threads), least))
+    return [*edges, count]
 
 
 def run_rows(kernel: Callable[..., object], count: int, *arguments: Any, least: int = 1) -> None:

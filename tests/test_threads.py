@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import pytest
 
-from ambinav.threads import PIECES, run_rows, share
+from ambinav.threads import SHARE, run_rows, share
 
 LEAST = 16
 
@@ -37,7 +37,10 @@ def test_every_row_is_worked_on_once(count: int) -> None:
 
     share(work, count, LEAST)
     assert (done == 1).all()
-    assert len(pieces) == (1 if count < 2 * LEAST else min(count // LEAST, 2 * PIECES))
+    assert (len(pieces) == 1) == (count < 2 * LEAST)
+    if len(pieces) > 1:
+        assert min(pieces) >= LEAST
+        assert max(pieces) <= max(count * SHARE / 2, 2 * LEAST)
 
 
 @pytest.mark.parametrize("here", [True, False])

@@ -215,7 +215,7 @@ def _drive(
     driver.begin(simulation, range(count))
     active = np.arange(simulation.count) < count
     starts = active.copy()
-    sums = {row: np.zeros(simulation.count) for row in (REWARD, COST, ERROR)}
+    sums = {column: np.zeros(simulation.count) for column in (REWARD, COST, ERROR)}
     largest = np.zeros(simulation.count)
     state, steps = simulation.state, 0
     while active.any():
@@ -224,9 +224,9 @@ def _drive(
             getattr(driver, "name", None), actions, simulation.count, parameters.discrete, active
         )
         simulation.step(chosen, active, out)
-        for row, total in sums.items():
-            total[active] += out.figures[row, active]
-        largest[active] = np.maximum(largest, out.figures[ERROR])[active]
+        for column, total in sums.items():
+            total[active] += out.figures[active, column]
+        largest[active] = np.maximum(largest, out.figures[:, ERROR])[active]
         active &= state["outcome"] == RUNNING
         starts[:] = False
         steps += 1

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from ambinav_envs.simulation.layout import (
     ARRIVED,
+    ESTIMATE,
     FIGURES,
     FIRST_FIGURE,
+    ODOMETRY,
     OUTCOMES,
     RUNNING,
     TERMS,
     TIMEOUT,
+    TRUE_POSE,
     VALUES,
     WEIGHTED,
 )
@@ -25,6 +28,7 @@ Info = dict[str, Any]
 
 _NAMES = np.array(OUTCOMES, dtype=object)
 _TERM_MASKS = tuple(f"_{term}" for term in TERMS)
+_POSES = (("true_pose", TRUE_POSE), ("estimate", ESTIMATE), ("odometry", ODOMETRY))
 # Of what every step and reset tells.
 _MASKS = tuple(
     f"_{key}"
@@ -65,17 +69,15 @@ robot is lost; their sum |
         out: What that has made.
         done: Whose episode has just ended, shape (N,).
     """
-    state, figures = simulation.state, out.figures
+    state, figures = simulation.state, out.figures.T
     everyone = np.ones(simulation.count, dtype=np.bool_)
     info: Info = {
         "terms": _named(figures[VALUES:], everyone),
         "reward_terms": _named(figures[WEIGHTED:], everyone),
-        **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=True)),
+        **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=False)),
         "lost": state["lost"].copy(),
         "was_lost": state["was_lost"].copy(),
-        "true_pose": state["truth"].copy(),
-        "estimate": state["mean"].copy(),
-        "odometry": state["odometry"].copy(),
+        **{name: out.figures[:, first : first + 3] for name, first in _POSES},
     }
     info |= dict.fromkeys(_MASKS, everyone)
     if done.any():
@@ -89,16 +91,14 @@ robot is lost; their sum |
 
 def info_of_one(simulation: Simulation, out: Outcome, done: bool) -> Info:
     """As `info_of_all` for the only robot, as plain values and poses of shape (3,)."""
-    state, figures = simulation.state[0], out.figures[:, 0].tolist()
+    state, figures = simulation.state[0], out.figures[0].tolist()
     info: Info = {
         "terms": dict(zip(TERMS, figures[VALUES:], strict=False)),
         "reward_terms": dict(zip(TERMS, figures[WEIGHTED:], strict=False)),
-        **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=True)),
+        **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=False)),
         "lost": bool(state["lost"]),
         "was_lost": bool(state["was_lost"]),
-        "true_pose": state["truth"].copy(),
-        "estimate": state["mean"].copy(),
-        "odometry": state["odometry"].copy(),
+        **{name: out.figures[0, first : first + 3] for name, first in _POSES},
     }
     if done:
         info["outcome"] = OUTCOMES[int(state["outcome"])]

@@ -223,7 +223,7 @@ class NavigationEnv(gym.Env[Observation, Any]):
         self._running = not done
         self._show()
         info = info_of_one(self.simulation, out, done)
-        return _first(out), float(out.figures[REWARD, 0]), terminated, truncated, info
+        return _first(out), float(out.figures[0, REWARD]), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The picture, shape (640, 960, 3), with the mode "rgb_array".

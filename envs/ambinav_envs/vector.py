@@ -152,9 +152,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             self._ended = done.copy()
         if anew:
             self._begin(anew, None, out)
-        rewards = out.figures[REWARD]
+        rewards = out.figures[:, REWARD].copy()
         if same_step and done.any():
-            rewards = rewards.copy()
             info = self._follow(out, done)
         else:
             info = info_of_all(self.simulation, out, done)

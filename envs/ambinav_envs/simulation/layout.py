@@ -27,13 +27,16 @@ TERMS = (
 )  # fmt: skip
 """The terms of the reward, in the order in which all arrays hold them."""
 
-# Rows of the table of figures that a step makes: the reward, its terms as they are and times
-# their weights, and what else is told of a step.
+# Columns of the table of figures that a step makes: the reward, its terms as they are and times
+# their weights, what else is told of a step, and three poses.
 REWARD, VALUES, WEIGHTED, FIRST_FIGURE = 0, 1, 1 + len(TERMS), 1 + 2 * len(TERMS)
 FIGURES = ("cost_collision", "cost_lost", "cost", "error", "exposure", "travelled", "shortest")
-"""Names of the rows from `FIRST_FIGURE` on."""
-ROWS = FIRST_FIGURE + len(FIGURES)
-COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(FIRST_FIGURE, ROWS)
+"""Names of the columns from `FIRST_FIGURE` on."""
+TRUE_POSE = FIRST_FIGURE + len(FIGURES)
+ESTIMATE, ODOMETRY, COLUMNS = TRUE_POSE + 3, TRUE_POSE + 6, TRUE_POSE + 9
+COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(
+    FIRST_FIGURE, TRUE_POSE
+)
 
 # The streams of random numbers of an episode.
 BUILDING, TASK, START, PARTICLES, WHEELS, EYES, WALKERS, CLUTTER = range(8)

@@ -22,11 +22,11 @@ from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.fixed import fixed_of
 from ambinav_envs.simulation.layout import (
     BUILDING,
+    COLUMNS,
     GROUND,
     LOCALIZERS,
     MCL,
     PARTICLES,
-    ROWS,
     RUNNING,
     SETTINGS,
     STATE,
@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         view: The observation.
-        figures: See `layout.ROWS`, shape (ROWS, N).
+        figures: See `layout.COLUMNS`, shape (N, COLUMNS).
     """
 
     view: View
@@ -156,7 +156,7 @@ class Simulation:
     def outcome(self) -> Outcome:
         """Arrays for a step to write to."""
         parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
-        return Outcome(View(*parts), np.empty((ROWS, self.count)))
+        return Outcome(View(*parts), np.empty((self.count, COLUMNS)))
 
     def reset(
         self,

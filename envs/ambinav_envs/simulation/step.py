@@ -38,10 +38,12 @@ from ambinav_envs.simulation.layout import (
     COST_LOST,
     EKF,
     ERROR,
+    ESTIMATE,
     EXPOSURE,
     LOST,
     MCL,
     MISSED,
+    ODOMETRY,
     PERFECT,
     REWARD,
     RUNNING,
@@ -50,6 +52,7 @@ from ambinav_envs.simulation.layout import (
     TERMS,
     TIMEOUT,
     TRAVELLED,
+    TRUE_POSE,
     VALUES,
     WALKERS,
     WEIGHTED,
@@ -129,7 +132,7 @@ def judge(memory, i, figures):
     Args:
         memory: See `Memory`.
         i: Which robot.
-        figures: Column i is written, see `ROWS`.
+        figures: Row i is written, see `COLUMNS`.
     """
     state, settings, ground = memory.state[i], memory.settings[0], memory.ground[i]
     off, turned = errors(state)
@@ -169,11 +172,11 @@ def judge(memory, i, figures):
     for k in range(len(TERMS)):
         # A weight of 0 gives 0 and not -0.
         part = settings.weights[k] * terms[k] + 0.0
-        figures[VALUES + k, i], figures[WEIGHTED + k, i] = terms[k], part
+        figures[i, VALUES + k], figures[i, WEIGHTED + k] = terms[k], part
         total += part
-    figures[REWARD, i] = total
-    figures[COST_COLLISION, i] = 1.0 if state.met else 0.0
-    figures[COST_LOST, i] = 1.0 if state.lost else 0.0
+    figures[i, REWARD] = total
+    figures[i, COST_COLLISION] = 1.0 if state.met else 0.0
+    figures[i, COST_LOST] = 1.0 if state.lost else 0.0
     tell(state, off, figures, i)
 
 
@@ -199,11 +202,15 @@ def near(pose, place, radius):
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def tell(state, off, figures, i):
     """Write the figures that a reset has too; the costs are there already."""
-    figures[COST, i] = figures[COST_COLLISION, i] + figures[COST_LOST, i]
-    figures[ERROR, i] = off
-    figures[EXPOSURE, i] = state.exposure
-    figures[TRAVELLED, i] = state.travelled
-    figures[SHORTEST, i] = state.shortest
+    figures[i, COST] = figures[i, COST_COLLISION] + figures[i, COST_LOST]
+    figures[i, ERROR] = off
+    figures[i, EXPOSURE] = state.exposure
+    figures[i, TRAVELLED] = state.travelled
+    figures[i, SHORTEST] = state.shortest
+    for k in range(3):
+        figures[i, TRUE_POSE + k] = state.truth[k]
+        figures[i, ESTIMATE + k] = state.mean[k]
+        figures[i, ODOMETRY + k] = state.odometry[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -245,7 +252,7 @@ def advance(fixed, view, figures, actions, rows, parts):
     Args:
         fixed: See `simulation.fixed`.
         view: Rows `rows` are written, see `View`.
-        figures: Columns `rows` are written, see `ROWS`.
+        figures: Rows `rows` are written, see `COLUMNS`.
         actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.
         rows: Which robots.
         parts: What of it, `STEP` or `BEGIN` or some of their bits.
@@ -271,7 +278,7 @@ def advance(fixed, view, figures, actions, rows, parts):
         if parts & JUDGE:
             judge(memory, i, figures)
         elif parts & SHOW:
-            figures[:, i] = 0.0
+            figures[i] = 0.0
             tell(memory.state[i], errors(memory.state[i])[0], figures, i)
         if parts & SHOW:
             observe(memory, eyes, view, i)
