@@ -32,6 +32,7 @@ from ambinav.geometry.environment import Environment, load_environment
 from ambinav.geometry.segments import Segments
 from ambinav.geometry.steering import Steering
 from ambinav.localization.mcl import MonteCarloLocalizer
+from ambinav.localization.parameters import MclParameters
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
@@ -45,7 +46,9 @@ NOISE = OdometryNoise(scale=0.5)
 REACH = 0.4
 """The robot stays within this distance of its pose, metres: inside the map's neighbourhood."""
 WAY = 12.0
-"""Metres that it drives there."""
+"""Metres that it drives there,"""
+UNKNOWN_WAY = 4.0
+"""or so many where it is not told where it starts: it finds itself in the first or not at all."""
 RATE = 5.0
 FOUND = 0.5
 """A robot within this distance of where it believes to be has found itself, metres."""
@@ -57,9 +60,13 @@ WALLS_OFF, WAVES = 0.03, 32
 deviation), and of how many waves, 2 to 8 m long, that is made: walls that meet still do."""
 PIECE = 0.25
 """Walls are bent in pieces of this length, metres."""
-PARTICLES_PER_AREA = 20.0
-"""With an unknown start, a square metre of free floor; within these limits:"""
-PARTICLES = (4000, 20000)
+PARTICLES_PER_AREA = {"laser-4m": 250.0, "laser-8m": 1000.0}
+"""With an unknown start, on a square metre of free floor, for the first scan;"""
+PARTICLES = 5000
+"""and at most so many from then on."""
+
+TAKEN_OVER = ("anchor", "base", "base_covariance", "mean", "covariance", "averages", "ticks")
+"""What a filter's state holds beside its particles and their number."""
 
 PLANAR = {"laser-30m": 30.0, "laser-8m": 8.0, "laser-4m": 4.0}
 SONAR = RangeSensor(
@@ -93,14 +100,12 @@ def main() -> None:
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
     service = AmbiguityService(amap)
     parameters = localizer("product", scanner, NOISE)
-    if args.start == "unknown":
-        many = PARTICLES_PER_AREA * mapped.free.area
-        parameters = replace(parameters, max_particles=int(np.clip(many, *PARTICLES)))
-    kind = Unstarted if args.start == "unknown" else MonteCarloLocalizer
+    known = args.start == "known"
+    kind = MonteCarloLocalizer if known else Unstarted
     guide = kind(mapped, scanner, parameters, runs=args.runs, rng=rng)
     done = 0
     for place in places(amap, checker, rng):
-        way = wander(place, amap, checker, rng)
+        way = wander(place, WAY if known else UNKNOWN_WAY, checker, rng)
         if way is None:
             continue
         route = evaluate_route(service, way, Steering(), planner="wander")
@@ -114,11 +119,51 @@ def main() -> None:
 
 
 class Unstarted(MonteCarloLocalizer):
-    """A localizer that is told nothing of where it starts."""
+    """A localizer that is told nothing of where it starts.
+
+    The first scan is taken in by a filter of many more particles, spread anywhere, for one run
+    after the other.
+    """
+
+    def __init__(
+        self,
+        environment: Environment,
+        scanner: RangeScanner,
+        parameters: MclParameters,
+        *,
+        runs: int,
+        rng: np.random.Generator,
+    ) -> None:
+        """As a `MonteCarloLocalizer`; `parameters` are told how many particles there are."""
+        later = replace(parameters, max_particles=PARTICLES)
+        super().__init__(environment, scanner, later, runs=runs, rng=rng)
+        many = max(round(PARTICLES_PER_AREA[scanner.name] * environment.free.area), PARTICLES)
+        first = replace(parameters, max_particles=many)
+        self.seeking = MonteCarloLocalizer(environment, scanner, first, runs=1, rng=rng)
+        self.new = True
 
     def start(self, poses: ArrayLike, covariance: ArrayLike | None = None) -> None:
         """Begin anywhere in the map, whatever the pose."""
         self.start_globally()
+        self.new = True
+
+    def update(self, odometry: ArrayLike, ranges: ArrayLike) -> NDArray[np.bool_]:
+        """Take in scans; the first one by all the particles that there are."""
+        if not self.new:
+            return super().update(odometry, ranges)
+        self.new = False
+        for run in range(self.runs):
+            self.seeking.start_globally()
+            self.seeking.update(np.asarray(odometry)[run], np.asarray(ranges)[run])
+            found, state = self.seeking.state, self.state
+            # They are drawn in the order of van der Corput's sequence: the first so many of them
+            # stand for all.
+            kept = min(int(found.number[0]), PARTICLES)
+            state.number[run] = kept
+            state.particles[run, :kept] = found.particles[0, :kept]
+            for name in TAKEN_OVER:
+                getattr(state, name)[run] = getattr(found, name)[0]
+        return np.ones(self.runs, dtype=np.bool_)
 
 
 def scanner_of(name: str) -> RangeScanner:
@@ -175,9 +220,9 @@ def places(amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generat
 
 
 def wander(
-    place: Floats, amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generator
+    place: Floats, metres: float, checker: CollisionChecker, rng: np.random.Generator
 ) -> Floats | None:
-    """Straight strokes about a place, 12 m in all; None where there is no room for them."""
+    """Straight strokes about a place, so many metres; None where there is no room for them."""
     spots = place + np.column_stack([rng.uniform(-REACH, REACH, (200, 2)), np.zeros(200)])
     spots = spots[np.hypot(*(spots - place)[:, :2].T) <= REACH]
     spots = spots[checker.poses_free(spots)]
@@ -187,7 +232,7 @@ def wander(
     if len(spots) < 10 or np.ptp(spots[:, :2], axis=0).max() < REACH:
         return None
     way, length = [place], 0.0
-    while length < WAY:
+    while length < metres:
         here = way[-1]
         few = spots[rng.integers(len(spots), size=6)]
         few = few[checker.motions_free(np.broadcast_to(here, few.shape), few)]
@@ -218,8 +263,8 @@ def driven(
 def measured(drives: Drives) -> dict[str, Any]:
     """Errors of the second half of all runs: size, and the axis of the largest.
 
-    The second moment about the truth, so that a bias counts. And the share of runs that end
-    farther than FOUND from the truth.
+    The second moment about the truth, so that a bias counts. And the share of runs that are
+    farther than FOUND from the truth at the end, and that were after the first scan.
     """
     errors = drives.errors()[:, drives.truth.shape[1] // 2 :]
     xy = errors[..., :2].reshape(-1, 2)
@@ -231,6 +276,7 @@ def measured(drives: Drives) -> dict[str, Any]:
         "error_axis": float(np.arctan2(vectors[1, 1], vectors[0, 1]) % np.pi),
         "error_heading": float(np.sqrt(np.mean(errors[..., 2] ** 2))),
         "missed": float(np.mean(np.hypot(*errors[:, -1, :2].T) > FOUND)),
+        "missed_at_once": float(np.mean(np.hypot(*drives.errors()[:, 0, :2].T) > FOUND)),
     }
 
 

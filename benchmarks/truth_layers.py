@@ -11,22 +11,31 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 
 import numba
 import numpy as np
 from harness import environment_path
+from scipy.spatial import cKDTree
 from truth_case import scanner_of
 
 from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.aliasing import look_alikes
 from ambinav.ambiguity.layers.build import with_layers
+from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.ambiguity.radius import position_radius
-from ambinav.geometry.environment import load_environment
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 # Layers of each pose by itself.
 POINTWISE = ("fisher", "localizability", "gfm", "clearance")
+# Of each pose and all the others.
+ALIASING = "aliasing"
+COARSE = 0.25
+"""Spacing of the lattice on which the others are, metres: that of an audit."""
 RADIUS = 0.5
 """Of a pose's neighbourhood, metres."""
 
@@ -43,7 +52,8 @@ def main() -> None:
     numba.set_num_threads(1)
     places = [json.loads(line) for line in sys.stdin]
     scanner = scanner_of(args.scanner)
-    amap = build_map(load_environment(environment_path(args.environment)), scanner, radius=RADIUS)
+    environment = load_environment(environment_path(args.environment))
+    amap = build_map(environment, scanner, radius=RADIUS)
     radius = position_radius(amap).astype(np.float32)
     amap = AmbiguityMap(amap.dataset.assign(position_radius=(("y", "x"), radius)))
     names = [layer.name for layer in chosen_layers(args.layers, scanner)]
@@ -51,8 +61,10 @@ def main() -> None:
     told = [read(with_layers(about(amap, places, 1), pointwise), places)]
     # The others compare a pose with its neighbours.
     reach = math.ceil(RADIUS / amap.spacing) + 2
-    others = [name for name in names if name not in POINTWISE]
+    others = [name for name in names if name not in (*POINTWISE, ALIASING)]
     told.append(read(with_layers(about(amap, places, reach), others), places))
+    if ALIASING in names:
+        told.append(aliased(amap, environment, places))
     for values in zip(places, *told, strict=True):
         print(json.dumps({key: value for part in values for key, value in part.items()}))
 
@@ -68,6 +80,20 @@ def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityM
             np.clip(rows + dy, 0, near.shape[0] - 1), np.clip(columns + dx, 0, near.shape[1] - 1)
         ] = True
     return AmbiguityMap(amap.dataset.assign(free=free & near))
+
+
+def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place]) -> list[Place]:
+    """Aliasing at the nearest poses of a coarser lattice over the whole building."""
+    ground = replace(Ground.of(amap, environment), lattice=Lattice.over(environment, COARSE))
+    here = np.array([[place["x"], place["y"]] for place in places])
+    _, nearest = cKDTree(np.column_stack(ground.points)).query(here)
+    sought = np.zeros(len(ground.points[0]), dtype=np.bool_)
+    sought[nearest] = True
+    found = look_alikes(ground, sought=sought)
+    share, area = found.share[nearest].mean(axis=1), found.area[nearest].mean(axis=1)
+    return [
+        {ALIASING: float(a), "aliasing_area": float(b)} for a, b in zip(share, area, strict=True)
+    ]
 
 
 def read(amap: AmbiguityMap, places: Sequence[Place]) -> list[Place]:

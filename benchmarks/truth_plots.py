@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,27 +16,48 @@ MARKS = ("o", "s", "^", "D", "v")
 
 
 def scores_picture(
-    scanners: list[str], layers: list[str], value: Callable[[str, str], float], path: Path
+    layers: list[str], scores: dict[str, dict[str, list[float]]], goal: float | None, path: Path
 ) -> None:
-    """AUC of each layer for each scanner, a dot each; the best layers on top."""
-    table = np.array([[value(scanner, name) for scanner in scanners] for name in layers])
-    order = np.argsort(np.nanmean(table, axis=1))
-    figure, axes = plt.subplots(figsize=(8.0, 4.6), layout="constrained")
-    offsets = np.linspace(0.24, -0.24, len(scanners))
-    for k, scanner in enumerate(scanners):
-        axes.plot(
-            table[order, k], np.arange(len(layers)) + offsets[k], MARKS[k], color=COLOURS[k],
-            ms=6, label=scanner,
-        )  # fmt: skip
-    axes.set_yticks(np.arange(len(layers)), [layers[i].replace("_", " ") for i in order])
-    for row in range(len(layers)):
-        axes.axhspan(row - 0.5, row + 0.5, color="0.95" if row % 2 else "white", zorder=0)
-    axes.axvline(0.85, color="0.4", lw=1.0, ls="--")
-    axes.text(0.852, -0.45, "goal", fontsize=8, color="0.3", va="bottom")
-    axes.set_xlim(min(0.45, float(np.nanmin(table)) - 0.02), 1.005)
-    axes.set_ylim(-0.5, len(layers) - 0.5)
-    axes.set_xlabel("AUC of telling the bad places, mean over the environments")
-    axes.legend(title="scanner", loc="lower left", fontsize=8, title_fontsize=8)
+    """AUC of each layer for each scanner, a dot each; the best layers on top.
+
+    Args:
+        layers: Their names.
+        scores: AUC of the layers, nan where there is none, by the panel and the scanner.
+        goal: Drawn as a line.
+        path: Where the picture goes.
+    """
+    values = np.array([list(panel.values()) for panel in scores.values()])
+    told = np.isfinite(values).any(axis=(0, 1))
+    mean = np.nanmean(values[:, :, told], axis=(0, 1))
+    order = np.flatnonzero(told)[np.argsort(mean)]
+    names = [layers[i].replace("_", " ") for i in order]
+    figure, panels = plt.subplots(
+        1, len(scores), figsize=(3.6 + 4.4 * len(scores), 4.6), sharex=True, sharey=True,
+        layout="constrained", squeeze=False,
+    )  # fmt: skip
+    known = [
+        s for k, s in enumerate(next(iter(scores.values()))) if np.isfinite(values[:, k]).any()
+    ]
+    offsets = np.linspace(0.24, -0.24, len(known))
+    for axes, (title, panel) in zip(panels[0], scores.items(), strict=True):
+        for k, scanner in enumerate(known):
+            axes.plot(
+                np.array(panel[scanner])[order], np.arange(len(order)) + offsets[k], MARKS[k],
+                color=COLOURS[k], ms=6, label=scanner,
+            )  # fmt: skip
+        for row_number in range(len(order)):
+            shade = "0.95" if row_number % 2 else "white"
+            axes.axhspan(row_number - 0.5, row_number + 0.5, color=shade, zorder=0)
+        if goal is not None:
+            axes.axvline(goal, color="0.4", lw=1.0, ls="--")
+            axes.text(goal + 0.002, -0.45, "goal", fontsize=8, color="0.3", va="bottom")
+        axes.set_title(title)
+        axes.set_xlabel("AUC of telling the bad places, mean over the environments")
+    panels[0, 0].set_yticks(np.arange(len(order)), names)
+    panels[0, 0].set_xlim(min(0.45, float(np.nanmin(values)) - 0.02), 1.005)
+    panels[0, 0].set_ylim(-0.5, len(order) - 0.5)
+    handles, called = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, called, title="scanner", loc="outside right upper")
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
