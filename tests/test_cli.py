@@ -79,6 +79,18 @@ def test_audit_writes_a_report(runner, folder):
     assert files(folder) == {"plan.geojson", "scanner.yaml", "out"}
 
 
+def test_audit_stores_the_map_that_map_makes(runner, folder):
+    result = runner.invoke(app, [*AUDIT, "--map", "audit.zarr"])
+    assert result.exit_code == 0 and "map: audit.zarr" in result.output
+    runner.invoke(app, ["map", *AUDIT[1:4], "-o", "map.zarr", "--spacing", "0.2"])
+    one, other = AmbiguityMap.open("audit.zarr"), AmbiguityMap.open("map.zarr")
+    assert one.dataset.equals(other.dataset)
+    (folder / "notes").mkdir()
+    (folder / "notes" / "a.txt").write_text("mine")
+    result = runner.invoke(app, [*AUDIT, "--map", "notes"])
+    assert result.exit_code == 2 and "not an ambiguity map" in result.output
+
+
 def test_audit_as_json_prints_nothing_else(runner, folder):
     result = runner.invoke(app, [*AUDIT, "--json", "--places", "0"])
     assert result.exit_code == 0, result.output

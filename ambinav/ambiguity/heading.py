@@ -127,6 +127,8 @@ def _turning(low, high, data, begin, beams, limit, icap, use, evidence, tau, c0,
     pair = np.empty((2, 5, limit.size), dtype=np.float32)
     for i in range(low, high):
         p = begin + i
-        pair[0] = data[p]
-        pair[1] = data[p]
+        # Not as whole arrays: the message for shapes that differ takes seconds to compile.
+        for k in range(5):
+            for b in range(limit.size):
+                pair[0, k, b] = pair[1, k, b] = data[p, k, b]
         turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out[i])

@@ -33,6 +33,15 @@ def audit(
     headings: options.Headings = None,
     map_std: options.MapStd = None,
     layers: options.Layers = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="OUT.zarr",
+            help="Store the map too, as `ambinav map` does; an older map there is replaced.",
+            show_default="not stored",
+        ),
+    ] = None,
     places: Annotated[
         int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
     ] = 10,
@@ -60,6 +69,11 @@ def audit(
 
         check_writable(output)
         check_output(output)
+        if keep is not None:
+            from ambinav.maps.store import check_target
+
+            check_writable(keep)
+            check_target(keep)
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing)
         with progress_bars(as_json) as bars:
@@ -73,6 +87,8 @@ def audit(
                 progress=bars("ambiguity"),
                 layers=names,
             )
+            if keep is not None:
+                amap.save(keep)
             from ambinav.audit.alikes import find_alikes
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
@@ -86,6 +102,8 @@ def audit(
             typer.echo(report.model_dump_json(indent=2))
         else:
             _show(report, output)
+            if keep is not None:
+                typer.echo(f"map: {keep}")
 
 
 def _show(report: Document, output: Path) -> None:

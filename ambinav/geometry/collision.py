@@ -113,7 +113,7 @@ class CollisionChecker:
             raise InputError(f"a has {len(starts)} poses and b {len(ends)}; give as many of each.")
         out = np.empty(len(starts), dtype=np.bool_)
         run_rows(
-            _motions_free, len(starts), self.steering.kind, float(self.steering.radius), starts,
+            _motions_free, len(starts), self.steering.kind, self.steering.kernel_radius, starts,
             ends, *self.arrays, out, least=64,
         )  # fmt: skip
         return out

@@ -58,7 +58,7 @@ def shortest_dubins(x, y, phi):
     return first, second, third, side_1, side_2, side_3
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _left_straight_left(d, theta, turn):
     """Both arcs of LSL. Rounding must not make a whole turn of none.
 

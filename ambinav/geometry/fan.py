@@ -117,7 +117,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
     return depth
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, distance, hit):
     """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t.
 

@@ -19,7 +19,7 @@ def point_gap2(px, py, ax, ay, ex, ey):
     return dx * dx + dy * dy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
     """Whether a wall comes nearer than `reach` to the line from p along the unit vector u.
 
@@ -57,7 +57,7 @@ def _in_span(x, y, mx, my, cosine):
     return x * mx + y * my >= cosine * math.sqrt(x * x + y * y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def near_arc(ax, ay, ex, ey, cx, cy, radius, mx, my, cosine, px, py, qx, qy, reach):
     """Whether a wall comes nearer than `reach` to the arc from p to q.
 
@@ -97,7 +97,7 @@ def near_arc(ax, ay, ex, ey, cx, cy, radius, mx, my, cosine, px, py, qx, qy, rea
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _near_lines(ax, ay, ex, ey, bx, by, fx, fy, limit):
     """Whether two walls, which may have no length, come nearer than the root of `limit`."""
     wx, wy = bx - ax, by - ay

@@ -114,7 +114,7 @@ def _clearances(environment: Environment) -> tuple[float, float, float, NDArray[
     return float(x[0]), float(y[0]), step, signed.reshape(len(y), len(x)).astype(np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def around(x, y, table, bound):
     """Clearance stored for the nearest lattice point, and how far away that is, metres.
 

@@ -60,7 +60,7 @@ def clearances(
     return distance
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
     """Walk the cells along a ray that starts in the grid (Amanatides and Woo 1987).
 

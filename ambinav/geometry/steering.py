@@ -66,6 +66,14 @@ class Steering:
         """Whether motions are curves of a smallest radius."""
         return self.space in ("dubins", "reeds-shepp")
 
+    @property
+    def kernel_radius(self) -> float | None:
+        """`radius` as kernels take it, None for straight motions.
+
+        With None numba leaves out the curves, which take as long to compile as all the rest.
+        """
+        return float(self.radius) if self.turns else None
+
     def lengths(self, a: ArrayLike, b: ArrayLike) -> Floats:
         """Metres travelled by each motion from a to b, shape (N,); reverse counts as forwards.
 
@@ -81,7 +89,7 @@ class Steering:
             raise InputError(f"a has {len(a)} poses and b {len(b)}; give as many of each.")
         out = np.empty(len(a))
         least = 64 if self.turns else 8192
-        run_rows(_lengths, len(a), self.kind, float(self.radius), a, b, out, least=least)
+        run_rows(_lengths, len(a), self.kind, self.kernel_radius, a, b, out, least=least)
         return out
 
     def dense(self, poses: ArrayLike, step: float) -> tuple[Floats, NDArray[np.int32], Floats]:
@@ -107,9 +115,10 @@ class Steering:
             raise InputError(f"step is {step}; give a positive number of metres.")
         if len(route) < 2:
             return route, np.zeros(len(route), dtype=np.int32), np.zeros(len(route))
-        count = _trace_all(self.kind, float(self.radius), route, float(step), *_nothing())
+        told = self.kind, self.kernel_radius, route, float(step)
+        count = _trace_all(*told, *_nothing())
         out, leg, along = np.empty((count, 3)), np.empty(count, dtype=np.int32), np.empty(count)
-        _trace_all(self.kind, float(self.radius), route, float(step), out, leg, along)
+        _trace_all(*told, out, leg, along)
         return out, leg, along
 
     def oriented(self, poses: ArrayLike) -> Floats:
@@ -174,7 +183,7 @@ def _trace_all(kind, radius, route, step, out, leg, along):
         if kind in (FACING, STRAIGHT):
             count = _trace_line(kind, x0, y0, t0, x1, y1, t1, step, gone, out, along, count)
             gone += math.hypot(x1 - x0, y1 - y0)
-        else:
+        elif radius is not None:
             pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
             count = _trace_pieces(pieces, x0, y0, t0, step, gone, out, along, count)
             for k in range(5):

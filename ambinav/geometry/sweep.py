@@ -98,7 +98,8 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
 
     Args:
         kind: Kind of motion, a code of `ambinav.geometry.curves`.
-        radius: Smallest turning radius in metres, of the kinds that have one.
+        radius: Smallest turning radius in metres, of the kinds that have one; None for others, see
+            `Steering.kernel_radius`.
         x0: Start, metres, map frame; it is assumed to be free.
         y0: The same.
         t0: Its heading, radians.
@@ -125,20 +126,21 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
         reach = max(table[OUTER] - ROUNDING, ROUNDING)
         clear, _ = clear_along(x1, y1, 1.0, 0.0, 0.0, 0.0, reach, table, bound)
         return clear
-    pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
-    x, y, t = x0, y0, t0
-    for k in range(5):
-        signed, curvature = pieces[k], pieces[k + 5]
-        if signed == 0.0:
-            continue
-        # In reverse the robot travels the other way, and what was left is right.
-        way = 1.0 if signed > 0.0 else -1.0
-        ux, uy, bend, length = way * math.cos(t), way * math.sin(t), way * curvature, way * signed
-        turn = signed * curvature
-        if not _piece_free(x, y, ux, uy, bend, length, t, turn, table, bound, forbidden):
-            return False
-        x, y = place(x, y, ux, uy, bend, length)
-        t += turn
+    if radius is not None:
+        pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
+        x, y, t = x0, y0, t0
+        for k in range(5):
+            signed, curvature = pieces[k], pieces[k + 5]
+            if signed == 0.0:
+                continue
+            # In reverse the robot travels the other way, and what was left is right.
+            way = 1.0 if signed > 0.0 else -1.0
+            ux, uy, bend = way * math.cos(t), way * math.sin(t), way * curvature
+            length, turn = way * signed, signed * curvature
+            if not _piece_free(x, y, ux, uy, bend, length, t, turn, table, bound, forbidden):
+                return False
+            x, y = place(x, y, ux, uy, bend, length)
+            t += turn
     return True
 
 

@@ -128,7 +128,7 @@ def _distances(begin, end, xy, x0, y0, step, reach, distance):
             distance[row, column] = math.sqrt(best[column])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def hit_at(u, v, hits, smooth):
     """Value of the lattice at column u and row v: the nearest point's, or linear in between.
 

@@ -158,8 +158,12 @@ class MonteCarloLocalizer:
                 f"scanner {self.scanner.name!r} for each of {self.runs} runs."
             )
         updated = np.empty(self.runs, dtype=np.bool_)
+        # With None for what is not looked at, numba leaves out whatever works on it, which takes
+        # as long to compile as all the rest.
+        rays = self.model.trust > 0.0 or self.model.kind >= BEAM_SUM
+        cast = self.cast if rays else None
         run_rows(
-            _update, self.runs, poses, readings.reshape(shape), self.model, self.cast, self.state,
+            _update, self.runs, poses, readings.reshape(shape), self.model, cast, self.state,
             updated, least=LEAST_RUNS,
         )  # fmt: skip
         return updated
@@ -240,8 +244,10 @@ def look(r, bins, model, state):
         state.particles[r], state.number[r], model.whole, state.keys[r], state.entry[r, :bins],
         state.label[r], state.stack[r], state.sums[r], state.base[r], state.base_covariance[r],
     )  # fmt: skip
-    state.mean[r] = state.base[r]
-    state.covariance[r] = state.base_covariance[r]
+    for i in range(3):
+        state.mean[r, i] = state.base[r, i]
+        for j in range(3):
+            state.covariance[r, i, j] = state.base_covariance[r, i, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -252,7 +258,7 @@ def weigh(particles, count, ranges, model, cast, scratch):
     """
     beams = model.beam.size
     far = model.far
-    if model.kind >= BEAM_SUM:
+    if cast is not None and model.kind >= BEAM_SUM:
         reading, least, some = np.empty(beams), np.zeros(beams), False
         for b in range(beams):
             z = ranges[model.beam[b]]
@@ -292,6 +298,8 @@ def weigh(particles, count, ranges, model, cast, scratch):
 def update_run(r, x, y, theta, ranges, model, cast, state):
     """Take one odometry pose and one scan into the filter of run r; see the module.
 
+    `cast` may be None where no rays are cast: with a likelihood field and without `trust`.
+
     Returns whether the scan was used: the first after a start always is, a later one if the
     robot has moved far enough since the last.
     """
@@ -306,7 +314,9 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
         if not (moved or abs(wrapped(theta - anchor[2])) > model.update_a):
             base, mean = state.base[r], state.mean[r]
             mean[0], mean[1], mean[2] = apply_motion(base[0], base[1], base[2], rot1, trans, rot2)
-            state.covariance[r] = state.base_covariance[r]
+            for i in range(3):
+                for j in range(3):
+                    state.covariance[r, i, j] = state.base_covariance[r, i, j]
             spread_motion(state.covariance[r], base[2], rot1, trans, rot2, model.alpha)
             return False
         sd1, sd_trans, sd2 = deviations(rot1, trans, rot2, model.alpha)
@@ -323,13 +333,14 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
         prior += particles[i, 3] * (1.0 - particles[i, 4])
     # `spare` is free until the particles are drawn anew.
     places, heard, damp = particles, ranges, False
-    if model.trust > 0.0:
+    if cast is not None and model.trust > 0.0:
         heard = np.empty_like(ranges)
         damp = damped(particles, count, ranges, model, cast, state.spare[r], heard)
         places, heard = (state.spare[r], heard) if damp else (particles, ranges)
     scale = weigh(places, count, heard, model, cast, state.sums[r])
     if damp:
-        particles[:count, 3] = places[:count, 3]
+        for i in range(count):
+            particles[i, 3] = places[i, 3]
     total = kept = 0.0
     for i in range(count):
         total += particles[i, 3]
@@ -374,7 +385,11 @@ def renew(r, model, state):
     )  # fmt: skip
     if share > 0.0 and model.reset:
         average[0] = average[1] = 0.0
-    state.particles[r, :drawn] = state.spare[r, :drawn]
+    # Not as whole arrays, here and elsewhere: the message for shapes that differ takes seconds to
+    # compile.
+    for i in range(drawn):
+        for k in range(5):
+            state.particles[r, i, k] = state.spare[r, i, k]
     state.number[r] = drawn
     return bins
 

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ambinav.geometry.steering import STRAIGHT, Steering
+from ambinav.geometry.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.threads import run_rows
 
@@ -115,11 +115,13 @@ class Field:
         # That module's kernels are built on this one's.
         from ambinav.service.motion import motion_integrals
 
-        kind, radius = (STRAIGHT, 0.0) if steering is None else (steering.kind, steering.radius)
+        steering = Steering("se2") if steering is None else steering
         a, b = np.column_stack((x0, y0, theta0)), np.column_stack((x1, y1, theta1))
         out = np.empty(len(a))
         values, _, left, low, inverse = self.arrays
-        motion_integrals(kind, float(radius), a, b, values, left, low, inverse, out)
+        motion_integrals(
+            steering.kind, steering.kernel_radius, a, b, values, left, low, inverse, out
+        )
         return out
 
 
@@ -138,7 +140,7 @@ def corner(u, count):
     return low, u - low
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def value_at(u, v, w, values):
     """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
     rows, columns, headings = values.shape
@@ -198,7 +200,7 @@ def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse
     return length * _mean_turning(u, v, theta0 * per_turn, du, dv, turn * per_turn, values)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _mean_on_floor(u0, v0, du, dv, values):
     """Mean of a field without headings along a line, in lattice coordinates.
 
@@ -245,7 +247,7 @@ def _first_line(u, du, cell):
     return math.inf, math.inf, 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _mean_turning(u0, v0, w0, du, dv, dw, values):
     """Mean of a field with headings along a line: a cubic between lattice planes, by Simpson."""
     total, t = 0.0, 0.0

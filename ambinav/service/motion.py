@@ -36,25 +36,27 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
     Straight lines are integrated exactly, arcs by the midpoint rule. FACING takes no notice of t0
     and t1: the field is read at the direction of travel.
 
-    Kind and radius as in `ambinav.geometry.curves`; poses in metres and radians; then what
-    `Field.arrays` holds, but for what is free. Returns the field's unit times metres.
+    Kind and radius as in `ambinav.geometry.sweep.motion_free`; poses in metres and radians; then
+    what `Field.arrays` holds, but for what is free. Returns the field's unit times metres.
     """
     if kind == STRAIGHT:
         return integral_straight(x0, y0, t0, x1, y1, t1, values, left, low, inverse)
     if kind == FACING:
         return line_integral(x0, y0, x1, y1, values, left, low, inverse)
-    pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
-    total, x, y, t = 0.0, x0, y0, t0
-    for i in range(5):
-        length, curvature = pieces[i], pieces[i + 5]
-        if length == 0.0:
-            continue
-        x2, y2, t2 = advance(x, y, t, length, curvature)
-        if curvature == 0.0:
-            total += integral_straight(x, y, t, x2, y2, t, values, left, low, inverse)
-        else:
-            total += _integral_arc(x, y, t, length, curvature, values, left, low, inverse)
-        x, y, t = x2, y2, t2
+    total = 0.0
+    if radius is not None:
+        pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
+        x, y, t = x0, y0, t0
+        for i in range(5):
+            length, curvature = pieces[i], pieces[i + 5]
+            if length == 0.0:
+                continue
+            x2, y2, t2 = advance(x, y, t, length, curvature)
+            if curvature == 0.0:
+                total += integral_straight(x, y, t, x2, y2, t, values, left, low, inverse)
+            else:
+                total += _integral_arc(x, y, t, length, curvature, values, left, low, inverse)
+            x, y, t = x2, y2, t2
     return total
 
 
@@ -115,7 +117,7 @@ def _integrals(begin, end, kind, radius, a, b, values, left, low, inverse, out):
 
 def motion_integrals(
     kind: int,
-    radius: float,
+    radius: float | None,
     a: Floats,
     b: Floats,
     values: NDArray[np.float32],

@@ -268,7 +268,7 @@ def _motions(field: Field, a: Floats, b: Floats, steering: Steering) -> Floats:
     parts = np.empty(len(a))
     values, _, left, low, inverse = field.arrays
     motion_integrals(
-        steering.kind, float(steering.radius), np.ascontiguousarray(a), np.ascontiguousarray(b),
+        steering.kind, steering.kernel_radius, np.ascontiguousarray(a), np.ascontiguousarray(b),
         values, left, low, inverse, parts,
     )  # fmt: skip
     return parts

@@ -13,7 +13,7 @@ from ambinav.geometry.steering import DUBINS, FACING
 @njit(cache=True, nogil=True, error_model="numpy")
 def pieces_of(kind, radius, a, b):
     """Pieces of a curve from pose a to pose b; zeros for a straight motion."""
-    if kind >= DUBINS:
+    if radius is not None and kind >= DUBINS:
         return curve_pieces(kind, radius, a[0], a[1], a[2], b[0], b[1], b[2])
     return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

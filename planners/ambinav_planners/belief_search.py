@@ -121,9 +121,9 @@ class Growth:
         first = np.concatenate([[0], np.cumsum(pieces)])
         add, shrink = np.empty(first[-1]), np.empty(first[-1])
         run_rows(
-            _grow, len(graph.poses), graph.steering.kind, graph.steering.radius, graph.poses,
-            graph.first, graph.target, graph.length, first, information.weak, *information.lattice,
-            model.odometry**2, model.scan_distance, add, shrink, least=16,
+            _grow, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
+            graph.poses, graph.first, graph.target, graph.length, first, information.weak,
+            *information.lattice, model.odometry**2, model.scan_distance, add, shrink, least=16,
         )  # fmt: skip
         return cls(first, add, shrink)
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ambinav_planners.improve_kernel import route_price, short_way, turn_at
+from ambinav_planners.improve_kernel import put, route_price, short_way, turn_at
 
 # Corners that turn by less, radians, are left as they are.
 SMALLEST_TURN = math.radians(1.0)
@@ -79,7 +79,7 @@ def round_corners(kind, radius, poses, field, walls):
     out = np.empty((count * (MOST_PIECES + 1), 3))
     curve, best = np.empty((MOST_PIECES + 1, 3)), np.empty((MOST_PIECES + 1, 3))
     spur = np.empty((3, 3))
-    out[0] = poses[0]
+    put(poses[0], out, 0)
     size = 1
     for i in range(1, count - 1):
         turn = abs(turn_at(poses, i))
@@ -93,25 +93,28 @@ def round_corners(kind, radius, poses, field, walls):
             least, offset = np.inf, most
             for _ in range(HALVINGS):
                 corner_curve(poses[i - 1], poses[i], poses[i + 1], offset, pieces, curve)
-                spur[0], spur[1], spur[2] = curve[0], poses[i], curve[pieces]
+                put(curve[0], spur, 0)
+                put(poses[i], spur, 1)
+                put(curve[pieces], spur, 2)
                 straight = route_price(kind, radius, spur, np.inf, field, walls)
                 curved = curve[: pieces + 1]
                 saved = straight - route_price(kind, radius, curved, straight, field, walls)
                 if saved >= 0.0 and saved > -least:
                     least, taken = -saved, pieces + 1
-                    best[:taken] = curve[:taken]
+                    for k in range(taken):
+                        put(curve[k], best, k)
                 offset *= 0.5
         if taken == 0:
-            out[size] = poses[i]
+            put(poses[i], out, size)
             size += 1
         for k in range(taken):
             # Two curves may meet in the middle of a motion: one point there is enough.
             if not _same_place(out[size - 1], best[k]):
-                out[size] = best[k]
+                put(best[k], out, size)
                 size += 1
     if size > 1 and _same_place(out[size - 1], poses[count - 1]):
         size -= 1
-    out[size] = poses[count - 1]
+    put(poses[count - 1], out, size)
     return out[: size + 1].copy()
 
 

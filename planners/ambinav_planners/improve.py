@@ -135,7 +135,7 @@ class _Workbench:
 
     def __init__(self, service: AmbiguityService, checker: CollisionChecker) -> None:
         self.steering = checker.steering
-        self.kind, self.radius = checker.steering.kind, float(checker.steering.radius)
+        self.kind, self.radius = checker.steering.kind, checker.steering.kernel_radius
         values, _, left, low, inverse = service.density.arrays
         self.field = (values, left, low, inverse)
         self.least = float(values.min())

@@ -21,6 +21,15 @@ CLOSER = 0.25
 WIDENING = 0.5
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def put(pose, out, row):
+    """Write a pose to a row of poses.
+
+    `out[row] = pose` would do, but the message for shapes that differ takes seconds to compile.
+    """
+    out[row, 0], out[row, 1], out[row, 2] = pose[0], pose[1], pose[2]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def stations(poses, spacing):
     """Poses along straight motions, at most `spacing` apart, closer around what turns.
@@ -41,7 +50,7 @@ def stations(poses, spacing):
         length = math.hypot(poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1])
         capacity += 2 * int(length / (CLOSER * spacing)) + 4
     out = np.empty((capacity, 3))
-    out[0] = poses[0]
+    put(poses[0], out, 0)
     size = 1
     for i in range(count - 1):
         length = math.hypot(poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1])
@@ -62,7 +71,7 @@ def stations(poses, spacing):
                 out[size, axis] = poses[i, axis] + share * (poses[i + 1, axis] - poses[i, axis])
             out[size, 2] = poses[i, 2] + share * turn
             size += 1
-        out[size] = poses[i + 1]
+        put(poses[i + 1], out, size)
         size += 1
     return out[:size].copy()
 
@@ -116,7 +125,8 @@ def beside(poses, step, share, sides):
     count, wide = poses.shape[0], 2 * sides + 1
     out = np.empty((count, wide, 3))
     for i in range(count):
-        out[i] = poses[i]
+        for k in range(wide):
+            put(poses[i], out[i], k)
         if i == 0 or i == count - 1:
             continue
         ax, ay = poses[i, 0] - poses[i - 1, 0], poses[i, 1] - poses[i - 1, 1]
@@ -153,7 +163,8 @@ def headings(poses, step, sides):
     count, wide = poses.shape[0], 2 + 2 * sides
     out = np.empty((count, wide, 3))
     for i in range(count):
-        out[i] = poses[i]
+        for k in range(wide):
+            put(poses[i], out[i], k)
         if i == 0 or i == count - 1:
             continue
         ax, ay = poses[i, 0] - poses[i - 1, 0], poses[i, 1] - poses[i - 1, 1]
@@ -233,6 +244,6 @@ def cheapest_chain(kind, radius, candidates, first, least, field, walls):
     chain = np.empty((size, 3))
     node = (count - 1) * wide
     for k in range(size - 1, -1, -1):
-        chain[k] = candidates[node // wide, node % wide]
+        put(candidates[node // wide, node % wide], chain, k)
         node = before[node // wide, node % wide]
     return chain, cost[count - 1, 0]

@@ -70,7 +70,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         self.service = service
         self._with_heading = kind != "r2"
         self.symmetric = self._with_heading or not service.has_headings
-        self._kind, self._radius = self.steering.kind, float(self.steering.radius)
+        self._kind, self._radius = self.steering.kind, self.steering.kernel_radius
         values, _, left, low, inverse = service.density.arrays
         self._field = (values, left, low, inverse)
         # No metre costs less, so a straight line at this price is a lower bound of any way.

@@ -58,9 +58,9 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
     whole = np.empty(count, dtype=np.bool_)
     values, _, left, low, inverse = field.arrays
     run_rows(
-        _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.radius, graph.poses,
-        graph.first, graph.target, graph.length, values, left, low, inverse, level, head, tail,
-        longest, whole, least=8,
+        _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
+        graph.poses, graph.first, graph.target, graph.length, values, left, low, inverse, level,
+        head, tail, longest, whole, least=8,
     )  # fmt: skip
     return Stretches(head, tail, longest, whole)
 

@@ -37,7 +37,7 @@ class FootprintMotionValidator(ob.MotionValidator):
     def __init__(self, si: ob.SpaceInformation, checker: CollisionChecker) -> None:
         super().__init__(si)
         self._with_heading = has_heading(si.getStateSpace())
-        self._kind, self._radius = checker.steering.kind, float(checker.steering.radius)
+        self._kind, self._radius = checker.steering.kind, checker.steering.kernel_radius
         self._arrays = checker.arrays
         zeros = (0.0,) * 6
         self._free = direct(motion_free, self._kind, self._radius, *zeros, *self._arrays)
@@ -51,7 +51,7 @@ class FootprintMotionValidator(ob.MotionValidator):
                     b.getX(), b.getY(), b.getYaw(), *self._arrays,
                 )
             )  # fmt: skip
-        return bool(self._free(0, 0.0, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
+        return bool(self._free(0, None, a[0], a[1], 0.0, b[0], b[1], 0.0, *self._arrays))
 
 
 class Unchecked(ob.MotionValidator):

@@ -28,7 +28,7 @@ def warm_up(problem: Problem) -> None:
     start = np.array(problem.start)
     pose_free(*problem.start, *checker.arrays)
     motion_free(
-        steering.kind, float(steering.radius), *problem.start, *problem.start, *checker.arrays
+        steering.kind, steering.kernel_radius, *problem.start, *problem.start, *checker.arrays
     )
     steering.lengths(start[np.newaxis], start[np.newaxis])
     for angle in (start[2], start[2] + np.pi, *np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)):

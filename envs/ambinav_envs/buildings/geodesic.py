@@ -192,7 +192,7 @@ def _fill(flat, links, price, offsets, lengths, headings):
                         count += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def distance_at(x, y, field, links, low_x, low_y, inverse):
     """What is left of the way from a point, as in the field; inf where none leads to the goal.
 
