@@ -17,7 +17,7 @@ from typing import Any
 import numba
 import numpy as np
 import shapely
-from claim_case import localizer
+from claim_case import PRODUCT, localizer
 from harness import environment_path
 from numpy.typing import ArrayLike, NDArray
 
@@ -90,6 +90,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=23)
     parser.add_argument("--world", choices=("map", "aged"), default="map")
     parser.add_argument("--start", choices=("known", "unknown"), default="known")
+    parser.add_argument("--rays", action="store_true", help="localize with the ray model")
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
     mapped = load_environment(environment_path(args.environment))
@@ -100,6 +101,8 @@ def main() -> None:
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
     service = AmbiguityService(amap)
     parameters = localizer("product", scanner, NOISE)
+    if args.rays:
+        parameters = replace(parameters, **PRODUCT)
     known = args.start == "known"
     kind = MonteCarloLocalizer if known else Unstarted
     guide = kind(mapped, scanner, parameters, runs=args.runs, rng=rng)
