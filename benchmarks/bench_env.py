@@ -28,7 +28,7 @@ LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
 # What the project asks for, on 2 cores, 60 beams and the Kalman filter: steps a second of 64 robots
 # or more, and of one.
 WANTED, WANTED_ALONE = 300_000, 10_000
-SIZES = (64, 256, 1024)
+SIZES = (64, 256, 1024, 2048)
 Floats = NDArray[np.float32]
 
 
