@@ -91,6 +91,13 @@ def test_audit_stores_the_map_that_map_makes(runner, folder):
     assert result.exit_code == 2 and "not an ambiguity map" in result.output
 
 
+def test_audit_keeps_map_and_report_apart(runner, folder):
+    for place in ("out", "out/map.zarr"):
+        result = runner.invoke(app, [*AUDIT, "--map", place])
+        assert result.exit_code == 2 and "lie one in the other" in result.output
+    assert files(folder) == {"plan.geojson", "scanner.yaml"}
+
+
 def test_audit_as_json_prints_nothing_else(runner, folder):
     result = runner.invoke(app, [*AUDIT, "--json", "--places", "0"])
     assert result.exit_code == 0, result.output

@@ -74,6 +74,12 @@ def audit(
 
             check_writable(keep)
             check_target(keep)
+            map_path, report_path = keep.absolute(), output.absolute()
+            if map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path):
+                raise InputError(
+                    f"--map: {keep} and the report's folder {output} lie one in the other; choose "
+                    "another place for the map."
+                )
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing)
         with progress_bars(as_json) as bars:
@@ -87,8 +93,6 @@ def audit(
                 progress=bars("ambiguity"),
                 layers=names,
             )
-            if keep is not None:
-                amap.save(keep)
             from ambinav.audit.alikes import find_alikes
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
@@ -98,6 +102,8 @@ def audit(
                 alikes = find_alikes(amap, environment, aliasing, report=bars("look-alikes"))
             found = examine(amap, environment, chosen, places=places, alikes=alikes)
             report = write_report(found, output, progress=bars("report"))
+            if keep is not None:
+                amap.save(keep)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
