@@ -51,9 +51,14 @@ def advance(x, y, t, length, curvature):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
-    """Metres travelled by a motion of any kind; reverse counts as much as forwards."""
-    if kind in (FACING, STRAIGHT) or radius is None:
+    """Metres travelled by a motion of any kind; reverse counts as much as forwards.
+
+    nan for a curve without a radius.
+    """
+    if kind in (FACING, STRAIGHT):
         return math.hypot(x1 - x0, y1 - y0)
+    if radius is None:
+        return math.nan
     x, y, phi = in_radii(radius, x0, y0, t0, x1, y1, t1)
     if kind == DUBINS:
         a, b, c, _, _, _ = shortest_dubins(x, y, phi)

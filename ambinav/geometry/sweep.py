@@ -141,7 +141,9 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
                 return False
             x, y = place(x, y, ux, uy, bend, length)
             t += turn
-    return True
+        return True
+    # A curve without a radius is none.
+    return False
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -43,8 +43,8 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
         return integral_straight(x0, y0, t0, x1, y1, t1, values, left, low, inverse)
     if kind == FACING:
         return line_integral(x0, y0, x1, y1, values, left, low, inverse)
-    total = 0.0
     if radius is not None:
+        total = 0.0
         pieces = curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1)
         x, y, t = x0, y0, t0
         for i in range(5):
@@ -57,7 +57,8 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
             else:
                 total += _integral_arc(x, y, t, length, curvature, values, left, low, inverse)
             x, y, t = x2, y2, t2
-    return total
+        return total
+    return math.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

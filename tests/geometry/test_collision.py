@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.geometry.collision import CollisionChecker, motion_free, pose_free
+from ambinav.geometry.curves import motion_length
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.polygon_sweep import SKIN
@@ -394,3 +395,13 @@ def test_turned_building_gives_the_same(angle: float) -> None:
         turned = CollisionChecker(env.transformed(angle, 3.0, -2.0), Footprint.disc(0.25), steering)
         same = turned.motions_free(a @ turn + shift, b @ turn + shift)
         assert (same == checker.motions_free(a, b)).mean() > 0.998
+
+
+@pytest.mark.parametrize("space", ["dubins", "reeds-shepp"])
+def test_a_curve_without_a_radius_is_never_free(space: str) -> None:
+    curve = Steering(space, radius=0.5)
+    checker = CollisionChecker(scenes.room(6.0, 4.0), Footprint.disc(0.25), curve)
+    motion = (2.0, 2.0, 0.0, 3.0, 2.0, 0.0)
+    assert motion_free(curve.kind, 0.5, *motion, *checker.arrays)
+    assert not motion_free(curve.kind, None, *motion, *checker.arrays)
+    assert math.isnan(motion_length(curve.kind, None, *motion))

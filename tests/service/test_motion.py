@@ -105,7 +105,11 @@ def test_one_motion_and_a_batch_are_the_same(steering: Steering) -> None:
     field_arrays = (values, left, low, inverse)
     motion_integrals(steering.kind, steering.radius, a, b, *field_arrays, out)
     for i in range(100):
-        one = motion_integral(steering.kind, steering.radius, *a[i], *b[i], *field_arrays)
+        one = motion_integral(steering.kind, steering.kernel_radius, *a[i], *b[i], *field_arrays)
+        # A curve without a radius has no cost, and not that of a straight line.
+        assert not steering.turns or math.isnan(
+            motion_integral(steering.kind, None, *a[i], *b[i], *field_arrays)
+        )
         assert one == out[i]
     np.testing.assert_array_equal(field.integral(*a.T, *b.T, steering), out)
 
