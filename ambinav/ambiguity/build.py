@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.dataset import Found, assemble
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
@@ -19,6 +20,7 @@ from ambinav.ambiguity.returns import BLIND, BeamTable, Returns, beam_returns
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
@@ -70,7 +72,8 @@ def build_map(
         outlier_share: Share of beams that meet what is not on the map.
         low: A radius ratio up to this counts as small when zones are told apart.
         high: A radius ratio from this on counts as large.
-        layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`).
+        layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`); the one
+            that costs read by default (`ambinav.ambiguity.cost_layer`) is there anyway.
 
     Returns:
         The map; its dataset's layers are named in `AmbiguityMap`.
@@ -79,6 +82,7 @@ def build_map(
         InputError: an argument is out of its range, or the scanner cannot have a layer.
     """
     names = (layers,) if isinstance(layers, str) else tuple(layers)
+    names += tuple({cost_layer(scanner)} - schema.CORE)
     if names:
         from ambinav.ambiguity.layers.registry import chosen_layers  # only where they are wanted
 

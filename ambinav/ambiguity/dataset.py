@@ -15,6 +15,7 @@ import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.tensor import classify, principal_axes, relative_radii
 from ambinav.geometry.lattice import Lattice
@@ -184,6 +185,7 @@ def _provenance(
         "environment_notes": json.dumps(list(env.notes)),
         "scanner": scanner.name,
         "scanner_yaml": scanner.to_yaml(),
+        "cost_layer": cost_layer(scanner),
         "parameters": json.dumps(parameters),
         "ambinav_version": importlib.metadata.version("ambinav"),
         "versions": json.dumps({"python": platform.python_version(), **versions}),

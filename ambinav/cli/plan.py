@@ -111,8 +111,14 @@ def plan(
         typer.Option("--seed", metavar="N", help="From 1 on.", show_default="another every time"),
     ] = None,
     layer: Annotated[
-        str, typer.Option("--layer", metavar="NAME", help="The layer that costs.")
-    ] = "level",
+        str | None,
+        typer.Option(
+            "--layer",
+            metavar="NAME",
+            help="The layer that costs.",
+            show_default="as suits the map's scanner: position where its sensors differ, or level",
+        ),
+    ] = None,
     space: Annotated[
         str,
         typer.Option("--space", metavar="NAME", help="r2, se2, dubins or reeds-shepp."),

@@ -130,10 +130,12 @@ class PolicyController:
 
         self._policy = _policy(driver.told, Path(driver.folder))
         common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
-        layer = self._policy.environment.get("layer", "level")
+        layer = self._policy.environment.get("layer")
         parameters = NavigationParameters.of(common | self._policy.seeing | {"layer": layer})
         self._policy.prepare(observation_space(parameters), action_space(parameters))
-        source = BuildingSource(environment, scanner, robot.radius, layers=on_request(layer))
+        source = BuildingSource(
+            environment, scanner, robot.radius, layers=on_request(parameters.cost_layer)
+        )
         self._observer = Observer(source, parameters, driver.start, driver.goal, runs)
         self._parameters = parameters
         self._starts = np.ones(runs, dtype=np.bool_)

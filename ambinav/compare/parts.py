@@ -77,7 +77,7 @@ class MapPart(Part):
     radius: float = Field(default=0.5, gt=0.0)
     headings: int | None = Field(default=None, ge=1)
     map_std: float | None = Field(default=None, ge=0.0)
-    layer: str = "level"
+    layer: str | None = None
 
 
 class PlanningPart(Part):

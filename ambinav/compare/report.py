@@ -179,7 +179,8 @@ def _names(report: Document) -> list[str]:
 def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
-    asked["layers"] = on_request(loaded.scenario.map.layer)
+    layer = loaded.scenario.map.layer
+    asked["layers"] = () if layer is None else on_request(layer)
     segments = loaded.environment.segments
     code = code_checksum(MAP_CODE)
     told = json.dumps([asked, loaded.scanner.to_yaml(), loaded.environment.name, code])

@@ -82,13 +82,13 @@ class Metrics:
         return {field.name: getattr(self, field.name)[run].item() for field in fields(self)}
 
 
-def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str = "level") -> Metrics:
+def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None = None) -> Metrics:
     """Measure drives.
 
     Args:
         drives: The drives.
         amap: The map for the weak direction and the exposure.
-        layer: The map's layer that makes the exposure.
+        layer: The map's layer that makes the exposure; None: its `cost_layer`.
 
     Raises:
         InputError: the map has no such layer.
@@ -105,6 +105,7 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str = "leve
     weak, strong, exposure = nothing, nothing, nothing
     if amap is not None:
         weak, strong = _along_and_across(errors, truth, amap)
+        layer = amap.cost_layer if layer is None else layer
         amap.floor(layer)  # complains of a layer that is not there
         exposure = _exposure(truth, Field.of(amap, layer))
     return Metrics(

@@ -114,6 +114,14 @@ class AmbiguityMap:
         return self._layers
 
     @property
+    def cost_layer(self) -> str:
+        """The layer that costs and rewards read where nobody names one.
+
+        `build_map` chooses it by the scanner, see `ambinav.ambiguity.cost_layer`.
+        """
+        return str(self.dataset.attrs.get("cost_layer", "level"))
+
+    @property
     def spacing(self) -> float:
         """Distance between cell centres, metres."""
         return self._step[0]

@@ -32,7 +32,8 @@ class AmbiguityService:
 
     Args:
         amap: The map.
-        layer: A layer with values from 0 on, such as `level`, `major` or `ambiguity`.
+        layer: A layer with values from 0 on, such as `level`, `major` or `ambiguity`; None: the
+            map's `cost_layer`.
         weight: How many extra metres one metre at layer 1 is worth, at least 0.
         power: Above 1 makes the bad places count for more, the good ones for less; above 0.
         clearance_weight: How many extra metres one metre along a wall is worth, at least 0.
@@ -54,7 +55,7 @@ class AmbiguityService:
     def __init__(
         self,
         amap: AmbiguityMap,
-        layer: str = "level",
+        layer: str | None = None,
         weight: float = 5.0,
         *,
         power: float = 1.0,
@@ -67,6 +68,8 @@ class AmbiguityService:
         for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
             if not (math.isfinite(number) and number > 0.0):
                 raise InputError(f"{name} is {number}; give a number{unit} above 0.")
+        if layer is None:
+            layer = amap.cost_layer
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
             raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")

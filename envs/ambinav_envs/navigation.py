@@ -130,7 +130,9 @@ class NavigationEnv(gym.Env[Observation, Any]):
     |---------------------|----------------|------------------------------------------------------|
     | `suite`             | "procedural"   | hall, corridor, office, warehouse, loop, procedural  |
     | `map`               | `None`         | an environment file, or an environment, instead      |
-    | `buildings`         | `None`         | how many of the suite are drawn from; `None`: any    |
+    | `buildings`         | `None`         | how many of the suite are drawn from; `None`: any,   |
+    |                     |                | a new one each episode; the ids of the suites but    |
+    |                     |                | `Procedural-v0` say 64                               |
     | `first_building`    | 0              | number of the first of them                          |
     | `render_mode`       | `None`         | "human" or "rgb_array"                               |
     | `render_view`       | "auto"         | "whole" building, "follow" the robot; auto: by size  |

@@ -10,6 +10,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.people import People
@@ -87,7 +88,8 @@ class NavigationParameters:
             the terms of an episode add up to the length of the way at its start, less what is
             left at its end, discounted: so all that the term changes is what an end is worth, by
             how far from the goal it is.
-        layer: Layer of the ambiguity map for reward, exposure and window.
+        layer: Layer of the ambiguity map for reward, exposure and window; None: the one that suits
+            the scanner, which `cost_layer` tells.
         people: Who walks about: how many (at most 1000), or `People`. They keep off the robot, and
             walk through boxes.
         obstacles: How many boxes stand in the way that the map does not have, at most (and at most
@@ -125,7 +127,7 @@ class NavigationParameters:
     waypoint_distance: float = 1.5
     reward: str | Mapping[str, float] = "ambiguity"
     gamma: float = 1.0
-    layer: str = "level"
+    layer: str | None = None
     people: People = field(default_factory=lambda: People(0))
     obstacles: int = 0
     obstacle_sizes: tuple[float, float] = (0.3, 0.8)
@@ -184,7 +186,7 @@ class NavigationParameters:
             raise InputError(
                 f"localizer is {self.localizer!r}; {nearest(str(self.localizer), LOCALIZERS)}."
             )
-        if not isinstance(self.layer, str):
+        if not isinstance(self.layer, str | None):
             raise InputError(f"layer is {self.layer!r}; give a layer's name, such as level.")
         if isinstance(self.reward, Mapping):
             self._set("reward", dict(self.reward))
@@ -207,6 +209,11 @@ class NavigationParameters:
     def weights(self) -> tuple[float, ...]:
         """Weight of each term of the reward, in the order of `rewards.TERMS`."""
         return weights_of(self.reward)
+
+    @property
+    def cost_layer(self) -> str:
+        """The layer of the ambiguity map for reward, exposure and window."""
+        return cost_layer(self.scanner) if self.layer is None else self.layer
 
     @property
     def wheels(self) -> OdometryNoise:

@@ -9,12 +9,19 @@ import gymnasium
 NAMESPACE: Final = "ambinav"
 SUITES: Final = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
 """The suites of buildings that have ids of their own."""
+VARIANTS: Final = 64
+"""A suite's id draws from so many buildings; their maps are made once, a tenth of a second each."""
 
 IDS: Final[dict[str, dict[str, Any]]] = {
     f"{NAMESPACE}/Navigation-v0": {},
-    **{f"{NAMESPACE}/{name.capitalize()}-v0": {"suite": name} for name in SUITES},
+    **{
+        f"{NAMESPACE}/{name.capitalize()}-v0": {"suite": name, "buildings": VARIANTS}
+        for name in SUITES
+        if name != "procedural"
+    },
+    f"{NAMESPACE}/Procedural-v0": {"suite": "procedural"},
 }
-"""Every id, with the arguments that it stands for.
+"""Every id, with the arguments that it stands for; `Procedural-v0` has a new building each episode.
 
 A change of what an environment does is a new version. `Navigation-v0` takes `map=` or `suite=`;
 discrete actions are the argument `discrete=True` of any of them. No id limits the episodes' steps:

@@ -44,7 +44,7 @@ def scenario(
     parameters = NavigationParameters.of(options)
     source = BuildingSource(
         _buildings_of(suite, map), parameters.scanner, parameters.robot.radius, count=buildings,
-        first=first_building, layers=on_request(parameters.layer),
+        first=first_building, layers=on_request(parameters.cost_layer),
     )  # fmt: skip
     return source, parameters
 

@@ -29,7 +29,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
 
     Args:
         si: OMPL's space information; its state space is R^2, SE(2), Dubins or Reeds-Shepp.
-        service_or_map: The service whose cost counts, or a map, read at layer `level`.
+        service_or_map: The service whose cost counts, or a map, read at its `cost_layer`.
         weight: How many extra metres a metre at layer 1 is worth, at least 0. None takes the
             service's own.
         steering: The kind of motion; needed for Dubins and Reeds-Shepp, which do not tell their

@@ -42,7 +42,7 @@ class RoutePlanner:
     """Plans routes for one robot in one building.
 
     Args:
-        service_or_map: What a metre costs, or a map, whose layer `level` is then read at weight 5.
+        service_or_map: What a metre costs, or a map, whose `cost_layer` is then read at weight 5.
         footprint: The robot's outline, or the radius of a disc in metres.
         space: r2 (straight lines, no heading), se2 (straight lines, the heading turns on the
             way), dubins (a car that drives forwards) or reeds-shepp (one that also backs up).

@@ -39,7 +39,7 @@ class SlowNavigation:
         self.speeds, self.distance = np.zeros(2), float(state["distance"])
         self.wheels, self.eyes = state["random"][WHEELS].copy(), state["random"][EYES].copy()
         self.exposure = self.travelled = 0.0
-        self.level = AmbiguityService(self.building.amap, self.p.layer)
+        self.level = AmbiguityService(self.building.amap, self.p.cost_layer)
         self.fisher = AmbiguityService(self.building.amap, "fisher")
 
     def step(self, action: Floats) -> tuple[dict[str, Floats], float, dict[str, Any]]:
@@ -168,7 +168,7 @@ class SlowNavigation:
     def window(self, x: float, y: float, theta: float) -> Floats:
         cells, spacing = self.p.window_cells, self.p.window_spacing
         amap = self.building.amap
-        values, free = amap.dataset[self.p.layer].values, amap.dataset["free"].values
+        values, free = amap.dataset[self.p.cost_layer].values, amap.dataset["free"].values
         left, low = float(amap.dataset["x"][0]), float(amap.dataset["y"][0])
         table, bound = self.building.checker.arrays[:2]
         out = np.zeros((2, cells, cells))

@@ -47,6 +47,13 @@ def test_every_suite_has_an_id() -> None:
     assert all(gym.spec(name).max_episode_steps is None for name in IDS)
 
 
+def test_only_procedural_buildings_are_new_in_every_episode() -> None:
+    held = {name: gym.make(name).unwrapped.simulation.source.count for name in IDS}
+    new = {"ambinav/Navigation-v0", "ambinav/Procedural-v0"}
+    assert {name for name, count in held.items() if count is None} == new
+    assert gym.make("ambinav/Hall-v0", buildings=None).unwrapped.simulation.source.count is None
+
+
 def test_registering_again_changes_nothing() -> None:
     before = {name: gym.registry[name] for name in IDS}
     register_envs()
@@ -60,7 +67,7 @@ def test_registering_is_cheap_and_an_id_can_name_the_module() -> None:
         "print(gym.spec('ambinav/Hall-v0').kwargs)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "{'suite': 'hall'}"
+    assert done.stdout.strip() == "{'suite': 'hall', 'buildings': 64}"
     assert isinstance(gym.make("ambinav_envs:ambinav/Hall-v0").unwrapped, NavigationEnv)
 
 

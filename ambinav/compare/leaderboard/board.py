@@ -166,11 +166,11 @@ def _check(board: Board, method: Method) -> None:
     driver = method.make(parameters)
     if not isinstance(driver, Policy):
         return
-    layer = driver.environment.get("layer", parameters.layer)
-    if layer != parameters.layer:
+    layer = driver.environment.get("layer") or parameters.cost_layer
+    if layer != parameters.cost_layer:
         raise InputError(
             f"policy {method.name!r} was trained to see the layer {layer!r}, and all others see "
-            f"{parameters.layer!r}; give layer={layer}, or leave it out."
+            f"{parameters.cost_layer!r}; give layer={layer}, or leave it out."
         )
     driver.prepare(observation_space(parameters), action_space(parameters))
 
@@ -217,7 +217,7 @@ def _source(board: Board, setting: Setting, sources: dict[str, BuildingSource]) 
         first, held = (0, 1) if place.count is None else (UNSEEN, place.count)
         sources[place.name] = BuildingSource(
             place.what, parameters.scanner, parameters.robot.radius, count=place.count,
-            first=first, held=held, layers=on_request(parameters.layer),
+            first=first, held=held, layers=on_request(parameters.cost_layer),
         )  # fmt: skip
     return sources[place.name]
 
@@ -237,7 +237,7 @@ def _drive(
     if isinstance(driver, RouteFollower):
         told: dict[str, Any] = {"method": method.identity, "place": setting.place.identity}
         told |= {"scanner": parameters.scanner.to_yaml(), "robot": repr(parameters.robot)}
-        told |= {"layer": parameters.layer}
+        told |= {"layer": parameters.cost_layer}
         routes = work / f"routes-{key_of(told)}.npz"
         driver.routes.load(routes)
     try:

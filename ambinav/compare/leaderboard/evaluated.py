@@ -17,6 +17,7 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.policies import load_policy
+from ambinav_envs.policies.file import DRAWN
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.registration import IDS
 from ambinav_envs.scenario import scenario
@@ -92,7 +93,8 @@ def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any
             f"policy {policy.name!r} was trained in {name!r}, which is not known here; give "
             "--suite or --map."
         )
-    arguments = {**IDS.get(name, {}), **arguments}
+    meant = {key: value for key, value in IDS.get(name, {}).items() if key not in DRAWN}
+    arguments = {**meant, **arguments}
     if "suite" in changed or "map" in changed:
         arguments.pop("suite", None)
         arguments.pop("map", None)

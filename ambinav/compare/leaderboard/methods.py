@@ -112,7 +112,7 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
     text = f"planner {choice.planner}, weight {choice.weight:g}, followed by pure pursuit"
     return Method(
         name, "planner", text, {"route": asdict(choice)}, dict(STEERS),
-        lambda parameters: RouteFollower(choice, parameters.layer),
+        lambda parameters: RouteFollower(choice, parameters.cost_layer),
     )  # fmt: skip
 
 

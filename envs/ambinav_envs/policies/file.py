@@ -226,11 +226,10 @@ def arguments_of(card: Card) -> dict[str, Any]:
         InputError: an argument that says what the policy sees is of no use.
     """
     told = {name: value for name, value in card.environment.items() if name != "id"}
-    arguments = seen_in(told) | told
-    scanner = arguments.get("scanner")
+    scanner = told.get("scanner")
     if isinstance(scanner, Mapping):
-        arguments["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
-    return arguments
+        told["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
+    return seen_in(told) | told
 
 
 def _plain(value: Any) -> Any:

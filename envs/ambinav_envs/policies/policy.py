@@ -44,10 +44,11 @@ def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: one of them is of no use.
     """
-    names = (*SEEING, "layer")
-    told = {name: environment[name] for name in (*names, "robot") if name in environment}
+    names = (*SEEING, "layer", "robot", "scanner")
+    told = {name: environment[name] for name in names if name in environment}
     parameters = NavigationParameters.of(told)
-    return {name: getattr(parameters, name) for name in names}
+    seen = {name: getattr(parameters, name) for name in SEEING}
+    return seen | {"layer": parameters.cost_layer}
 
 
 def checked_actions(

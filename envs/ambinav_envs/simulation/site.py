@@ -55,7 +55,7 @@ class Site:
         beams = np.arange(parameters.scanner.beams)
         self.tables: CastTables = cast_tables(environment, parameters.scanner, beams)
         # The service refuses layers that are no amount of ambiguity.
-        level = AmbiguityService(building.amap, parameters.layer, 1.0).ambiguity
+        level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
         weight = parameters.way_weight
         prices = self.places.prices(level, weight) if weight > 0.0 else None
         self.goals = Goals(self.places, prices)
