@@ -184,6 +184,12 @@ CASES = {
                                           "map.pgm/out", "is a file"),
     "a file in place of the output": case((*FROM_MAP, "-o", "map.pgm"), nothing, "map.pgm",
                                           "is a file"),
+    "a map called as another kind of file": case((*FROM_MAP, "-o", "out.npz"), nothing, "out.npz",
+                                                 "ends in .zarr"),
+    "a plan in degrees": case((*FROM_PLAN, "-o", "out.zarr"), lambda f: text(
+                                  "plan.geojson", plan(polygon([[8.5, 47.37], [8.5004, 47.37],
+                                                       [8.5004, 47.3703], [8.5, 47.37]])))(f),
+                              "plan.geojson", "0.0004 by 0.0003 m", "degrees"),
     "a folder that cannot be written": case((*FROM_PLAN, "-o", "/proc/ambinav/out"), nothing,
                                             "/proc"),
     "a map that cannot be written": case((*FROM_MAP, "-o", "/proc/out.zarr"), nothing, "/proc"),
@@ -197,6 +203,8 @@ CASES = {
                                              [[0.1, 0.1], [2, 0.1], [2, 0.3], [0.1, 0.1]])))(f),
                                          "--spacing", "2.9", "plan.geojson"),
     "radius below spacing": case((*FROM_PLAN, "--spacing", "1"), nothing, "radius", "0.5", "1"),
+    "radius of too many cells": case((*FROM_PLAN, "--radius", "1000"), nothing, "radius is 1000 m",
+                                     "at most 100 cells, 50 m"),
 }  # fmt: skip
 
 

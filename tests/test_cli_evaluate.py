@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -154,6 +155,15 @@ def test_a_missing_package_is_told_the_same_everywhere(
     assert done.exit_code == 2, done.output
     wanted = f'ambinav: error: {what} needs {missing}; run: pip install "ambinav[envs]".\n'
     assert done.stderr == wanted and not (folder / "out").exists()
+
+
+def test_a_module_of_the_working_folder(
+    runner: CliRunner, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(folder))])
+    (folder / "plug_of_mine.py").write_text(PLUG)
+    done = runner.invoke(app, ["evaluate", "plug_of_mine:spinner", "--map", DEMO, "-n", "1"])
+    assert done.exit_code == 0, done.output
 
 
 @pytest.mark.parametrize("given", ["[[0.0, 0.0], [0.0]]", "np.full((len(starts), 2), np.nan)"])

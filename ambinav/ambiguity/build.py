@@ -33,6 +33,8 @@ BEAMS_PER_TURN = 60
 TILE_BYTES = 256_000_000
 # Fewest poses in a tile, so that there is work for every thread.
 TILE_POSES = 4096
+# The neighbourhood has at most so many cells along its radius; the time grows with the square.
+MOST_CELLS = 100
 
 
 def build_map(
@@ -93,6 +95,11 @@ def build_map(
         raise InputError(
             f"radius is {radius} m and spacing {spacing:g} m; the neighbourhood needs a radius "
             "of at least one spacing."
+        )
+    if radius > MOST_CELLS * spacing:
+        raise InputError(
+            f"radius is {radius:g} m, {radius / spacing:.0f} cells of {spacing:g} m; give at most "
+            f"{MOST_CELLS} cells, {MOST_CELLS * spacing:g} m, or a wider spacing."
         )
     if headings is not None:
         headings = as_count(headings, "headings")

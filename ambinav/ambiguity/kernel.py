@@ -24,6 +24,8 @@ from ambinav.threads import run_rows
 
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
 _Z_COUNT = round(Z_MAX / Z_STEP)
+# Python hears of an interruption after so many beam comparisons, a second or two.
+HEARD = 400_000_000
 
 U = np.uint64
 # Rows of `Returns.data`.
@@ -265,9 +267,12 @@ def neighbourhood_sums(
         the look-alikes about the pose; the same of the free neighbourhood; square metres.
     """
     sums = np.empty((end - begin, 7))
-    run_rows(
-        _sums, end - begin, begin, first, rows_columns, index, links, STEPS, offsets, spacing,
-        returns.data, beams.limit, beams.inverse_cap, beams.use, evidence, tau, *cell_variance,
-        sums, least=8,
-    )  # fmt: skip
+    most = max(HEARD // (len(offsets) * len(beams.limit)), 1)
+    for low in range(0, end - begin, most):
+        part = sums[low : low + most]
+        run_rows(
+            _sums, len(part), begin + low, first, rows_columns, index, links, STEPS, offsets,
+            spacing, returns.data, beams.limit, beams.inverse_cap, beams.use, evidence, tau,
+            *cell_variance, part, least=8,
+        )  # fmt: skip
     return sums

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import sys
 import traceback
 from collections.abc import Callable
@@ -18,7 +19,7 @@ def load_module(name: str, folder: Path) -> ModuleType:
     """Import a module by its name, or from a file.
 
     Args:
-        name: As `import` takes it, or the name of a .py file.
+        name: As `import` takes it, also one in the working folder, or the name of a .py file.
         folder: What a file's name is relative to.
 
     Raises:
@@ -26,6 +27,10 @@ def load_module(name: str, folder: Path) -> ModuleType:
     """
     try:
         if not name.endswith(".py"):
+            # As `python -m` would, but what is installed goes first.
+            here = str(Path.cwd())
+            if here not in sys.path:
+                sys.path.append(here)
             return importlib.import_module(name)
         path = (folder / name).resolve()
         if not path.is_file():
@@ -69,14 +74,31 @@ def called(function: Callable[..., Any], told: str, *arguments: Any) -> Any:
     """The outcome of somebody else's function.
 
     Raises:
-        InputError: it raised something; the message says what and where.
+        InputError: it takes other arguments, or raised something; the message says what and where.
     """
+    _check_signature(function, told, arguments)
     try:
         return function(*arguments)
     except InputError:
         raise
     except Exception as error:
         raise InputError(f"policy {told} failed ({_told(error)}); mend it") from error
+
+
+def _check_signature(function: Callable[..., Any], told: str, arguments: tuple[Any, ...]) -> None:
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        # Written in C, say: its own error must do.
+        return
+    try:
+        signature.bind(*arguments)
+    except TypeError:
+        kinds = ", ".join(type(one).__name__ for one in arguments)
+        raise InputError(
+            f"policy {told} takes {signature}, but is called with {len(arguments)} arguments "
+            f"({kinds}); docs/leaderboard.md and docs/compare.md say what they are"
+        ) from None
 
 
 def _told(error: Exception) -> str:

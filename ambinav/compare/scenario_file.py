@@ -50,7 +50,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None) -> Loaded:
         InputError: a file is missing or cannot be used; the message names file, key and value.
     """
     path = Path(path)
-    plain = parse_yaml(read_text(path), str(path))
+    plain = parse_yaml(read_text(path), str(path), "docs/compare.md has every key")
     scenario = parse_scenario(plain, str(path), path.stem, runs=runs)
     return Loaded(
         scenario,

@@ -84,6 +84,12 @@ def environment_from_shapes(
         frontier.append(shapely.get_exterior_ring(free))
     free = shapely.difference(free, shapely.union_all(solid_list))
     parts = [p for p in _parts(free, shapely.Polygon) if p.area > SLIVER]
+    if not parts and not solid_list:
+        west, south, east, north = shapely.union_all(room_list or [free]).bounds
+        raise InputError(
+            f"{label}: the rooms are {east - west:.2g} by {north - south:.2g} m in all; give "
+            "coordinates in metres, not in degrees of longitude and latitude."
+        )
     if not parts:
         raise InputError(
             f"{label}: the obstacles leave no free space; draw a room larger than what is in it."

@@ -41,7 +41,8 @@ def check_target(path: Path) -> None:
     """Refuse to replace anything but an older store.
 
     Raises:
-        InputError: `path` is a file, or a folder with something else in it.
+        InputError: `path` is a file, or a folder with something else in it, or is called as if it
+            were another kind of file.
     """
     if path.is_dir():
         if any(path.iterdir()) and not (path / "zarr.json").is_file():
@@ -51,6 +52,10 @@ def check_target(path: Path) -> None:
             )
     elif path.exists():
         raise InputError(f"{path}: this is a file and is not replaced; choose another output.")
+    if path.suffix not in ("", ".zarr"):
+        raise InputError(
+            f"{path}: a map is a folder, a zarr store; give a name that ends in .zarr."
+        )
 
 
 def read(path: Path) -> xr.Dataset:

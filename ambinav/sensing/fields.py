@@ -36,8 +36,13 @@ def read_text(path: Path) -> str:
         ) from error
 
 
-def parse_yaml(text: str, where: str) -> object:
+def parse_yaml(text: str, where: str, example: str) -> object:
     """Parse YAML text into plain Python values.
+
+    Args:
+        text: The text.
+        where: Names it in messages.
+        example: Where to find one, told if it is empty.
 
     Raises:
         InputError: the text is not YAML, or holds nothing.
@@ -53,7 +58,7 @@ def parse_yaml(text: str, where: str) -> object:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{where}: not valid YAML ({reason}); correct the file.") from error
     if plain is None:
-        raise InputError(f"{where}: the file is empty; see a preset for an example.")
+        raise InputError(f"{where}: the file is empty; {example}.")
     return cast(object, plain)
 
 

@@ -24,6 +24,8 @@ from ambinav.sensing.layout import KINDS, Part, layout_from_plain
 from ambinav.sensing.presets import preset_path
 from ambinav.sensing.sensor import RangeSensor
 
+EXAMPLE = "`ambinav presets NAME` prints one as an example"
+
 
 class ScannerText(NamedTuple):
     """What a scanner file says."""
@@ -40,7 +42,7 @@ def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
     Raises:
         InputError: the text or a field cannot be used.
     """
-    given = Fields(parse_yaml(text, where), where, ScannerText._fields)
+    given = Fields(parse_yaml(text, where, EXAMPLE), where, ScannerText._fields)
     parts = given.raw("parts")
     if not isinstance(parts, list) or not parts:
         raise InputError(

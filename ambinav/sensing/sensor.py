@@ -235,7 +235,8 @@ class RangeSensor:
             InputError: the file or a field cannot be used.
         """
         path = Path(path)
-        return cls.from_plain(parse_yaml(read_text(path), str(path)), str(path))
+        example = "`ambinav calibrate` writes one"
+        return cls.from_plain(parse_yaml(read_text(path), str(path), example), str(path))
 
     @classmethod
     def from_plain(cls, plain: object, where: str) -> RangeSensor:

@@ -13,6 +13,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.steering import FACING, Steering, checked_poses
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.fields import as_number
 from ambinav.service.field import Field
 from ambinav.service.motion import motion_integrals
 
@@ -62,11 +63,14 @@ class AmbiguityService:
         clearance_weight: float = 0.0,
         comfort: float = 0.5,
     ) -> None:
+        weight, power = as_number(weight, "weight"), as_number(power, "power")
+        clearance_weight = as_number(clearance_weight, "clearance_weight")
+        comfort = as_number(comfort, "comfort")
         for name, number in (("weight", weight), ("clearance_weight", clearance_weight)):
-            if not (math.isfinite(number) and number >= 0.0):
+            if not number >= 0.0:
                 raise InputError(f"{name} is {number}; give a number of at least 0.")
         for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
-            if not (math.isfinite(number) and number > 0.0):
+            if not number > 0.0:
                 raise InputError(f"{name} is {number}; give a number{unit} above 0.")
         if layer is None:
             layer = amap.cost_layer
@@ -80,10 +84,10 @@ class AmbiguityService:
             )
         self.map = amap
         self.layer = layer
-        self.weight = float(weight)
-        self.power = float(power)
-        self.clearance_weight = float(clearance_weight)
-        self.comfort = float(comfort)
+        self.weight = weight
+        self.power = power
+        self.clearance_weight = clearance_weight
+        self.comfort = comfort
         self.ambiguity = Field.of(amap, layer)
         least = float(self.ambiguity.values.min())
         if not least >= 0.0:

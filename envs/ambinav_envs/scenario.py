@@ -52,7 +52,10 @@ def scenario(
 def _buildings_of(suite: object, map: object) -> str | Path | Environment:
     """The name of a suite, or a map."""
     if suite is not None and map is not None:
-        raise InputError("suite and map are both given; give one of the two.")
+        raise InputError(
+            f"suite is {suite!r}, as of the id that is named after it, and map is given too; give "
+            "one of the two, a map to the id ambinav/Navigation-v0."
+        )
     if map is not None:
         if not isinstance(map, str | Path | Environment):
             raise InputError(

@@ -91,10 +91,15 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
         )
     belief = problem.belief
     if chosen.name.startswith("belief") and math.isfinite(min(belief.max_std, belief.max_goal_std)):
+        limits = [
+            f"up to {limit:g} m{where}"
+            for limit, where in ((belief.max_std, ""), (belief.max_goal_std, " at the goal"))
+            if math.isfinite(limit)
+        ]
         return (
-            f"planner {chosen.name!r} found no way that keeps the standard deviation up to "
-            f"{belief.max_std:g} m, and up to {belief.max_goal_std:g} m at the goal; allow more, "
-            "or see without the limits whether there is a way at all."
+            f"planner {chosen.name!r} found no way that keeps the standard deviation "
+            f"{' and '.join(limits)}; allow more, or see without a limit whether there is a way "
+            "at all."
         )
     if not chosen.iteration or not chosen.uses_ompl:
         return (

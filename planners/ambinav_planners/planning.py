@@ -7,6 +7,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
@@ -86,6 +88,10 @@ class RoutePlanner:
             if isinstance(service_or_map, AmbiguityMap)
             else service_or_map
         )
+        if not isinstance(footprint, Footprint | int | float | np.number):
+            raise InputError(
+                f"footprint is {footprint!r}; give a radius in metres, or Footprint.polygon(...)."
+            )
         outline = footprint if isinstance(footprint, Footprint) else Footprint.disc(footprint)
         self.limit = None if max_bad_metres is None else BadStretchLimit(max_bad_metres, bad_level)
         xmin, ymin, xmax, ymax = self.service.map.bounds

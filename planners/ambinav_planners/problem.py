@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 import shapely
@@ -121,12 +122,21 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
 
 
 def _told(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
-    """A place to as many digits as it takes for it to be free when it is typed."""
+    """A place near by to as many digits as it takes for it to be free when it is typed."""
+    x, y, theta, _ = place
     for digits in (2, 3, 4, 6):
-        x, y = round(place[0], digits), round(place[1], digits)
-        if checker.poses_free([[x, y, place[2]]])[0]:
-            return f"({x:.{digits}f}, {y:.{digits}f})"
-    return f"({place[0]!r}, {place[1]!r})"
+        step = 10.0**-digits
+        around = [
+            (round(x + i * step, digits), round(y + j * step, digits), theta)
+            for i, j in sorted(
+                product((-1, 0, 1), repeat=2), key=lambda ij: abs(ij[0]) + abs(ij[1])
+            )
+        ]
+        free = checker.poses_free(around)
+        if free.any():
+            u, v, _ = around[int(free.argmax())]
+            return f"({u:.{digits}f}, {v:.{digits}f})"
+    return f"({x!r}, {y!r})"
 
 
 def _beyond_a_wall(x: float, y: float, theta: float, checker: CollisionChecker) -> str | None:

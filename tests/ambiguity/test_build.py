@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import ambinav
-from ambinav.ambiguity import build
+from ambinav.ambiguity import build, kernel
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -241,6 +241,16 @@ def test_a_bar_on_standard_error(
 ) -> None:
     build_map(env, laser, spacing=0.5, progress=True)
     assert capsys.readouterr().out == ""
+
+
+def test_pieces_between_interruptions_change_nothing(
+    env: Environment, laser: RangeScanner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = build_map(env, laser, spacing=0.3).dataset
+    monkeypatch.setattr(kernel, "HEARD", 100_000)
+    pieces = build_map(env, laser, spacing=0.3).dataset
+    for name in LAYERS:
+        assert np.array_equal(pieces[name].values, whole[name].values, equal_nan=True)
 
 
 # -- what is refused ---------------------------------------------------------------------------

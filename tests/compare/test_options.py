@@ -33,6 +33,9 @@ def above(environment, scanner, amap, pair):
     poses = [(x, y, 0.0) for x, y, *_ in places]
     return evaluate_route(AmbiguityService(amap), poses, Steering(), planner="above")
 
+def alone():
+    pass
+
 def through(environment, scanner, amap, pair):
     poses = [(*pair.start[:2], 0.0), (*pair.goal[:2], 0.0)]
     return evaluate_route(AmbiguityService(amap), poses, Steering(), planner="through")
@@ -158,7 +161,8 @@ POLICIES = {
     "no callable": ("p.py:abov", "policy: p.py has no callable 'abov'"),
     "no route": ("p.py:nothing", "it returned a list; return an ambinav.routes.route.Route"),
     "through a wall": ("p.py:through", "reached through a wall; give a route that leaves room"),
-    "fails": ("p.py:fails", "failed (ZeroDivisionError: division by zero, p.py line 21); mend it"),
+    "other arguments": ("p.py:alone", "takes (), but is called with 4 arguments (Environment,"),
+    "fails": ("p.py:fails", "failed (ZeroDivisionError: division by zero, p.py line 24); mend it"),
 }
 
 

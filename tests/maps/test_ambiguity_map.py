@@ -153,6 +153,9 @@ def test_unknown_layer_offers_the_nearest_names(flat):
         flat.sample("levle", 1.0, 1.0)
     with pytest.raises(InputError, match="no such layer"):
         flat.floor("xyzzy")
+    # Not what it is nearest to by letters, where it could be there.
+    with pytest.raises(InputError, match="make it with `ambinav map --layers position`"):
+        flat.floor("position")
 
 
 def test_a_layer_without_mean_needs_a_heading(turning):

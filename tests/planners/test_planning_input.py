@@ -136,6 +136,21 @@ def test_ends_in_walls_and_behind_them(two_rooms: AmbiguityMap) -> None:
             plan(two_rooms, LEFT, place)
 
 
+def test_where_a_place_is_free_is_told_in_round_numbers(two_rooms: AmbiguityMap) -> None:
+    # The nearest place stands a robot's radius from both walls, and so does no rounded one.
+    robot = RoutePlanner(two_rooms, footprint=0.2 + 1e-9)
+    with pytest.raises(InputError, match=r"the nearest free place is \(0\.2\d, 0\.2\d\),") as told:
+        robot.plan((0.0, 0.0), (3.0, 3.0))
+    found = re.search(r"place is \(([\d.]+), ([\d.]+)\)", str(told.value))
+    assert found is not None
+    assert robot.plan((float(found[1]), float(found[2])), (3.0, 3.0), planner_name="reference")
+
+
+def test_a_footprint_is_a_radius_or_an_outline(two_rooms: AmbiguityMap) -> None:
+    with pytest.raises(InputError, match=r"footprint is \[\(0.3, 0.2\)\]; give a radius"):
+        RoutePlanner(two_rooms, footprint=[(0.3, 0.2)])  # type: ignore[arg-type]
+
+
 def test_ends_in_unknown_space(two_rooms: AmbiguityMap) -> None:
     with pytest.raises(InputError, match=r"goal \(4\.3, 2\) is in unknown space; the nearest free"):
         plan(two_rooms, LEFT, (4.3, 2.0))

@@ -248,7 +248,7 @@ def test_any_text_gives_a_sensor_or_a_sentence(text: str) -> None:
     from ambinav.sensing.fields import parse_yaml
 
     try:
-        RangeSensor.from_plain(parse_yaml(text, "f.yaml"), "f.yaml")
+        RangeSensor.from_plain(parse_yaml(text, "f.yaml", "see another"), "f.yaml")
     except InputError as error:
         assert str(error).startswith("f.yaml")
 

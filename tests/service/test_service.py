@@ -143,6 +143,8 @@ def test_headings_are_read_where_they_matter(headed: an.AmbiguityMap) -> None:
     [
         ({"weight": -1.0}, "weight"),
         ({"weight": math.nan}, "weight"),
+        ({"weight": "much"}, "weight is 'much'; give a finite number"),
+        ({"power": [1.0]}, "power"),
         ({"layer": "levle"}, "level"),
         ({"layer": "direction"}, "direction"),
         ({"layer": "zone"}, "zone"),

@@ -320,6 +320,8 @@ class Simulation:
 
 def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
     """Every option, None where it is not given."""
+    if not isinstance(options, Mapping | None):
+        raise InputError(f"reset: options is {options!r}; give a mapping.")
     given: dict[str, Any] = dict.fromkeys(OPTIONS)
     for name, value in (options or {}).items():
         if name not in given:

@@ -132,7 +132,7 @@ class Training(Part):
         for where, arguments in self._arguments().items():
             for key in arguments.keys() & MANAGED.keys():
                 raise InputError(f"{where}: {key} cannot be given, {MANAGED[key]}; drop it")
-        chosen = hyperparameters_of(self.algorithm, self.hyperparameters)
+        chosen = hyperparameters_of(self.algorithm, self.hyperparameters, self.envs)
         if self.algorithm == "sac" and self.environment.get("discrete"):
             raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")
         if "n_epochs" in chosen:

@@ -40,11 +40,13 @@ def load_config(
         InputError: the file is missing or cannot be used; the message names file, key and value.
     """
     path = Path(path)
-    plain = parse_yaml(read_text(path), str(path))
+    plain = parse_yaml(read_text(path), str(path), "docs/training.md has every key")
     if not isinstance(plain, Mapping):
         raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
     whole = {**plain, **(limits or {})}
     if seed is not None:
+        if seed < 0:
+            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         whole["seed"] = seed
     return parse_config(whole, str(path), path.parent)
 
@@ -76,7 +78,9 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
             "threads": threads,
             "environment": _found(config.environment, folder),
             "evaluation": evaluation,
-            "hyperparameters": hyperparameters_of(config.algorithm, config.hyperparameters),
+            "hyperparameters": hyperparameters_of(
+                config.algorithm, config.hyperparameters, config.envs
+            ),
         }
     )
     sources = []

@@ -54,12 +54,14 @@ _MAY_BE_NONE = ("clip_range_vf", "target_kl")
 _MAY_BE_AUTO = ("ent_coef", "target_entropy")
 
 
-def hyperparameters_of(algorithm: str, given: Mapping[str, Any]) -> dict[str, Any]:
+def hyperparameters_of(algorithm: str, given: Mapping[str, Any], envs: int) -> dict[str, Any]:
     """All hyperparameters of an algorithm, defaults for those that are not given.
 
     Args:
         algorithm: One of `DEFAULTS`.
-        given: By the names of Stable-Baselines3.
+        given: By the names of Stable-Baselines3. Where PPO's batch size is not among them, it is
+            the greatest up to the default that divides a rollout, n_steps times envs.
+        envs: How many environments are trained in.
 
     Raises:
         InputError: a name is unknown (the nearest is offered), or a value makes no sense.
@@ -68,10 +70,17 @@ def hyperparameters_of(algorithm: str, given: Mapping[str, Any]) -> dict[str, An
     for name in given:
         if name not in defaults:
             raise InputError(f"hyperparameters: {name!r} is unknown; {nearest(name, defaults)}.")
-    return {
+    chosen = {
         name: _checked(name, given.get(name, default), algorithm)
         for name, default in defaults.items()
     }
+    if "n_epochs" in chosen and "batch_size" not in given:
+        rollout = chosen["n_steps"] * envs
+        most = min(chosen["batch_size"], rollout)
+        # A prime number of steps is one batch: batches of one step cannot be normalized.
+        whole = (size for size in range(most, 1, -1) if rollout % size == 0)
+        chosen["batch_size"] = next(whole, rollout)
+    return chosen
 
 
 def _checked(name: str, value: Any, algorithm: str) -> Any:

@@ -39,6 +39,19 @@ def test_written_out_and_read_again(tmp_path: Path) -> None:
     assert load_config(tmp_path / "config.yaml") == config
 
 
+@pytest.mark.parametrize(
+    ("envs", "n_steps", "batch"),
+    [(64, 128, 2048), (8, 64, 512), (64, 33, 1056), (3, 700, 1050), (1, 2053, 2053)],
+)
+def test_a_batch_that_nobody_asked_for_divides_the_rollout(
+    envs: int, n_steps: int, batch: int
+) -> None:
+    told = {"steps": 9, "envs": envs, "environment": {"id": "ambinav/Hall-v0"}}
+    config = parse_config(told | {"hyperparameters": {"n_steps": n_steps}}, "here")
+    assert config.hyperparameters["batch_size"] == batch
+    assert envs * n_steps % batch == 0
+
+
 def test_judged_in_other_buildings_whatever_else_differs(tmp_path: Path) -> None:
     told = {"steps": 9, "environment": {"id": "ambinav/Hall-v0", "buildings": 40}}
     config = parse_config(told | {"evaluation": {"environment": {"people": 2}}}, "here")
@@ -98,7 +111,10 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"hyperparameters": {"gamma": 1.5}}, "hyperparameters.gamma is 1.5; give 0 to 1"),
     ({"hyperparameters": {"gamma": "high"}}, "give a finite number"),
     ({"hyperparameters": {"n_steps": 1.5}}, "give a whole number"),
-    ({"hyperparameters": {"n_steps": 33}}, "batch_size is 2048, which does not divide"),
+    (
+        {"hyperparameters": {"n_steps": 33, "batch_size": 2048}},
+        "batch_size is 2048, which does not divide",
+    ),
     ({"hyperparameters": {"use_sde": 1}}, "give true or false"),
     ({"hyperparameters": {"learning_rate": {"from": 1}}}, "a mapping of from and to"),
     ({"hyperparameters": {"learning_rate": {"from": 1, "to": -1}}}, "learning_rate.to is -1"),
