@@ -6,15 +6,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from ambinav.errors import InputError
 from ambinav.geometry.steering import KINDS, Steering
 from ambinav.sensing.fields import nearest
 
 Made = TypeVar("Made")
-Point = tuple[float, float] | tuple[float, float, float]
 Metres = Annotated[float, Field(gt=0.0)]
+
+
+def _point(place: tuple[float, ...]) -> tuple[float, ...]:
+    if len(place) not in (2, 3):
+        raise InputError("give x and y in metres, and a heading in radians if it matters")
+    return place
+
+
+Point = Annotated[tuple[float, ...], AfterValidator(_point)]
 
 
 class Part(BaseModel):
@@ -133,6 +141,12 @@ class PairPart(Part):
     name: str = Field(min_length=1)
     start: Point
     goal: Point
+
+    @model_validator(mode="after")
+    def _apart(self) -> PairPart:
+        if self.start[:2] == self.goal[:2]:
+            raise InputError("start and goal are one place; give two")
+        return self
 
 
 class ObstaclesPart(Part):

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from ambinav.ambiguity.layers.registry import check_known
 from ambinav.compare.controllers import Driver, driven_route, driver_of, is_controller
 from ambinav.compare.given import measured, policy_route, saved_route
 from ambinav.compare.parts import PairPart
@@ -43,14 +44,20 @@ def check_plans(loaded: Loaded) -> None:
     """Find out what is wrong with the routes as far as that needs no map, which takes a while.
 
     Raises:
-        InputError: OMPL is missing, a planner is unknown or does not plan in the space, a start or
-            goal is not free, or a file's route or a policy is of no use.
+        InputError: OMPL is missing, a layer is unknown, a planner is unknown or does not plan in
+            the space, a start or goal is not free, or a file's route or a policy is of no use.
     """
     for name in loaded.scenario.modules:
         try:
             load_module(name, loaded.folder)
         except InputError as error:
             raise InputError(f"modules: {error}.") from error
+    layer = loaded.scenario.map.layer
+    if layer is not None:
+        try:
+            check_known(layer)
+        except InputError as error:
+            raise InputError(f"map: {error}") from error
     checker = None
     if any(part.kind not in GIVEN for part in loaded.scenario.routes):
         _need_ompl()

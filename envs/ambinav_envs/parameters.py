@@ -11,14 +11,13 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.ambiguity.layers.registry import layers
+from ambinav.ambiguity.layers.registry import check_known
 from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
-from ambinav.maps.schema import REQUIRED_LAYERS, base_name
 from ambinav.sensing.fields import as_count, as_number, as_numbers, nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -190,9 +189,8 @@ class NavigationParameters:
             )
         if not isinstance(self.layer, str | None):
             raise InputError(f"layer is {self.layer!r}; give a layer's name, such as level.")
-        known = {*REQUIRED_LAYERS, "heading", "heading_radius", "unknown", *layers()}
-        if self.layer is not None and base_name(self.layer) not in known:
-            raise InputError(f"layer {self.layer!r} is unknown; {nearest(self.layer, known)}.")
+        if self.layer is not None:
+            check_known(self.layer)
         if isinstance(self.reward, Mapping):
             self._set("reward", dict(self.reward))
         weights_of(self.reward)

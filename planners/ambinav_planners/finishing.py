@@ -114,7 +114,8 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
     others = sorted(
         p.name for p in planners().values() if space in p.spaces and p.name != chosen.name
     )
+    more = "time" if budget.iterations is None else "iterations"
     return (
         f"planner {chosen.name!r} found no way in {space} in {spent}; there may be none for this "
-        f"robot, or it takes more time or another planner ({', '.join(others)})."
+        f"robot, or it takes more {more} or another planner ({', '.join(others)})."
     )

@@ -54,6 +54,18 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         ),
         "planner 'reference' does not plan in se2; it knows r2",
     ),
+    "unknown layer": (
+        lambda p: p["map"].update(layer="fischer"),
+        "map: layer 'fischer' is unknown; did you mean fisher",
+    ),
+    "one number": (
+        lambda p: p["pairs"][0].update(start=[3]),
+        "pairs[0].start: give x and y in metres, and a heading in radians if it matters",
+    ),
+    "nowhere to go": (
+        lambda p: p["pairs"][0].update(goal=p["pairs"][0]["start"]),
+        "pairs[0]: start and goal are one place; give two",
+    ),
     "no route file": (
         lambda p: p["routes"].append({"kind": "file", "file": "no.csv"}),
         "no.csv: the file cannot be read",
@@ -92,8 +104,3 @@ def test_no_way(scenario: Plain, tmp_path: Path) -> None:
     assert [item.name for item in out.iterdir()] == ["work"]
     assert not list((out / "work").glob("*.npz"))
     assert not [item for item in (out / "work").iterdir() if item.name.startswith(".")]
-
-
-def test_unknown_layer(scenario: Plain, tmp_path: Path) -> None:
-    scenario["map"]["layer"] = "leve"
-    check(write(tmp_path, scenario), tmp_path / "out", "leve")

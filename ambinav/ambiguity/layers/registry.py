@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps import schema
+from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 
 ALL: Final = "all"
@@ -121,6 +122,17 @@ def layers() -> tuple[str, ...]:
 def on_request(name: str) -> tuple[str, ...]:
     """The name for `build_map(..., layers=...)`, if maps have that layer on request alone."""
     return (name,) if name in layers() else ()
+
+
+def check_known(name: str) -> None:
+    """Find out before a map is made whether it can have a layer.
+
+    Raises:
+        InputError: no map can; the nearest names are offered.
+    """
+    known = {*schema.REQUIRED_LAYERS, "heading", "heading_radius", "unknown", *layers()}
+    if schema.base_name(name) not in known:
+        raise InputError(f"layer {name!r} is unknown; {nearest(name, known)}.")
 
 
 def layer(name: str) -> Layer:
