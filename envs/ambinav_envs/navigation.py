@@ -121,7 +121,7 @@ class NavigationEnv(gym.Env[Observation, Any]):
     >>> import ambinav_envs
     >>> gym.make("ambinav/Office-v0", reward="shortest", people=2)
     <OrderEnforcing<PassiveEnvChecker<NavigationEnv<ambinav/Office-v0>>>>
-    >>> gym.make_vec("ambinav/Navigation-v0", num_envs=64, suite="office").num_envs
+    >>> gym.make_vec("ambinav/Office-v0", num_envs=64).num_envs
     64
 
     ```

@@ -29,6 +29,9 @@ from ambinav_envs.spaces import action_space, continuous, observation_of, observ
 Bools = NDArray[np.bool_]
 Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
 
+# So many robots that each wait for a new building are worth a word.
+MANY = 16
+
 
 class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
     """N robots, each in an episode of its own: `NavigationEnv` N times, in one kernel.
@@ -56,6 +59,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
 
     Raises:
         InputError: an argument cannot be used.
+
+    Warns:
+        UserWarning: many robots have a new building in every episode, which is slow.
     """
 
     def __init__(
@@ -76,6 +82,12 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             suite, map, buildings, first_building, max_episode_steps, options
         )
         self.num_envs = as_count(num_envs, "num_envs")
+        if source.count is None and self.num_envs >= MANY:
+            gym.logger.warn(
+                f"each episode of {self.num_envs} robots has a new building, and its map takes a "
+                "tenth of a second and more; give a number of them, such as buildings=64, where "
+                "speed counts."
+            )
         self.mode = _mode(autoreset_mode)
         self.metadata = metadata_for(parameters.dt) | {"autoreset_mode": self.mode}
         self.render_mode = render_mode

@@ -21,7 +21,7 @@ from ambinav.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.simulation import LEAST
 from ambinav_envs.spaces import continuous
-from ambinav_envs.vector import NavigationVectorEnv
+from ambinav_envs.vector import MANY, NavigationVectorEnv
 from tests.envs.cases import equal, room
 
 # Short episodes with all that can be in a scene.
@@ -127,6 +127,20 @@ def test_a_fresh_process_gives_the_same() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere forks are not the default")
+def test_who_asks_many_robots_for_new_buildings_is_told_what_that_takes(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    with pytest.warns(UserWarning, match="give a number of them, such as buildings=64"):
+        gymnasium.make_vec("ambinav/Procedural-v0", MANY, "vector_entry_point")
+    for name, count, options in (
+        ("ambinav/Procedural-v0", MANY - 1, {}),
+        ("ambinav/Procedural-v0", MANY, {"buildings": 4}),
+        ("ambinav/Office-v0", MANY, {}),
+    ):
+        gymnasium.make_vec(name, count, "vector_entry_point", **options)
+    assert not recwarn.list
+
+
 def test_forked_processes_make_buildings_and_drive() -> None:
     envs = gymnasium.make_vec(
         "ambinav/Navigation-v0",
