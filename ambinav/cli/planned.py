@@ -98,7 +98,8 @@ def show_routes(
                 "with this seed the route may differ next time."
             )
             break
-    typer.echo(f"\nroute: {output}")
+    _tell_layer(routes)
+    typer.echo(f"route: {output}")
     if picture is not None:
         typer.echo(f"picture: {picture}")
 
@@ -155,7 +156,8 @@ def plan_front(
         typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
         return
     _print_table(routes)
-    typer.echo(f"\nfront: {output}")
+    _tell_layer(routes)
+    typer.echo(f"front: {output}")
 
 
 def _different_ways(front: ParetoFront) -> dict[str, Route]:
@@ -190,6 +192,11 @@ def _figures(route: Route) -> dict[str, Any]:
     from ambinav.routes.record import figures
 
     return figures(route).model_dump(mode="json")
+
+
+def _tell_layer(routes: Mapping[str, Route]) -> None:
+    """Print which layer costs and exposures are of."""
+    typer.echo(f"\nlayer: {next(iter(routes.values())).layer}")
 
 
 def _print_table(routes: Mapping[str, Route]) -> None:

@@ -37,7 +37,7 @@ class Figures(_Part):
     environment: str
     scanner: str
     space: str
-    radius_m: Number
+    turning_radius_m: Number
     layer: str
     weight: Amount
     power: Amount
@@ -84,7 +84,7 @@ def figures(route: Route) -> Figures:
         | {f"{name}_m": metres for name, metres in route.zone_metres.items()}
         | {
             "space": route.steering.space,
-            "radius_m": route.steering.radius,
+            "turning_radius_m": route.steering.radius,
             "comfort_m": route.comfort,
             "length_m": route.length,
             "exposure_m": route.exposure,
@@ -127,7 +127,7 @@ def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
             "give it for all or for none."
         )
     try:
-        steering = Steering(told.space, told.radius_m)
+        steering = Steering(told.space, told.turning_radius_m)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     covariances = None
