@@ -259,7 +259,8 @@ def _part(value: object, name: str, kind: type[Part]) -> Part:
     if isinstance(value, kind):
         return value
     if not isinstance(value, Mapping):
-        raise InputError(f"{name} is {value!r}; give its fields by name.")
+        number = "a number, or " if kind is People else ""
+        raise InputError(f"{name} is {value!r}; give {number}its fields by name.")
     known = list(kind.__dataclass_fields__)  # type: ignore[attr-defined]
     for key in value:
         if key not in known:

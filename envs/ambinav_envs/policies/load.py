@@ -55,6 +55,8 @@ def load_policy(told: str | Path, folder: Path | None = None) -> Policy:
     if name in baselines():
         return policy_of(BASELINES / f"{name}.zip", name)
     path = folder / name
+    if path.suffix == ".py":
+        raise InputError(f"policy {name!r} is a file of code; give {name}:callable.")
     if path.is_file() or path.suffix == ".zip":
         return policy_of(path, path.stem)
     if ":" in name:
