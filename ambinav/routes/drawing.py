@@ -44,8 +44,8 @@ STYLES: Final = (
 )
 
 NARROWEST: Final = 2.2
-WIDEST: Final = 6.0
-CASING: Final = 1.3
+WIDEST: Final = 9.0
+CASING: Final = 0.8
 """Widths in points; the casing's on each side."""
 
 SIGMAS: Final = 2.0
@@ -64,7 +64,7 @@ def widths(count: int) -> Floats:
     """
     if count == 1:
         return np.array([0.5 * (NARROWEST + WIDEST)])
-    return np.linspace(min(WIDEST, NARROWEST + 2.4 * (count - 1)), NARROWEST, count)
+    return np.linspace(min(WIDEST, NARROWEST + 2.8 * (count - 1)), NARROWEST, count)
 
 
 def route_line(look: Style, width: float, poses: Floats | None = None) -> Line2D:

@@ -82,6 +82,8 @@ def lower_legend(
     else:
         place = {"loc": "upper left", "bbox_to_anchor": (-0.005, -0.005)}
         columns = _columns(axes, len(handles))
+        # Matplotlib goes down a column first; who reads goes along a row.
+        handles = [handle for first in range(columns) for handle in handles[first::columns]]
         legend = _legend(axes, handles, _DROP, ncol=columns, **place)
     legend.set_title(("\n" if tall else "   ").join(caption), prop=FontProperties(size=FONT_SIZE))
     legend.set_alignment("left")
