@@ -222,7 +222,7 @@ def document(audit: Audit) -> Document:
         layers=_layers(audit),
         alikes=None if audit.alikes is None else _alikes(audit.alikes),
         pictures=floor_pictures(audit),
-        parameters=json.loads(attrs["parameters"]),
+        parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
     )
 

@@ -23,6 +23,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 FLOOR = "#FFFFFF"
 DARK, PALE = 0.6, 0.25
 """Share of the colour in a place, and in what it looks like."""
+BENDS = (0.18, -0.18, 0.12, -0.12, 0.06, -0.06)
 
 
 def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axes:
@@ -60,13 +61,14 @@ def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axe
             bbox_to_anchor=(1.01, 1.0) if tall else (1.0, -0.01),
             ncol=1 if tall else min(len(handles), 3),
         )
+    box = view(amap)
     for link in reversed(links):
         axes.add_patch(
             FancyArrowPatch(
                 (link.x, link.y),
                 (link.other_x, link.other_y),
                 arrowstyle="-",
-                connectionstyle="arc3,rad=0.18",
+                connectionstyle=f"arc3,rad={_bend(link, box)}",
                 color=colour[link.letter],
                 linewidth=2.2,
                 shrinkA=9,
@@ -78,6 +80,23 @@ def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axe
         for point in ((link.x, link.y), (link.other_x, link.other_y)):
             _mark(axes, link.letter, point, colour[link.letter])
     return axes
+
+
+def _bend(link: Link, box: tuple[float, float, float, float]) -> float:
+    """How far a line bends aside, as a share of its length: the first that stays in the picture.
+
+    Args:
+        link: Its ends.
+        box: xmin, ymin, xmax, ymax of the picture, metres.
+    """
+    dx, dy = link.other_x - link.x, link.other_y - link.y
+    for bend in BENDS:
+        # Half-way, where it is farthest aside.
+        x = 0.5 * (link.x + link.other_x + bend * dy)
+        y = 0.5 * (link.y + link.other_y - bend * dx)
+        if box[0] < x < box[2] and box[1] < y < box[3]:
+            return bend
+    return 0.0
 
 
 def _mixed(colour: str, strength: float) -> tuple[float, float, float]:

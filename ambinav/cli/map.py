@@ -39,6 +39,7 @@ def build(
     """
     with reporting():
         options.check_numbers(spacing, radius, headings, map_std)
+        from ambinav.maps import schema
         from ambinav.maps.store import check_target
 
         check_writable(output)
@@ -66,7 +67,8 @@ def build(
                 "scanner": chosen.name,
                 "cells": int(amap.dataset["free"].sum()),
                 "free_area_m2": round(amap.free_area, 2),
-                "layers": list(names),
+                "layers": list(schema.added(amap.dataset)),
+                "cost_layer": amap.cost_layer,
                 "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,
                 "zones": [
                     {"zone": s.zone, "share": round(s.share, 4), "area_m2": round(s.area, 2)}

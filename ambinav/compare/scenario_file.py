@@ -13,6 +13,7 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.compare.scenario import Scenario
 from ambinav.errors import InputError
 from ambinav.sensing.fields import parse_yaml, read_text
@@ -52,12 +53,11 @@ def load_scenario(path: str | Path, *, runs: int | None = None) -> Loaded:
     path = Path(path)
     plain = parse_yaml(read_text(path), str(path), "docs/compare.md has every key")
     scenario = parse_scenario(plain, str(path), path.stem, runs=runs)
-    return Loaded(
-        scenario,
-        path.parent,
-        _environment(scenario, path),
-        _scanner(scenario, path),
-    )
+    scanner = _scanner(scenario, path)
+    if scenario.map.layer is None:
+        read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
+        scenario = scenario.model_copy(update={"map": read})
+    return Loaded(scenario, path.parent, _environment(scenario, path), scanner)
 
 
 def parse_scenario(

@@ -101,7 +101,7 @@ def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "d
     if max(np.ptp(x), np.ptp(y)) > SAME_PLACE:
         raise InputError(
             f"scanner {scanner.name!r}: its beams start in several places, which the log of one "
-            "laser cannot say; export the drive without a scanner."
+            "laser cannot say; export poses alone, without the scanner."
         )
     turn = np.unwrap(yaw)
     ahead = 0.5 * float(turn[0] + turn[-1])

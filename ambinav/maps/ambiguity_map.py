@@ -297,7 +297,8 @@ class AmbiguityMap:
             f"for {self.dataset.attrs['scanner']!r}\n"
             f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
             f"{self.free_area:.0f} m^2 free: {shares}\n"
-            f"  layers: {', '.join(self._layers)}>"
+            f"  layers: {', '.join(self._layers)}\n"
+            f"  costs read: {self.cost_layer}>"
         )
 
     def _resolve(self, layer: str, has_heading: bool) -> str:

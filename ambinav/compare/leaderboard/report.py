@@ -28,6 +28,7 @@ from ambinav.files import replacing
 from ambinav.maps.drawing import save_figure
 from ambinav.pages import fill
 from ambinav_envs.evaluation import Episodes
+from ambinav_envs.parameters import NavigationParameters
 
 JSON: Final = "report.json"
 MARKDOWN: Final = "report.md"
@@ -106,6 +107,7 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
         "episodes": board.episodes,
         "seed": board.seed,
         "options": dict(board.options),
+        "layer": NavigationParameters.of(board.options).cost_layer,
         "conditions": {name: dict(options) for name, options in CONDITIONS.items()},
         "baseline": BASELINE,
         "methods": [
@@ -142,6 +144,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
         "baseline": BASELINE,
         "picture": OVERVIEW,
         "conditions": CONDITIONS,
+        "layer": NavigationParameters.of(board.options).cost_layer,
     }
     return fill("ambinav.compare.leaderboard", "report.md.j2", filters, **values)
 
