@@ -33,8 +33,8 @@ The criterion, written before the first whole run:
   scanners that have bad places, in the four of the first buildings that had five of them for each
   (demo, nav2_depot, stata_hallways_5cm, aces; it was to be all eight, but the drives of the mixed
   scanner take too long; nothing had been looked at). Settled before: how the radius is made, and
-  that `position` is what costs read for the mixed scanner. The claim: no layer is shown to be better
-  than the position radius for the laser and the mixed scanner.
+  that `position` is what costs read for the mixed scanner. The claim: no layer is shown to be
+  better than the position radius for the laser and the mixed scanner.
 - `--start unknown`: robots are not told where they start. The same buildings but one that is too
   dear (willow_full_005 with 8 m), lasers of 4 and 8 m with the same localizers; they drive 4 m. A
   run misses itself where it believes to be farther than 0.5 m from where it is, and a place is bad

@@ -24,6 +24,8 @@ FLOOR = "#FFFFFF"
 DARK, PALE = 0.6, 0.25
 """Share of the colour in a place, and in what it looks like."""
 BENDS = (0.18, -0.18, 0.12, -0.12, 0.06, -0.06)
+EDGE = 0.01
+"""So far from the picture's edge lines stay, as a share of its shorter side."""
 
 
 def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axes:
@@ -89,12 +91,16 @@ def _bend(link: Link, box: tuple[float, float, float, float]) -> float:
         link: Its ends.
         box: xmin, ymin, xmax, ymax of the picture, metres.
     """
-    dx, dy = link.other_x - link.x, link.other_y - link.y
+    ends = np.array([[link.x, link.y], [link.other_x, link.other_y]])
+    aside = np.array([ends[1, 1] - ends[0, 1], ends[0, 0] - ends[1, 0]])
+    low, high = np.reshape(box, (2, 2))
+    margin = EDGE * (high - low).min()
+    share = np.linspace(0.0, 1.0, 33)[:, np.newaxis]
+    straight = ends[0] + share * (ends[1] - ends[0])
     for bend in BENDS:
-        # Half-way, where it is farthest aside.
-        x = 0.5 * (link.x + link.other_x + bend * dy)
-        y = 0.5 * (link.y + link.other_y - bend * dx)
-        if box[0] < x < box[2] and box[1] < y < box[3]:
+        # Matplotlib's arc3 is a parabola.
+        line = straight + 2.0 * share * (1.0 - share) * bend * aside
+        if (line > low + margin).all() and (line < high - margin).all():
             return bend
     return 0.0
 

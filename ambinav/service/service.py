@@ -89,7 +89,11 @@ class AmbiguityService:
         self.clearance_weight = clearance_weight
         self.comfort = comfort
         self.ambiguity = Field.of(amap, layer)
-        least = float(self.ambiguity.values.min())
+        least, most = float(self.ambiguity.values.min()), float(self.ambiguity.values.max())
+        if not math.isfinite(most):
+            raise InputError(
+                f"layer {layer!r} holds {most:g}; a cost needs a layer that is finite."
+            )
         if not least >= 0.0:
             raise InputError(
                 f"layer {layer!r} holds {least:g}; a cost needs a layer with values from 0 on, "

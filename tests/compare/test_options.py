@@ -60,7 +60,17 @@ def test_costs_may_read_a_layer_that_is_made_for_them(
     scenario["drive"] = {"runs": 2}
     done = compare(write(tmp_path, scenario), tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
-    assert (tmp_path / "out" / "report.html").is_file()
+    told = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert told["parameters"]["map"]["layer"] == "position"
+    assert "**Exposure**: the layer `position`" in (tmp_path / "out" / "report.md").read_text()
+
+
+def test_a_scenario_reads_the_layer_that_suits_its_scanner(
+    scenario: dict[str, Any], tmp_path: Path
+) -> None:
+    assert load_scenario(write(tmp_path, scenario)).scenario.map.layer == "level"
+    scenario["scanner"] = "pioneer-sonar-laser"
+    assert load_scenario(write(tmp_path, scenario)).scenario.map.layer == "position"
 
 
 def test_boxes_are_off_all_routes_and_the_same_for_each(

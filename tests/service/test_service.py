@@ -160,6 +160,13 @@ def test_bad_arguments(plain: an.AmbiguityMap, arguments: dict[str, object], wor
         an.AmbiguityService(plain, **arguments)  # type: ignore[arg-type]
 
 
+def test_a_layer_without_end_is_no_cost(plain: an.AmbiguityMap) -> None:
+    endless = plain.dataset["level"].where(plain.dataset["level"] < 0.5, math.inf)
+    amap = an.AmbiguityMap(plain.dataset.assign(level=endless))
+    with pytest.raises(an.InputError, match="'level' holds inf; a cost needs a layer that is fin"):
+        an.AmbiguityService(amap)
+
+
 def test_a_motion_needs_finite_ends(plain: an.AmbiguityMap) -> None:
     with pytest.raises(an.InputError, match="x1"):
         an.AmbiguityService(plain).motion_cost(0.0, 0.0, math.inf, 0.0)
