@@ -65,7 +65,7 @@ def test_json_is_one_line_and_nothing_else(runner: CliRunner, folder: Path) -> N
         (["tiny.yaml", "-o", "out", "--resume"], "no training is there to be resumed"),
         (["tiny.yaml", "-o", "out", "--steps", "0"], "--steps: 0 is not above zero"),
         (["tiny.yaml", "-o", "out", "--minutes", "-1"], "--minutes: -1 is not above zero"),
-        (["tiny.yaml", "-o", "out", "--seed", "-1"], "seed is -1"),
+        (["tiny.yaml", "-o", "out", "--seed", "-1"], "--seed: -1 is negative"),
         (["tiny.yaml", "-o", "out", "--steps", "9", "--minutes", "9"], "give one of the two"),
     ],
 )  # fmt: skip

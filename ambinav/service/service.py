@@ -63,12 +63,9 @@ class AmbiguityService:
         clearance_weight: float = 0.0,
         comfort: float = 0.5,
     ) -> None:
-        weight, power = as_number(weight, "weight"), as_number(power, "power")
-        clearance_weight = as_number(clearance_weight, "clearance_weight")
-        comfort = as_number(comfort, "comfort")
-        for name, number in (("weight", weight), ("clearance_weight", clearance_weight)):
-            if not number >= 0.0:
-                raise InputError(f"{name} is {number}; give a number of at least 0.")
+        weight = _amount(weight, "weight")
+        clearance_weight = _amount(clearance_weight, "clearance_weight")
+        power, comfort = as_number(power, "power"), as_number(comfort, "comfort")
         for name, number, unit in (("power", power, ""), ("comfort", comfort, " of metres")):
             if not number > 0.0:
                 raise InputError(f"{name} is {number}; give a number{unit} above 0.")
@@ -210,10 +207,8 @@ class AmbiguityService:
         """
         if weight == self.weight:
             return self
-        if not (math.isfinite(weight) and weight >= 0.0):
-            raise InputError(f"weight is {weight}; give a number of at least 0.")
         other = copy(self)
-        other.weight = float(weight)
+        other.weight = _amount(weight, "weight")
         other.density = other._weighed()
         return other
 
@@ -289,6 +284,13 @@ def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
     """Integral of a field along a route."""
     route = checked_poses(poses, "poses")
     return float(_motions(field, route[:-1], route[1:], steering or Steering("se2")).sum())
+
+
+def _amount(value: float, name: str) -> float:
+    number = as_number(value, name)
+    if not number >= 0.0:
+        raise InputError(f"{name} is {number:g}; give a number of at least 0.")
+    return number
 
 
 def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
