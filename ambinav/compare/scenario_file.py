@@ -102,6 +102,7 @@ def complaint(first: ErrorDetails, where: str) -> str:
     value = json.dumps(first["input"], default=str)
     value = value if len(value) <= 60 else f"{value[:57]}..."
     wish = re.sub(r"^(Input|Value|Tuple|List) should", "it should", first["msg"])
+    wish = re.sub(r" after validation, not \d+$", "", wish)
     return f"{at} is {value}; {wish}."
 
 
