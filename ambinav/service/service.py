@@ -289,7 +289,7 @@ def _along(field: Field, poses: ArrayLike, steering: Steering | None) -> float:
 def _amount(value: float, name: str) -> float:
     number = as_number(value, name)
     if not number >= 0.0:
-        raise InputError(f"{name} is {number:g}; give a number of at least 0.")
+        raise InputError(f"{name} is {number}; give a number of at least 0.")
     return number
 
 
