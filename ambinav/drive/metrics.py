@@ -21,6 +21,8 @@ ARRIVAL = 0.5
 
 # Rounding of times, seconds.
 INSTANT = 1e-9
+# A covariance has full rank whose least eigenvalue is above this share of the greatest.
+FULL_RANK = 1e-12
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -187,7 +189,9 @@ def _exposure(truth: Floats, field: Field) -> Floats:
 def _nees(errors: Floats, covariance: Floats) -> Floats:
     """Mean normalized estimation error squared of each run (Bar-Shalom, Li, Kirubarajan 2001)."""
     usable: Bools = np.asarray(np.isfinite(errors).all(axis=-1))
-    usable[usable] = np.linalg.eigvalsh(covariance[usable])[:, 0] > 0.0
+    # Of a few particles left the covariance may have no full rank, but for rounding.
+    spread = np.linalg.eigvalsh(covariance[usable])
+    usable[usable] = spread[:, 0] > FULL_RANK * spread[:, -1]
     out = np.full(len(errors), math.nan)
     for run, rows in enumerate(usable):
         if rows.any():

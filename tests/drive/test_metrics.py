@@ -101,6 +101,19 @@ def test_consistency_is_the_mean_squared_error_in_deviations() -> None:
     assert metrics(made_up(draws, covariance=covariance)).nees[0] == pytest.approx(3.0, abs=0.2)
 
 
+def test_a_covariance_without_full_rank_tells_no_consistency() -> None:
+    errors = np.full((5, 3), 0.01)
+    # Of two particles: rounding makes some of the eigenvalues that are 0 a little more than that.
+    apart = np.random.default_rng(0).normal(size=(50, 3))
+    flat = apart[:, :, None] * apart[:, None, :]
+    assert (np.linalg.eigvalsh(flat)[:, 0] > 0.0).any()
+    for covariance in flat:
+        assert math.isnan(metrics(made_up(errors, covariance=covariance)).nees[0])
+    # However small, it counts if it has.
+    small = metrics(made_up(errors, covariance=1e-8 * np.eye(3)))
+    assert small.nees[0] == pytest.approx(3e4)
+
+
 def test_arrival_is_judged_by_the_truth() -> None:
     there = made_up(np.zeros((10, 3)))
     assert metrics(there).arrived[0] and not metrics(there).collided[0]
