@@ -1,8 +1,9 @@
 """Which layer costs and rewards read where nobody names one.
 
-By what the layers tell and what robots did on routes (docs/truth.md, "To plan by"): where the sensors
-differ and do not look all around, `position` tells bad places far better, and robots on routes by it
-were lost less in three runs of three; with one kind of sensor, `level` was the better cost or as good.
+By what the layers tell and what robots did on routes (docs/truth.md, "To plan by"): where the
+sensors differ and do not look all around, `position` tells bad places far better, and robots on
+routes by it were lost less in three runs of three; with one kind of sensor, `level` was the better
+cost or as good.
 """
 
 from __future__ import annotations
