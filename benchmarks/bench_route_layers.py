@@ -59,7 +59,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--pairs", type=int, default=24)
     parser.add_argument("--runs", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=31)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[31], help="each with its pairs")
     parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
     parser.add_argument("--scanners", nargs="+", default=MIXED, choices=MIXED)
     add_out(parser)
@@ -78,15 +78,18 @@ def main() -> None:
 
 def driven(case: Case, args: argparse.Namespace) -> list[dict[str, Any]]:
     """The pairs of an environment and scanner with their drives, from now or from before."""
-    path = args.folder / f"{'_'.join(case)}_{args.pairs}_{args.runs}_{args.seed}.jsonl"
-    if not path.is_file():
-        numba.set_num_threads(1)
-        lines = [json.dumps(told) for told in drives_of(case, args)]
-        path.write_text("\n".join(lines), encoding="utf-8")
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    found = []
+    for seed in args.seeds:
+        path = args.folder / f"{'_'.join(case)}_{args.pairs}_{args.runs}_{seed}.jsonl"
+        if not path.is_file():
+            numba.set_num_threads(1)
+            lines = [json.dumps(told) for told in drives_of(case, seed, args)]
+            path.write_text("\n".join(lines), encoding="utf-8")
+        found += [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return found
 
 
-def drives_of(case: Case, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
+def drives_of(case: Case, seed: int, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """What became of the robots between each pair of places, on each route."""
     environment = load_environment(environment_path(case[0]))
     scanner = scanner_of(case[1])
@@ -96,10 +99,10 @@ def drives_of(case: Case, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
         name: RoutePlanner(AmbiguityService(amap, name), footprint=footprint) for name in LAYERS
     }
     guide = localizer("product", scanner, NOISE)
-    for number, (start, goal) in enumerate(pairs(robots["level"], args.pairs, args.seed)):
+    for number, (start, goal) in enumerate(pairs(robots["level"], args.pairs, seed)):
         told: dict[str, Any] = {"pair": number}
         for name, route in routes(robots, start, goal).items():
-            rng = np.random.default_rng([args.seed, number])
+            rng = np.random.default_rng([seed, number])
             runs = drive(
                 environment, scanner, ROBOT, route, guide, rng, args.runs, noise=NOISE,
                 open_loop=True,

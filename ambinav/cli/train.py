@@ -64,6 +64,8 @@ def train(
             raise InputError("--minutes and --steps are given; give one of the two.")
         above_zero(minutes, "--minutes", "30", "minutes")
         above_zero(steps, "--steps", "1000000", "steps")
+        if seed is not None and seed < 0:
+            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         need("training", TRAINED)
         from ambinav_envs.training.config_file import load_config
         from ambinav_envs.training.folder import CHECKPOINTS

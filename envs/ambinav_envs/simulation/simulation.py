@@ -45,7 +45,7 @@ Floats = NDArray[np.float64]
 OPTIONS = ("start", "goal", "building")
 """What `reset` takes as options."""
 
-# So many robots are worth waking a thread for: 64 are as fast on two as on one, 128 a fifth faster.
+# So many robots are worth waking a thread for: with fewer it costs what it saves.
 LEAST = 32
 # For who does not act.
 NOTHING: Floats = np.empty((0, 2))

@@ -45,8 +45,6 @@ def load_config(
         raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
     whole = {**plain, **(limits or {})}
     if seed is not None:
-        if seed < 0:
-            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         whole["seed"] = seed
     return parse_config(whole, str(path), path.parent)
 
