@@ -2,8 +2,8 @@
 
 By what the layers tell and what robots did on routes (docs/truth.md, "To plan by"): where the
 sensors differ and do not look all around, `position` tells bad places far better, and robots on
-routes by it were lost less in three runs of three; with one kind of sensor, `level` was the better
-cost or as good.
+routes by it were lost less, or no more on shorter ways; with one kind of sensor, `level` was the
+better cost or as good.
 """
 
 from __future__ import annotations
