@@ -197,6 +197,18 @@ def rows_beside_irsim(
     return version, rows
 
 
+def milliseconds_of_buildings(options: dict[str, Any], repeats: int) -> str:
+    """Time of an episode's beginning in a building that has never been met."""
+    env = NavigationEnv(**options | {"buildings": None})
+    env.reset(seed=0, options={"building": 10**6})
+    found = []
+    for number in range(repeats):
+        begin = time.perf_counter()
+        env.reset(options={"building": 10**6 + 1 + number})
+        found.append((time.perf_counter() - begin) * 1e3)
+    return spread(found, 0)
+
+
 def microseconds_of_resets(options: dict[str, Any], repeats: int) -> str:
     """What a new episode costs in a building that is known."""
     envs = NavigationVectorEnv(64, window=False, **options)
@@ -234,6 +246,8 @@ def main() -> None:
             "## What a step is made of\n\n64 robots on one thread, microseconds a robot and step, "
             "the kernel alone.",
             table(("step", "microseconds"), rows_of_parts(options, args.repeats)),
+            f"The first episode in a new building, its map included: "
+            f"{milliseconds_of_buildings(options, args.repeats)} milliseconds.\n\n"
             f"A new episode: {microseconds_of_resets(options, args.repeats)} microseconds where "
             "the distances to its goal are known from an earlier one.",
         ]
