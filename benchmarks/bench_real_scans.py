@@ -1,9 +1,9 @@
 """Ambiguity predicted from maps against ambiguity measured by the scans of real robots.
 
-The path of a log is parted into stretches of 5 m that go to two parts (or more) in turn. For each
-part a map is made of the other stretches at the log's corrected poses, and judged by the part's
-scans. What is measured, and how, is in docs/real-scans.md. No parameter of the model is fitted; how
-a scan's surfaces are read was chosen on the logs of `CHOSEN_ON`.
+The path of a log is parted into stretches that go to two parts (or more) in turn. For each part a
+map is made of the other stretches at the log's corrected poses, and judged by the part's scans.
+What is measured, and how, is in docs/real-scans.md. No parameter of the model is fitted; how a
+scan's surfaces are read was chosen on the logs of `CHOSEN_ON`.
 """
 
 from __future__ import annotations
@@ -138,6 +138,7 @@ def main() -> None:
     parser.add_argument("--logs", nargs="+", choices=LOGS, default=LOGS)
     parser.add_argument("--spacing", type=float, default=0.2, help="of the maps, metres")
     parser.add_argument("--parts", type=int, default=2, help="of the path")
+    parser.add_argument("--stretch", type=float, default=STRETCH, help="of the path, metres")
     parser.add_argument("--full", action="store_true", help="leave out the shorter range")
     parser.add_argument("--images", type=Path, help="folder for the pictures")
     add_out(parser)
@@ -147,7 +148,9 @@ def main() -> None:
         log = read(name)
         for max_range in RANGES[:1] if asked.full else RANGES:
             begin = time.perf_counter()
-            study = study_log(log, max_range, spacing=asked.spacing, parts=asked.parts)
+            study = study_log(
+                log, max_range, spacing=asked.spacing, stretch=asked.stretch, parts=asked.parts
+            )
             seconds = time.perf_counter() - begin
             same, own = same_pairs(study), own_map(study)
             angle, weak = direction_error(study)
@@ -187,9 +190,10 @@ def main() -> None:
                 asked.images.mkdir(parents=True, exist_ok=True)
                 save_figure(plot_real_log(study), asked.images / f"real-scans-{name}.png")
     body = f"""
-Stretches of {STRETCH:g} m of the path in {asked.parts} parts, each judging a map of all the others;
-ambiguity maps of {asked.spacing:g} m. Rank correlations (Spearman) with intervals of 95 % from
-{SQUARE:g} m squares of floor drawn with replacement. * how scans are read was chosen on this log.
+Stretches of {asked.stretch:g} m of the path in {asked.parts} parts, each judging a map of all the
+others; ambiguity maps of {asked.spacing:g} m. Rank correlations (Spearman) with intervals of 95 %
+from {SQUARE:g} m squares of floor drawn with replacement. * how scans are read was chosen on this
+log.
 What each column means is in docs/real-scans.md.
 
 ## The same pairs: real scans, and the scans that the map predicts at the same poses
