@@ -34,7 +34,8 @@ class CastTables(NamedTuple):
             angle, shape (1,): a laser, which can do without much of what sonars need.
         border_segment: See `Environment`.
         border: `Environment.border_lines`.
-        normal: Unit normals of the border edges, shape (K, 2), into the free space.
+        normal: Unit normals of the border edges, into the free space, and how far along them the
+            edges lie, shape (K, 3).
         twin: See `Triangulation`, as are node, hops and corner.
         grid_x: See `Triangulation.index`, as is all that follows.
     """
@@ -105,10 +106,11 @@ def cast_tables(
 
 
 def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit normals to the left of lines (K, 4) from one end to the other, shape (K, 2)."""
+    """Unit normals n to the left of lines a (K, 4) from one end to the other, and n . a, (K, 3)."""
     ex, ey = lines[:, 2] - lines[:, 0], lines[:, 3] - lines[:, 1]
     length = np.sqrt(ex * ex + ey * ey)
-    return np.stack([-ey / length, ex / length], axis=1)
+    nx, ny = -ey / length, ex / length
+    return np.stack([nx, ny, nx * lines[:, 0] + ny * lines[:, 1]], axis=1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -173,6 +175,75 @@ def cast_rays(x, y, theta, tables, work):
             px, py, vx, vy, high - low, t, tables.reach[g], tables.corner, tables.twin,
             tables.node, tables.hops, tables.border, stack, distance[low:high], hit[low:high],
         )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def cast_told(x, y, theta, reading, tables, work, picked):
+    """As `cast_rays`, of the beams alone whose entry of `reading` is finite.
+
+    What is written to `work` stands at the front: entry m is of ray picked[m].
+
+    Args:
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        reading: Shape (B,).
+        tables: See `CastTables`.
+        work: See `work_space`.
+        picked: Written, int32, shape (R,); rising.
+
+    Returns:
+        How many rays were cast.
+    """
+    ux, uy, distance, hit, stack = work
+    co, si = math.cos(theta), math.sin(theta)
+    count = 0
+    for g in range(tables.origin.shape[0]):
+        low = count
+        for j in range(tables.first[g], tables.first[g + 1]):
+            # Chosen without a branch, which the processor would guess wrong every other time.
+            picked[count] = j
+            count += math.isfinite(reading[tables.beam[j]])
+        if count == low:
+            continue
+        px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
+        py = y + si * tables.origin[g, 0] + co * tables.origin[g, 1]
+        t = locate(
+            px, py, tables.grid_x, tables.grid_y, tables.cell, tables.rows, tables.columns,
+            tables.grid_start, tables.item, tables.triangle,
+        )  # fmt: skip
+        if t < 0:
+            distance[low:count] = math.nan
+            hit[low:count] = -1
+            continue
+        vx, vy, mine = ux[low:count], uy[low:count], picked[low:count]
+        for m in range(mine.size):
+            j = np.uint64(mine[m])
+            bx, by = tables.cosine[j], tables.sine[j]
+            vx[m] = co * bx - si * by
+            vy[m] = si * bx + co * by
+        cast_fan(
+            px, py, vx, vy, count - low, t, tables.reach[g], tables.corner, tables.twin,
+            tables.node, tables.hops, tables.border, stack, distance[low:count], hit[low:count],
+        )  # fmt: skip
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def spread_told(count, work, picked):
+    """Put what `cast_told` has written to the places that it has in `cast_rays`.
+
+    Rays that were not cast have met nothing.
+    """
+    ux, uy, distance, hit, _ = work
+    m = count - 1
+    # From the end on: no place is written before it is read.
+    for j in range(distance.size - 1, -1, -1):
+        if m >= 0 and picked[m] == j:
+            ux[j], uy[j], distance[j], hit[j] = ux[m], uy[m], distance[m], hit[m]
+            m -= 1
+        else:
+            distance[j], hit[j] = math.inf, -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)

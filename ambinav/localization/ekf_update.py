@@ -10,7 +10,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import PARALLEL
-from ambinav.localization.casting import expected_ranges, work_space
+from ambinav.localization.casting import (
+    cast_told,
+    nearest_echoes,
+    spread_told,
+    work_space,
+)
 from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
 
@@ -34,7 +39,7 @@ class Scratch(NamedTuple):
         ranges: Expected ranges, shape (B,).
         ray: Which ray each of them is of, int32, shape (B,).
         edge: Which border edge it meets, int32, shape (B,).
-        chosen: Numbers of the beams that tell something, int32, shape (B,).
+        picked: Which rays were cast, int32, shape (R,).
         beam: Of the beams that tell something, one after the other; rows as above, shape
             (rows, B).
         noise: For who simulates the readings, shape (B,).
@@ -46,7 +51,7 @@ class Scratch(NamedTuple):
     ranges: Floats
     ray: NDArray[np.int32]
     edge: NDArray[np.int32]
-    chosen: NDArray[np.int32]
+    picked: NDArray[np.int32]
     beam: Floats
     noise: Floats
     told: Floats
@@ -59,7 +64,7 @@ def scratch_for(beams, rays):
     """`Scratch` for scans of so many beams and rays."""
     return Scratch(
         np.empty(beams), np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32),
-        np.empty(beams, dtype=np.int32),
+        np.empty(rays, dtype=np.int32),
         np.empty((_ROWS, beams)), np.empty(beams), np.empty((3, 3)), np.empty((3, 3)),
         work_space(rays),
     )  # fmt: skip
@@ -142,7 +147,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     Returns:
         How many beams were used.
     """
-    ranges, ray, edge, chosen, beam, _, told, spread, work = scratch
+    beam, told, spread = scratch.beam, scratch.told, scratch.spread
     x, y, t = mean[0], mean[1], mean[2]
     ax, ay, at = x, y, t
     # Of the pose about which the ranges are linear.
@@ -151,8 +156,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     count = used = 0
     for step in range(rounds):
         if step == 0 or recast:
-            expected_ranges(ax, ay, at, cast, work, ranges, ray, edge)
-            count = _take_in(at, reading, cast, noise, ranges, ray, edge, chosen, beam)
+            count = _meet(ax, ay, at, reading, cast, noise, scratch)
         used, txx, tyy, ttt, txy, txt, tyt, px, py, pt = _sums(
             ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
             step == 0 or recast, beam, count,
@@ -177,28 +181,38 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _take_in(theta, reading, cast, noise, ranges, ray, edge, chosen, beam):
-    """Write the beams that tell something, as they were met, to `beam`; how many."""
-    co, si = math.cos(theta), math.sin(theta)
+def _meet(x, y, theta, reading, cast, noise, scratch):
+    """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
+
+    One without a reading tells nothing, and is not cast.
+    """
+    ranges, ray, edge, picked, beam = (
+        scratch.ranges, scratch.ray, scratch.edge, scratch.picked, scratch.beam,
+    )  # fmt: skip
+    _, _, distance, hit, _ = scratch.cast
+    rays = cast_told(x, y, theta, reading, cast, scratch.cast, picked)
     count = 0
-    for b in range(ranges.size):
-        # Chosen without a branch, which the processor would guess wrong every other time.
-        told = (ray[b] >= 0) & (ranges[b] > noise.near[b]) & math.isfinite(reading[b])
-        chosen[count] = b
-        count += told & (not noise.frontier[edge[b]])
     # What is looked up first, then what is worked out: of a loop without tables the compiler takes
-    # several beams at a time.
-    for m in range(count):
-        # Without a sign, numba need not ask at each access whether an index counts from the end.
-        b = np.uint64(chosen[m])
-        j, k = np.uint64(ray[b]), np.uint64(edge[b])
-        beam[_READ, m], beam[_RANGE, m] = reading[b], ranges[b]
-        beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
-        beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
-        nx, ny = cast.normal[k, 0], cast.normal[k, 1]
-        beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = nx, ny
-        beam[_WALL, m] = nx * cast.border[k, 0] + ny * cast.border[k, 1]
-        beam[_LINE, m], beam[_RISE, m], beam[_VARIANCE, m] = sensor_line(ranges[b], b, noise)
+    # several beams at a time. A beam that tells nothing is written over by the next one: without a
+    # branch, which the processor would guess wrong every other time.
+    if cast.plain[0]:
+        for m in range(rays):
+            # Without a sign, numba need not ask at each access whether an index counts from the
+            # end.
+            b, k = np.uint64(picked[m]), np.uint64(max(hit[m], 0))
+            d = distance[m]
+            _look_up(count, b, b, k, d, reading, cast, noise, beam)
+            met = (d <= cast.limit[b]) & (d > noise.near[b])
+            count += met & (not noise.frontier[k])
+    else:
+        spread_told(rays, scratch.cast, picked)
+        nearest_echoes(cast, scratch.cast, ranges, ray, edge)
+        for n in range(ranges.size):
+            b, j, k = np.uint64(n), np.uint64(max(ray[n], 0)), np.uint64(max(edge[n], 0))
+            _look_up(count, b, j, k, ranges[n], reading, cast, noise, beam)
+            met = (ray[n] >= 0) & (ranges[n] > noise.near[n])
+            count += met & (not noise.frontier[k])
+    co, si = math.cos(theta), math.sin(theta)
     for m in range(count):
         beam[_LINE, m] += beam[_RANGE, m]
         beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gradient(
@@ -207,6 +221,17 @@ def _take_in(theta, reading, cast, noise, ranges, ray, edge, chosen, beam):
         )  # fmt: skip
         beam[_WEIGHT, m] = 1.0 / beam[_VARIANCE, m]
     return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _look_up(m, b, j, k, d, reading, cast, noise, beam):
+    """Write to column m of `Scratch.beam` what tables say of beam b, whose ray j meets edge k."""
+    beam[_READ, m], beam[_RANGE, m] = reading[b], d
+    beam[_COSINE, m], beam[_SINE, m] = cast.cosine[j], cast.sine[j]
+    beam[_START_X, m], beam[_START_Y, m] = cast.start[j, 0], cast.start[j, 1]
+    beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = cast.normal[k, 0], cast.normal[k, 1]
+    beam[_WALL, m] = cast.normal[k, 2]
+    beam[_LINE, m], beam[_RISE, m], beam[_VARIANCE, m] = sensor_line(d, b, noise)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"reassoc"})

@@ -7,10 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numba import njit
 
 from ambinav.geometry.environment import Environment
-from ambinav.localization.casting import CastTables, cast_tables, expected_ranges, work_space
+from ambinav.localization.casting import (
+    CastTables,
+    cast_rays,
+    cast_tables,
+    cast_told,
+    expected_ranges,
+    spread_told,
+    work_space,
+)
 from ambinav.localization.information import beam_lines, beam_noise, line_space
 from ambinav.sensing.curves import Polynomial
 from ambinav.sensing.scanner import RangeScanner
@@ -81,3 +91,61 @@ def test_steady_sensors_need_no_tables() -> None:
         told = np.isfinite(lines[0][:, 4])
         assert (told == np.isfinite(lines[1][:, 4])).all()
         assert np.allclose(lines[0][told], lines[1][told], rtol=1e-12, atol=1e-12)
+
+
+@njit
+def rays_at(pose: Any, tables: Any, work: Any) -> None:
+    cast_rays(pose[0], pose[1], pose[2], tables, work)
+
+
+@njit
+def told_at(pose: Any, reading: Any, tables: Any, work: Any, picked: Any) -> int:
+    return cast_told(pose[0], pose[1], pose[2], reading, tables, work, picked)
+
+
+@njit
+def spread(count: int, work: Any, picked: Any) -> None:
+    spread_told(count, work, picked)
+
+
+def check_told(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> None:
+    """The rays of beams with a reading meet what they do among all, and the others nothing."""
+    size = tables.cosine.size
+    every, some, picked = work_space(size), work_space(size), np.empty(size, np.int32)
+    rays_at(pose, tables, every)
+    count = told_at(pose, reading, tables, some, picked)
+    told = np.isfinite(reading)[tables.beam]
+    assert np.array_equal(picked[:count], np.flatnonzero(told))
+    if not np.isnan(every[2]).any():
+        # Where a ray starts outside it has no direction.
+        assert np.array_equal(some[0][:count], every[0][told])
+        assert np.array_equal(some[1][:count], every[1][told])
+    spread(count, some, picked)
+    # Beyond its limit a ray has some distance or other.
+    limit = np.nextafter(tables.limit, math.inf)
+    mine, all_of_them = np.minimum(some[2], limit), np.minimum(every[2], limit)
+    assert np.allclose(mine[told], all_of_them[told], rtol=0.0, atol=1e-9, equal_nan=True)
+    near = told & (every[2] < tables.limit)
+    assert np.array_equal(some[3][near], every[3][near])
+    assert np.isposinf(some[2][~told]).all() and (some[3][~told] == -1).all()
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 2**32), name=st.sampled_from(sorted(SCANNERS)), share=st.floats(0, 1))
+def test_beams_without_a_reading_need_not_be_cast(seed: int, name: str, share: float) -> None:
+    _, scanner, tables, poses = scene(name)
+    rng = np.random.default_rng(seed)
+    lost = rng.choice([math.inf, -math.inf, math.nan], scanner.beams)
+    reading = np.where(rng.random(scanner.beams) < share, 1.0, lost)
+    check_told(tables, poses[rng.integers(len(poses))], reading)
+
+
+def test_rays_that_begin_and_end_within_one_edge() -> None:
+    # A room of two triangles; the beams look to one wall alone, and the list of all of them begins
+    # in their middle.
+    tables = cast_tables(worlds.box(6.0, 6.0), SCANNERS["laser"], np.arange(60))
+    reading = np.full(60, math.inf)
+    reading[:5] = reading[-5:] = 1.0
+    for theta in np.linspace(-math.pi, math.pi, 25):
+        for x, y in ((3.0, 4.0), (0.5, 2.0), (5.9, 5.9)):
+            check_told(tables, np.array([x, y, theta]), reading)

@@ -19,7 +19,7 @@ def cast_tables_of(ground, eyes):
         eyes.start, eyes.reach, eyes.plain,
         array_at(ground.border_segment, (edges,), np.int32),
         array_at(ground.border, (edges, 4), np.float64),
-        array_at(ground.normal, (edges, 2), np.float64),
+        array_at(ground.normal, (edges, 3), np.float64),
         array_at(ground.twin, (halves,), np.int32),
         array_at(ground.node, (halves, 4), np.float64),
         array_at(ground.node, (halves, 8), np.int32),

@@ -24,32 +24,35 @@ def observe(memory, eyes, view, i):
         # Too near is 0, no echo 1.
         view.scan[i, b] = min(max(memory.readings[i, b] / eyes.far[b], 0.0), 1.0)
     x, y, theta = state.mean[0], state.mean[1], state.mean[2]
-    polar(x, y, theta, state.goal[0], state.goal[1], view.goal, i)
+    co, si = math.cos(theta), math.sin(theta)
+    polar(x, y, co, si, state.goal[0], state.goal[1], view.goal, i)
     view.velocity[i, 0] = state.speeds[0] / settings.max_speed
     view.velocity[i, 1] = state.speeds[1] / settings.max_turn_rate
-    _uncertainty(state.covariance, theta, view.uncertainty, i)
+    _uncertainty(state.covariance, co, si, view.uncertainty, i)
     if view.window.shape[1] > 0:
-        _window(x, y, theta, memory.ground[i], settings, view.window, i)
+        _window(x, y, theta, co, si, memory.ground[i], settings, view.window, i)
     if settings.waypoint:
         wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, memory.ground[i])
-        polar(x, y, theta, wx, wy, view.waypoint, i)
+        polar(x, y, co, si, wx, wy, view.waypoint, i)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def polar(x, y, theta, goal_x, goal_y, out, i):
-    """Write distance and the cosine and sine of the bearing of a place; (d, 1, 0) on the spot."""
+def polar(x, y, co, si, goal_x, goal_y, out, i):
+    """Write distance and the cosine and sine of the bearing of a place; (d, 1, 0) on the spot.
+
+    It is seen from (x, y) by a robot whose heading has this cosine and sine.
+    """
     dx, dy = goal_x - x, goal_y - y
     distance = math.sqrt(dx * dx + dy * dy)
     out[i, 0] = min(distance / FAR, MOST_FAR)
     out[i, 1], out[i, 2] = 1.0, 0.0
     if distance > 0.0:
-        co, si = math.cos(theta), math.sin(theta)
         out[i, 1] = min(max((co * dx + si * dy) / distance, -1.0), 1.0)
         out[i, 2] = min(max((co * dy - si * dx) / distance, -1.0), 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _uncertainty(cov, theta, out, i):
+def _uncertainty(cov, co, si, out, i):
     """Write deviations along the weak axis and across, its double angle, that of the heading."""
     mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
     radius = math.sqrt(half * half + cov[0, 1] * cov[0, 1])
@@ -59,14 +62,14 @@ def _uncertainty(cov, theta, out, i):
     out[i, 2] = out[i, 3] = 0.0
     if radius > 0.0:
         c, s = half / radius, cov[0, 1] / radius
-        co, si = math.cos(2.0 * theta), math.sin(2.0 * theta)
-        out[i, 2] = min(max(c * co + s * si, -1.0), 1.0)
-        out[i, 3] = min(max(s * co - c * si, -1.0), 1.0)
+        twice_co, twice_si = co * co - si * si, 2.0 * co * si
+        out[i, 2] = min(max(c * twice_co + s * twice_si, -1.0), 1.0)
+        out[i, 3] = min(max(s * twice_co - c * twice_si, -1.0), 1.0)
     out[i, 4] = min(math.sqrt(max(cov[2, 2], 0.0)), MOST_SPREAD)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _window(x, y, theta, ground, settings, out, i):
+def _window(x, y, theta, co, si, ground, settings, out, i):
     """Write what the map says around a pose: ambiguity, and what is free.
 
     Cells lie in rows from ahead to behind and in each from left to right. A cell within half its
@@ -79,7 +82,6 @@ def _window(x, y, theta, ground, settings, out, i):
     if values.shape[2] > 1:
         turn = theta * values.shape[2] / (2.0 * math.pi)
         heading = int(math.floor(turn + 0.5)) % values.shape[2]
-    co, si = math.cos(theta), math.sin(theta)
     middle = 0.5 * (cells - 1)
     each = cells * cells
     for r in range(cells):

@@ -64,6 +64,9 @@ from ambinav_envs.simulation.pointers import borrowed
 
 # What `advance` does. A localizer that is no kernel comes between the looking and the rest.
 PLACE, DRIVE, LOOK, JUDGE, SHOW = 1, 2, 4, 8, 16
+# Robots that go through each part together: the code of all parts is more than a core's first
+# cache holds.
+BLOCK = 16
 STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
 
 
@@ -265,23 +268,33 @@ def advance(fixed, view, figures, actions, rows, parts):
     view, scratch = borrowed(view), borrowed(kept)
     figures, actions = borrowed(figures), borrowed(actions)
     full = -1
-    for k in range(rows.size):
-        i = rows[k]
-        if parts & PLACE and not place(memory, i):
-            full = i
-            break
-        if parts & DRIVE:
-            act(memory, actions, i)
+    for first in range(0, rows.size, BLOCK):
+        block = rows[first : first + BLOCK]
+        if parts & (PLACE | DRIVE):
+            for k in range(block.size):
+                i = block[k]
+                if parts & PLACE and not place(memory, i):
+                    full = i
+                    break
+                if parts & DRIVE:
+                    act(memory, actions, i)
+            if full >= 0:
+                break
         if parts & LOOK:
-            look(memory, eyes, i, scratch)
-            localize(memory, eyes, i, scratch)
-        if parts & JUDGE:
-            judge(memory, i, figures)
-        elif parts & SHOW:
-            figures[i] = 0.0
-            tell(memory.state[i], errors(memory.state[i])[0], figures, i)
-        if parts & SHOW:
-            observe(memory, eyes, view, i)
+            for k in range(block.size):
+                look(memory, eyes, block[k], scratch)
+            for k in range(block.size):
+                localize(memory, eyes, block[k], scratch)
+        if parts & (JUDGE | SHOW):
+            for k in range(block.size):
+                i = block[k]
+                if parts & JUDGE:
+                    judge(memory, i, figures)
+                elif parts & SHOW:
+                    figures[i] = 0.0
+                    tell(memory.state[i], errors(memory.state[i])[0], figures, i)
+                if parts & SHOW:
+                    observe(memory, eyes, view, i)
     # Here, so that it is not given back before.
     kept.noise[0] = 0.0
     return full
