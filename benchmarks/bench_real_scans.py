@@ -92,6 +92,9 @@ def same_pairs(study: RealLog) -> dict[str, RankAgreement]:
         "ambiguity": rank_agreement(
             study.predicted["ambiguity"], study.measured["ambiguity"], of_scan, rng
         ),
+        "known": rank_agreement(
+            study.predicted["ambiguity"], study.known["ambiguity"], of_scan, rng
+        ),
         "level": rank_agreement(study.predicted["level"], study.measured["level"], of_scan, rng),
         "equal": rank_agreement(predicted_rank, measured_rank, of_rank, rng),
     }
@@ -132,6 +135,12 @@ def distance_alone(study: RealLog) -> float:
     return spearman(-study.pairs.distance, study.pairs.measured)
 
 
+def number_alone(study: RealLog) -> float:
+    """How well the number of known beams alone would order the poses: fewer tell less."""
+    _, beams = study.pairs.mean_by_scan(study.pairs.beams)
+    return spearman(-beams, study.known["ambiguity"])
+
+
 def main() -> None:
     """Run and report."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -157,8 +166,8 @@ def main() -> None:
             key = (label(name), far(max_range))
             first_rows.append(
                 (*key, len(study.pairs.first) // 2, len(study.scans),
-                 same["ambiguity"], same["level"], same["pairs"],
-                 f"{distance_alone(study):.2f}", same["pairs, equal"], same["equal"])
+                 same["ambiguity"], same["known"], f"{number_alone(study):.2f}", same["level"],
+                 same["pairs"], f"{distance_alone(study):.2f}", same["pairs, equal"], same["equal"])
             )  # fmt: skip
             said, seen = study.map_says["level"], study.scan_says["level"]
             good = np.isfinite(said)
@@ -171,6 +180,7 @@ def main() -> None:
                 f"{name}, {far(max_range)}: {what} {found}"
                 for what, found in (
                     ("same pairs, ambiguity", same["ambiguity"]),
+                    ("same pairs, ambiguity of known beams", same["known"]),
                     ("same pairs at equal distance", same["equal"]),
                     ("map's level against the scan's", own["level"]),
                 )
@@ -209,6 +219,8 @@ map that predicts.
                 "pairs",
                 "poses",
                 "ambiguity of a pose",
+                "of known beams",
+                "poses, by their number alone",
                 "level of a pose",
                 "pairs",
                 "pairs, by distance alone",
@@ -242,7 +254,7 @@ map that predicts.
 
 ## Below {TARGET:g}
 
-{chr(10).join(f"- {line}" for line in missed) or "None of the three main comparisons."}
+{chr(10).join(f"- {line}" for line in missed) or "None of the four main comparisons."}
 
 ## The logs
 

@@ -32,14 +32,20 @@ class Compared:
     Attributes:
         pairs: The pairs.
         measured: The real scans' agreement.
+        known: The real scans' agreement of the beams alone that end at a wall of the map or in its
+            free space: where it is unknown, the map says nothing that could be held against them.
         predicted: That of the scans that the map predicts at the same poses.
         common: Share of the beams that both look to, shape (N,).
+        beams: How many beams the real scans of a pair have both returned that the map knows,
+            shape (N,).
     """
 
     pairs: ScanPairs
     measured: Agreement
+    known: Agreement
     predicted: Agreement
     common: Floats
+    beams: Floats
 
 
 def compared(
@@ -81,16 +87,26 @@ def compared(
             table.spread[0], width,
         )  # fmt: skip
 
-    measured = compare_pairs(
-        real(first, np.zeros(len(first)), poses[first, 2]),
-        real(pairs.second, pairs.turn, poses[pairs.first, 2]),
-        row, table, told, model.tau, cell,
-    )  # fmt: skip
+    def agreement(one: NDArray[np.float32], two: NDArray[np.float32]) -> Agreement:
+        return compare_pairs(one, two, row, table, told, model.tau, cell)
+
+    mine = real(first, np.zeros(len(first)), poses[first, 2])
+    theirs = real(pairs.second, pairs.turn, poses[pairs.first, 2])
     own, other = _predicted(pairs, first, row, poses, environment, scanner, table)
     common = in_view(log.angles, directions, pairs.turn)
     other[:, 4, : len(directions)][~common] = BLIND
-    predicted = compare_pairs(own, other, row, table, told, model.tau, cell)
-    return Compared(pairs, measured, predicted, common.mean(axis=1))
+    measured, predicted = agreement(mine, theirs), agreement(own, other)
+    for scans, said in ((mine, own), (theirs, other)):
+        scans[:, 4][said[:, 4] == BLIND] = BLIND
+    told_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
+    return Compared(
+        pairs,
+        measured,
+        agreement(mine, theirs),
+        predicted,
+        common.mean(axis=1),
+        told_by_both[:, : len(directions)].sum(axis=1).astype(np.float64),
+    )
 
 
 def in_view(angles: Floats, directions: Floats, turn: Floats) -> NDArray[np.bool_]:

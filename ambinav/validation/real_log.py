@@ -50,6 +50,7 @@ class PairValues:
         distance: Metres to the other, shape (N,).
         common: Share of the beams that both look to, shape (N,).
         measured: log I of the real scans, shape (N,).
+        beams: How many beams that the map knows both scans have returned, shape (N,).
         predicted: log I of those that the map predicts, shape (N,).
         measured_rank: Rank of `measured` among pairs of about the same distance and common view,
             0 to 1.
@@ -60,6 +61,7 @@ class PairValues:
     distance: Floats
     common: Floats
     measured: Floats
+    beams: Floats
     predicted: Floats
     measured_rank: Floats
     predicted_rank: Floats
@@ -81,6 +83,7 @@ class RealLog:
         pairs: Pairs of scans within `PAIR_RADIUS`.
         scans: Index of each scan that is first in a pair, shape (U,).
         measured: Their `ambiguity`, `level`, ... over their pairs, each of shape (U,).
+        known: The same, of the beams alone that the map knows, see `Compared`.
         predicted: The same, over the same pairs, from the map.
         alone: Index of each scan that stands in its map's free space, shape (A,).
         scan_says: `FIGURES` of each scan compared with itself displaced, each of shape (A,).
@@ -94,6 +97,7 @@ class RealLog:
     pairs: PairValues
     scans: NDArray[np.intp]
     measured: dict[str, Floats]
+    known: dict[str, Floats]
     predicted: dict[str, Floats]
     alone: NDArray[np.intp]
     scan_says: dict[str, Floats]
@@ -178,6 +182,7 @@ def study_log(
             "other; give a larger radius."
         )
     measured = [pose_figures(one.pairs, one.measured) for one in found]
+    known = [pose_figures(one.pairs, one.known) for one in found]
     predicted = [pose_figures(one.pairs, one.predicted) for one in found]
     return RealLog(
         log,
@@ -186,6 +191,7 @@ def study_log(
         _values(found),
         np.concatenate([np.unique(one.pairs.first) for one in found]),
         _joined(measured),
+        _joined(known),
         _joined(predicted),
         np.concatenate(alone),
         _joined(scan_says),
@@ -204,6 +210,7 @@ def _values(found: list[Compared]) -> PairValues:
         distance,
         common,
         measured,
+        np.concatenate([one.beams for one in found]),
         predicted,
         rank_at_equal(measured, distance, common),
         rank_at_equal(predicted, distance, common),

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import FRONTIER, WALL, Segments
 from ambinav.validation.agreement import pose_figures
 from ambinav.validation.compared import SPACING, compared, in_view
 from ambinav.validation.parts import as_seen_from_laser, scanner_of
@@ -47,6 +50,29 @@ def test_exact_scans_measure_what_the_map_predicts():
     np.testing.assert_allclose(
         np.log(found.measured.alike), np.log(found.predicted.alike), rtol=0.2, atol=0.3
     )
+
+
+def test_readings_from_where_the_map_is_unknown_do_not_count_among_the_known_beams():
+    walls = environment()
+    np.testing.assert_array_equal(study()[3].known.alike, study()[3].measured.alike)
+    kind = np.where(walls.segments.xy[:, [0, 2]].min(axis=1) > 23.9, FRONTIER, WALL)
+    assert (kind == FRONTIER).sum() == 1
+    env = Environment(Segments(walls.segments.xy, kind.astype(np.uint8)), walls.free, name="open")
+    log = as_seen_from_laser(log_of(env, POSES))
+    x, y, theta = POSES.T[:, :, None]
+    _, segment = env.cast_hits(x, y, theta + log.angles, 30.0)
+    beyond = kind[segment] == FRONTIER
+    # Beside them are beams whose slope would be drawn along.
+    inner = np.logical_and.reduce([np.roll(beyond, k, axis=1) for k in range(-6, 7)])
+    changed = replace(log, ranges=np.where(inner, 0.7 * log.ranges, log.ranges))
+    assert inner.any(axis=1).sum() >= 3
+    pairs = scan_pairs(log, np.ones(len(POSES), dtype=bool), env, 1.0)
+    scanner = scanner_of(log, None)
+    one, two = (compared(scans, pairs, env, scanner, MODEL) for scans in (log, changed))
+    np.testing.assert_allclose(two.known.alike, one.known.alike, rtol=1e-6)
+    assert (np.abs(np.log(two.measured.alike / one.measured.alike)) > 0.1).any()
+    assert (one.known.alike >= one.measured.alike * (1 - 1e-6)).all()
+    assert (one.beams <= scanner.beams).all() and (one.beams[:2] < one.beams[-2:]).all()
 
 
 def test_along_a_corridor_scans_agree_and_at_its_end_they_do_not():
