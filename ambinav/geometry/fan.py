@@ -114,12 +114,6 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
             depth += 1
             before = edge
     highs[depth - 1] = n
-    if depth == 1 and ux[0] * uy[n - 1] - uy[0] * ux[n - 1] < 0:
-        # The list begins and ends within this edge, and no ray looks to the others.
-        for i in range(1, n):
-            if ux[i - 1] * uy[i] - uy[i - 1] * ux[i] < 0:
-                edges[1], lows[1], highs[1], highs[0] = edges[0], i, n, i
-                return 2
     return depth
 
 

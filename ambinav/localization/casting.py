@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,9 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
 from ambinav.geometry.triangulation import locate
 from ambinav.sensing.scanner import RangeScanner
+
+# Well below half a turn, radians.
+APART = 2.0
 
 
 class CastTables(NamedTuple):
@@ -32,6 +36,8 @@ class CastTables(NamedTuple):
         reach: The largest of each group's limits, shape (G,), metres.
         plain: Whether ray b is the only one of beam b, for all b, and returns an echo at any
             angle, shape (1,): a laser, which can do without much of what sonars need.
+        anchor: Which rays are cast whatever their beam reads, shape (R,): so many that no two
+            neighbours of those that are cast are half a turn apart, see `cast_fan`.
         border_segment: See `Environment`.
         border: `Environment.border_lines`.
         normal: Unit normals of the border edges, into the free space, and how far along them the
@@ -50,6 +56,7 @@ class CastTables(NamedTuple):
     start: NDArray[np.float64]
     reach: NDArray[np.float64]
     plain: NDArray[np.bool_]
+    anchor: NDArray[np.bool_]
     border_segment: NDArray[np.int32]
     border: NDArray[np.float64]
     normal: NDArray[np.float64]
@@ -94,6 +101,7 @@ def cast_tables(
         np.ascontiguousarray(rays.origin[order]),
         np.maximum.reduceat(limit, first[:-1]),
         np.array([plain]),
+        np.concatenate([anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]),
         environment.border_segment,
         environment.border_lines,
         edge_normals(environment.border_lines),
@@ -103,6 +111,21 @@ def cast_tables(
         mesh.corner,
         *mesh.index,
     )
+
+
+def anchors(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Some of the rays in the order of `counter_clockwise`: gaps between them are below `APART`.
+
+    But for gaps that neighbours have anyhow.
+    """
+    gone = np.cumsum(np.mod(np.diff(angles, prepend=angles[:1]), 2.0 * math.pi))
+    chosen = np.zeros(len(angles), dtype=np.bool_)
+    chosen[0] = True
+    last = 0.0
+    for k in range(len(angles) - 1):
+        if gone[k + 1] - last > APART:
+            chosen[k], last = True, gone[k]
+    return chosen
 
 
 def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -179,7 +202,7 @@ def cast_rays(x, y, theta, tables, work):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def cast_told(x, y, theta, reading, tables, work, picked):
-    """As `cast_rays`, of the beams alone whose entry of `reading` is finite.
+    """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
 
     What is written to `work` stands at the front: entry m is of ray picked[m].
 
@@ -203,9 +226,7 @@ def cast_told(x, y, theta, reading, tables, work, picked):
         for j in range(tables.first[g], tables.first[g + 1]):
             # Chosen without a branch, which the processor would guess wrong every other time.
             picked[count] = j
-            count += math.isfinite(reading[tables.beam[j]])
-        if count == low:
-            continue
+            count += math.isfinite(reading[tables.beam[j]]) | tables.anchor[j]
         px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
         py = y + si * tables.origin[g, 0] + co * tables.origin[g, 1]
         t = locate(

@@ -184,7 +184,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
 def _meet(x, y, theta, reading, cast, noise, scratch):
     """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
 
-    One without a reading tells nothing, and is not cast.
+    One without a reading tells nothing, and but for a few is not cast.
     """
     ranges, ray, edge, picked, beam = (
         scratch.ranges, scratch.ray, scratch.edge, scratch.picked, scratch.beam,
@@ -202,7 +202,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
             b, k = np.uint64(picked[m]), np.uint64(max(hit[m], 0))
             d = distance[m]
             _look_up(count, b, b, k, d, reading, cast, noise, beam)
-            met = (d <= cast.limit[b]) & (d > noise.near[b])
+            met = (d <= cast.limit[b]) & (d > noise.near[b]) & math.isfinite(reading[b])
             count += met & (not noise.frontier[k])
     else:
         spread_told(rays, scratch.cast, picked)
@@ -210,7 +210,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
         for n in range(ranges.size):
             b, j, k = np.uint64(n), np.uint64(max(ray[n], 0)), np.uint64(max(edge[n], 0))
             _look_up(count, b, j, k, ranges[n], reading, cast, noise, beam)
-            met = (ray[n] >= 0) & (ranges[n] > noise.near[n])
+            met = (ray[n] >= 0) & (ranges[n] > noise.near[n]) & math.isfinite(reading[n])
             count += met & (not noise.frontier[k])
     co, si = math.cos(theta), math.sin(theta)
     for m in range(count):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numba import njit
 
 from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import (
+    APART,
     CastTables,
     cast_rays,
     cast_tables,
@@ -114,7 +116,7 @@ def check_told(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> Non
     every, some, picked = work_space(size), work_space(size), np.empty(size, np.int32)
     rays_at(pose, tables, every)
     count = told_at(pose, reading, tables, some, picked)
-    told = np.isfinite(reading)[tables.beam]
+    told = np.isfinite(reading)[tables.beam] | tables.anchor
     assert np.array_equal(picked[:count], np.flatnonzero(told))
     if not np.isnan(every[2]).any():
         # Where a ray starts outside it has no direction.
@@ -138,6 +140,18 @@ def test_beams_without_a_reading_need_not_be_cast(seed: int, name: str, share: f
     lost = rng.choice([math.inf, -math.inf, math.nan], scanner.beams)
     reading = np.where(rng.random(scanner.beams) < share, 1.0, lost)
     check_told(tables, poses[rng.integers(len(poses))], reading)
+
+
+@pytest.mark.parametrize("name", SCANNERS)
+def test_anchors_leave_no_gap_of_half_a_turn(name: str) -> None:
+    tables = scene(name)[2]
+    angle = np.arctan2(tables.sine, tables.cosine)
+    for low, high in pairwise(tables.first):
+        mine = angle[low:high]
+        chosen = tables.anchor[low:high]
+        assert chosen[0] and (high - low < 10 or chosen.sum() <= 4)
+        ends = np.append(mine[chosen], mine[-1])
+        assert (np.mod(np.diff(ends), 2 * math.pi) <= APART).all()
 
 
 def test_rays_that_begin_and_end_within_one_edge() -> None:

@@ -24,7 +24,7 @@ class Eyes(NamedTuple):
     """A scanner of R rays, B beams and S different sensors.
 
     Attributes:
-        origin: See `ambinav.localization.casting.CastTables`, as the next nine.
+        origin: See `ambinav.localization.casting.CastTables`, as the next ten.
         first: See there.
         cosine: See there.
         sine: See there.
@@ -34,6 +34,7 @@ class Eyes(NamedTuple):
         start: See there.
         reach: See there.
         plain: See there.
+        anchor: See there.
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         sensor: Which sensor each beam is of, shape (B,).
@@ -55,6 +56,7 @@ class Eyes(NamedTuple):
     start: Floats
     reach: Floats
     plain: NDArray[np.bool_]
+    anchor: NDArray[np.bool_]
     near: Floats
     far: Floats
     sensor: NDArray[np.int64]
@@ -75,7 +77,7 @@ def eyes_of(scanner: RangeScanner, tables: CastTables) -> Eyes:
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
     return Eyes(
-        *tables[:10],
+        *tables[:11],
         np.array([s.min_range for s in scanner.sensors])[which],
         np.array([s.max_range for s in scanner.sensors])[which],
         np.array(which, dtype=np.int64),

@@ -45,8 +45,8 @@ def record_for(code: str) -> np.dtype[np.void]:
         groups=whole, rays=whole, beams=whole, sensors=whole, edges=whole,
         # And these.
         origin=whole, first=whole, cosine=whole, sine=whole, beam=whole, limit=whole,
-        incidence=whole, start=whole, reach=whole, plain=whole, near=whole, far=whole,
-        sensor=whole, shift=whole, std=whole, run=whole, reading=whole,
+        incidence=whole, start=whole, reach=whole, plain=whole, anchor=whole, near=whole,
+        far=whole, sensor=whole, shift=whole, std=whole, run=whole, reading=whole,
     )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ To hand numba some thirty arrays takes longer than to step a robot.
 
 _KINDS: dict[str, Any] = {
     "state": STATE, "ground": GROUND, "settings": SETTINGS, "first": np.int64, "beam": np.int64,
-    "plain": np.bool_, "sensor": np.int64, "run": np.int64,
+    "plain": np.bool_, "anchor": np.bool_, "sensor": np.int64, "run": np.int64,
 }  # fmt: skip
 """Types of the arrays that are not float64."""
 
@@ -108,6 +108,7 @@ def eyes_at(fixed):
         array_at(fixed.start, (rays, 2), np.float64),
         array_at(fixed.reach, (fixed.groups,), np.float64),
         array_at(fixed.plain, (1,), np.bool_),
+        array_at(fixed.anchor, (rays,), np.bool_),
         array_at(fixed.near, (beams,), np.float64),
         array_at(fixed.far, (beams,), np.float64),
         array_at(fixed.sensor, (beams,), np.int64),
