@@ -135,10 +135,21 @@ def distance_alone(study: RealLog) -> float:
     return spearman(-study.pairs.distance, study.pairs.measured)
 
 
-def number_alone(study: RealLog) -> float:
-    """How well the number of known beams alone would order the poses: fewer tell less."""
-    _, beams = study.pairs.mean_by_scan(study.pairs.beams)
-    return spearman(-beams, study.known["ambiguity"])
+def number_alone(study: RealLog) -> tuple[float, float]:
+    """How well the number of known beams alone orders the poses (fewer tell less), and the map.
+
+    Returns:
+        Rank correlation of the number with the measured ambiguity, and the partial one of
+        predicted with measured ambiguity at equal number.
+    """
+    scans, beams = study.pairs.mean_by_scan(study.pairs.beams)
+    order = np.argsort(study.scans)
+    assert np.array_equal(study.scans[order], scans)
+    known, predicted = study.known["ambiguity"][order], study.predicted["ambiguity"][order]
+    alone, said = spearman(-beams, known), spearman(-beams, predicted)
+    both = spearman(predicted, known)
+    left = math.sqrt((1.0 - alone * alone) * (1.0 - said * said))
+    return alone, (both - alone * said) / left
 
 
 def main() -> None:
@@ -166,8 +177,9 @@ def main() -> None:
             key = (label(name), far(max_range))
             first_rows.append(
                 (*key, len(study.pairs.first) // 2, len(study.scans),
-                 same["ambiguity"], same["known"], f"{number_alone(study):.2f}", same["level"],
-                 same["pairs"], f"{distance_alone(study):.2f}", same["pairs, equal"], same["equal"])
+                 same["ambiguity"], same["known"], *(f"{v:.2f}" for v in number_alone(study)),
+                 same["level"], same["pairs"], f"{distance_alone(study):.2f}",
+                 same["pairs, equal"], same["equal"])
             )  # fmt: skip
             said, seen = study.map_says["level"], study.scan_says["level"]
             good = np.isfinite(said)
@@ -220,7 +232,8 @@ map that predicts.
                 "poses",
                 "ambiguity of a pose",
                 "of known beams",
-                "poses, by their number alone",
+                "by their number alone",
+                "at equal number",
                 "level of a pose",
                 "pairs",
                 "pairs, by distance alone",
