@@ -201,16 +201,16 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
             # end.
             b, k = np.uint64(picked[m]), np.uint64(max(hit[m], 0))
             d = distance[m]
-            _look_up(count, b, b, k, d, reading, cast, noise, beam)
             met = (d <= cast.limit[b]) & (d > noise.near[b]) & math.isfinite(reading[b])
+            _look_up(count, b, b, k, d if met else 0.0, reading, cast, noise, beam)
             count += met & (not noise.frontier[k])
     else:
         spread_told(rays, scratch.cast, picked)
         nearest_echoes(cast, scratch.cast, ranges, ray, edge)
         for n in range(ranges.size):
             b, j, k = np.uint64(n), np.uint64(max(ray[n], 0)), np.uint64(max(edge[n], 0))
-            _look_up(count, b, j, k, ranges[n], reading, cast, noise, beam)
             met = (ray[n] >= 0) & (ranges[n] > noise.near[n]) & math.isfinite(reading[n])
+            _look_up(count, b, j, k, ranges[n] if met else 0.0, reading, cast, noise, beam)
             count += met & (not noise.frontier[k])
     co, si = math.cos(theta), math.sin(theta)
     for m in range(count):
