@@ -15,7 +15,7 @@ from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
 from ambinav.geometry.triangulation import locate
 from ambinav.sensing.scanner import RangeScanner
 
-# Well below half a turn, radians.
+# Gaps between the rays that are always cast, radians: well below half a turn.
 APART = 2.0
 
 
@@ -36,8 +36,8 @@ class CastTables(NamedTuple):
         reach: The largest of each group's limits, shape (G,), metres.
         plain: Whether ray b is the only one of beam b, for all b, and returns an echo at any
             angle, shape (1,): a laser, which can do without much of what sonars need.
-        anchor: Which rays are cast whatever their beam reads, shape (R,): so many that no two
-            neighbours of those that are cast are half a turn apart, see `cast_fan`.
+        anchor: Which rays are cast whatever their beam reads, shape (R,): so many that what
+            `counter_clockwise` says of neighbours holds for those that are cast.
         border_segment: See `Environment`.
         border: `Environment.border_lines`.
         normal: Unit normals of the border edges, into the free space, and how far along them the

@@ -10,12 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import PARALLEL
-from ambinav.localization.casting import (
-    cast_told,
-    nearest_echoes,
-    spread_told,
-    work_space,
-)
+from ambinav.localization.casting import cast_told, nearest_echoes, spread_told, work_space
 from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
 

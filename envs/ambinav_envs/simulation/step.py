@@ -64,10 +64,10 @@ from ambinav_envs.simulation.pointers import borrowed
 
 # What `advance` does. A localizer that is no kernel comes between the looking and the rest.
 PLACE, DRIVE, LOOK, JUDGE, SHOW = 1, 2, 4, 8, 16
+STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
 # Robots that go through each part together: the code of all parts is more than a core's first
 # cache holds.
 BLOCK = 16
-STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
