@@ -122,7 +122,18 @@ partial = functools.partial(function)
 
 
 def test_more_than_it_wants_is_no_harm(file: Path) -> None:
-    load_policy(file).prepare(*spaces_of(window_cells=4, waypoint=True))
+    actions, rng = [], np.random.default_rng(0)
+    richer = spaces_of(window_cells=4, waypoint=True)
+    seen = {
+        name: rng.uniform(0.0, 1.0, (2, *box.shape)).astype(np.float32)
+        for name, box in richer[0].spaces.items()
+    }
+    for wanted in (spaces_of(window_cells=4), richer):
+        policy = load_policy(file)
+        policy.prepare(*wanted)
+        parts = {name: seen[name] for name in wanted[0].spaces}
+        actions.append(policy.act(parts, np.ones(2, dtype=np.bool_)))
+    assert "waypoint" in richer[0].spaces and np.array_equal(*actions)
 
 
 @pytest.mark.parametrize(
