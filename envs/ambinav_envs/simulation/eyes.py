@@ -13,7 +13,7 @@ from ambinav.localization.casting import CastTables, cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
 from ambinav.localization.random import uniform, ziggurats
 from ambinav.sensing.scanner import RangeScanner
-from ambinav_envs.simulation.ground import cast_tables_of
+from ambinav_envs.simulation.ground import cast_tables_of, ground_of
 from ambinav_envs.simulation.layout import EYES
 from ambinav_envs.simulation.obstacles import shade
 
@@ -106,7 +106,7 @@ def look(memory, eyes, i, scratch):
     """Read the scanner of robot i where it truly is, into `Memory.readings`."""
     state, settings = memory.state[i], memory.settings[0]
     x, y, theta = state.truth[0], state.truth[1], state.truth[2]
-    tables = cast_tables_of(memory.ground[i], eyes)
+    tables = cast_tables_of(ground_of(memory.where[i]), eyes)
     cast_rays(x, y, theta, tables, scratch.cast)
     if memory.people.shape[1] > 0 or state.boxes > 0:
         shade(

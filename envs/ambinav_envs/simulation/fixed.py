@@ -13,7 +13,7 @@ import ambinav
 from ambinav.files import sha256
 from ambinav.localization.information import TABLE
 from ambinav_envs.simulation.eyes import Eyes
-from ambinav_envs.simulation.layout import GROUND, SETTINGS, STATE, Memory, record
+from ambinav_envs.simulation.layout import SETTINGS, STATE, WHERE, Memory, record
 from ambinav_envs.simulation.pointers import address, array_at
 
 CODE = tuple(
@@ -40,7 +40,7 @@ def record_for(code: str) -> np.dtype[np.void]:
         # How many robots, people and boxes around each.
         robots=whole, persons=whole, most_boxes=whole,
         # Of `Memory`.
-        state=whole, ground=whole, people=whole, boxes=whole, readings=whole, settings=whole,
+        state=whole, where=whole, people=whole, boxes=whole, readings=whole, settings=whole,
         # Sizes of the arrays of `Eyes`.
         groups=whole, rays=whole, beams=whole, sensors=whole, edges=whole,
         # And these.
@@ -57,7 +57,7 @@ To hand numba some thirty arrays takes longer than to step a robot.
 """
 
 _KINDS: dict[str, Any] = {
-    "state": STATE, "ground": GROUND, "settings": SETTINGS, "first": np.int64, "beam": np.int64,
+    "state": STATE, "where": WHERE, "settings": SETTINGS, "first": np.int64, "beam": np.int64,
     "plain": np.bool_, "anchor": np.bool_, "sensor": np.int64, "run": np.int64,
 }  # fmt: skip
 """Types of the arrays that are not float64."""
@@ -85,7 +85,7 @@ def memory_at(fixed):
     robots = fixed.robots
     return Memory(
         array_at(fixed.state, (robots,), STATE),
-        array_at(fixed.ground, (robots,), GROUND),
+        array_at(fixed.where, (robots,), WHERE),
         array_at(fixed.people, (robots, fixed.persons, 3), np.float64),
         array_at(fixed.boxes, (robots, fixed.most_boxes, 6), np.float64),
         array_at(fixed.readings, (robots, fixed.beams), np.float64),

@@ -7,7 +7,17 @@ from numba import njit
 
 from ambinav.localization.casting import CastTables
 from ambinav.localization.information import TABLE, BeamNoise
-from ambinav_envs.simulation.pointers import array_at
+from ambinav_envs.simulation.layout import GROUND
+from ambinav_envs.simulation.pointers import array_at, fetch
+
+# Rows beside a robot's own that the way ahead may lead through in the next step.
+_BESIDE = 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def ground_of(where):
+    """The `GROUND` around a robot."""
+    return array_at(where.ground, (1,), GROUND)[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -76,16 +86,31 @@ def free_of(ground):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def ways_of(ground):
-    """What the ways to the goal cost, and what links the cells that have them."""
+def ways_of(where, ground):
+    """What the ways to a robot's goal cost, and what links the cells that have them."""
     shape = (ground.field_rows, ground.field_columns)
     return (
-        array_at(ground.field, shape, np.float32),
+        array_at(where.field, shape, np.float32),
         array_at(ground.links, shape, np.uint8),
     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def towards_of(ground):
+def towards_of(where, ground):
     """Where the ways lead, see `follow`."""
-    return array_at(ground.towards, (ground.field_rows, ground.field_columns), np.int8)
+    return array_at(where.towards, (ground.field_rows, ground.field_columns), np.int8)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def expect_ways(x, y, where, ground):
+    """Ask for what will be read about the ways from a place.
+
+    Each of many robots has ways of its own, too much for the caches.
+    """
+    column = int((x - ground.field_x) * ground.field_inverse + 0.5)
+    row = int((y - ground.field_y) * ground.field_inverse + 0.5)
+    for k in range(-_BESIDE, _BESIDE + 1):
+        cell = (row + k) * ground.field_columns + column
+        fetch(where.towards + cell)
+        if -1 <= k <= 1:
+            fetch(where.field + 4 * cell)

@@ -136,16 +136,19 @@ GROUND = record(
     level=_WHOLE, level_headings=_WHOLE, fisher=_WHOLE, fisher_headings=_WHOLE, free=_WHOLE,
     map_rows=_WHOLE, map_columns=_WHOLE, left=_REAL, low=_REAL, inverse=_REAL,
     # Ways to the goal, see `ambinav_envs.buildings.geodesic`.
-    field=_WHOLE, towards=_WHOLE, links=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE,
-    field_x=_REAL, field_y=_REAL, field_inverse=_REAL,
+    links=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE, field_x=_REAL, field_y=_REAL,
+    field_inverse=_REAL,
     # Left, lower, right and upper end, metres.
     bounds=(_REAL, 4),
 )  # fmt: skip
-"""The building around a robot and the ways in it to its goal: where the arrays are, and how long.
+"""A building: where its arrays are, and how long.
 
 A column that is named as an array holds its address. Buildings come and go with the episodes, and
 robots stand in different ones: so nothing is copied, and a kernel looks at any of them alike.
 """
+
+WHERE = record(ground=_WHOLE, field=_WHOLE, towards=_WHOLE)
+"""Addresses of the `GROUND` around a robot, and of the ways to its goal: see `Way`."""
 
 
 class Memory(NamedTuple):
@@ -153,7 +156,7 @@ class Memory(NamedTuple):
 
     Attributes:
         state: `STATE`, shape (N,).
-        ground: `GROUND`, shape (N,).
+        where: `WHERE`, shape (N,).
         people: x, y, heading of each person, shape (N, P, 3), metres and radians, map frame.
         boxes: Unmapped boxes, shape (N, Q, 6): x and y of the middle and of the vectors from there
             to the middles of two sides; rows from `state.boxes` on are not in use.
@@ -162,7 +165,7 @@ class Memory(NamedTuple):
     """
 
     state: NDArray[np.void]
-    ground: NDArray[np.void]
+    where: NDArray[np.void]
     people: Floats
     boxes: Floats
     readings: Floats

@@ -8,7 +8,7 @@ from numba import njit
 
 from ambinav.geometry.obstacles import around
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
-from ambinav_envs.simulation.ground import free_of, level_of, towards_of, walls_of
+from ambinav_envs.simulation.ground import free_of, ground_of, level_of, towards_of, walls_of
 
 # Distances are seen in units of this, metres, and up to so many units.
 FAR, MOST_FAR = 10.0, 10.0
@@ -30,9 +30,9 @@ def observe(memory, eyes, view, i):
     view.velocity[i, 1] = state.speeds[1] / settings.max_turn_rate
     _uncertainty(state.covariance, co, si, view.uncertainty, i)
     if view.window.shape[1] > 0:
-        _window(x, y, theta, co, si, memory.ground[i], settings, view.window, i)
+        _window(x, y, theta, co, si, ground_of(memory.where[i]), settings, view.window, i)
     if settings.waypoint:
-        wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, memory.ground[i])
+        wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, memory.where[i])
         polar(x, y, co, si, wx, wy, view.waypoint, i)
 
 
@@ -103,9 +103,10 @@ def _window(x, y, theta, co, si, ground, settings, out, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def ahead(x, y, goal, distance, ground):
+def ahead(x, y, goal, distance, where):
     """The place this far on along the way from (x, y), or the goal if that is nearer."""
-    towards = towards_of(ground)
+    ground = ground_of(where)
+    towards = towards_of(where, ground)
     rows, columns = towards.shape
     spacing = 1.0 / ground.field_inverse
     column = int(math.floor((x - ground.field_x) * ground.field_inverse + 0.5))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from llvmlite import ir
 from numba import carray, njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -66,3 +67,18 @@ def _uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 def array_at(address, shape, dtype):
     """The C-contiguous array of a shape and a type that lies at an address."""
     return carray(_pointer(address), shape, dtype)
+
+
+@intrinsic
+def fetch(typing_context: Any, address: Any) -> Any:
+    """Ask for the memory at an address, any at all, so that it is there when it is wanted."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+        word = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, word, word, word])
+        known = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(known, [pointer, word(0), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), code

@@ -23,7 +23,6 @@ from ambinav_envs.simulation.fixed import fixed_of
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
-    GROUND,
     LOCALIZERS,
     MCL,
     PARTICLES,
@@ -32,6 +31,7 @@ from ambinav_envs.simulation.layout import (
     STATE,
     STREAMS,
     TASK,
+    WHERE,
     Memory,
     View,
 )
@@ -106,7 +106,7 @@ class Simulation:
         self._particles = parameters.localizer == LOCALIZERS[MCL]
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
-            np.zeros(count, dtype=GROUND),
+            np.zeros(count, dtype=WHERE),
             np.zeros((count, parameters.people.count, 3)),
             np.zeros((count, parameters.obstacles, 6)),
             np.zeros((count, parameters.scanner.beams)),
@@ -116,7 +116,7 @@ class Simulation:
     def __getstate__(self) -> dict[str, Any]:
         """Everything but what depends on where arrays lie."""
         plain = self.__dict__.copy()
-        plain["_memory"] = self._memory._replace(ground=np.zeros(0, dtype=GROUND))
+        plain["_memory"] = self._memory._replace(where=np.zeros(0, dtype=WHERE))
         plain["_known"] = plain["_fixed"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
@@ -125,7 +125,7 @@ class Simulation:
         """Find the arrays again."""
         self.__dict__.update(plain)
         self._known = Sites(self.parameters)
-        self._memory = self._memory._replace(ground=np.zeros(self.count, dtype=GROUND))
+        self._memory = self._memory._replace(where=np.zeros(self.count, dtype=WHERE))
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
         for i, key in enumerate(keys):
@@ -250,22 +250,22 @@ class Simulation:
             self._eyes = eyes_for(self.parameters, site)
         if self._fixed is None:
             self._fixed = fixed_of(self._memory, self._eyes)
-        ground = self._memory.ground
-        ground[i] = site.ground[0]
-        ground["field"][i] = address(task.way.costs, np.float32)
-        ground["towards"][i] = address(task.way.towards, np.int8)
+        costs, towards = task.way
+        self._memory.where[i] = (
+            site.address, address(costs, np.float32), address(towards, np.int8),
+        )  # fmt: skip
 
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
     ) -> None:
         """Make the records of some robots those of episodes which begin."""
-        state = self.state
-        state[rows] = np.zeros(len(rows), dtype=STATE)
-        state["outcome"][rows], state["random"][rows] = RUNNING, streams
-        state["truth"][rows] = [task.start for task in tasks]
-        state["goal"][rows] = [task.goal for task in tasks]
-        state["distance"][rows] = [task.cost for task in tasks]
-        state["shortest"][rows] = [task.distance for task in tasks]
+        fresh = np.zeros(len(rows), dtype=STATE)
+        fresh["outcome"], fresh["random"] = RUNNING, streams
+        fresh["truth"] = [task.start for task in tasks]
+        fresh["goal"] = [task.goal for task in tasks]
+        fresh["distance"] = [task.cost for task in tasks]
+        fresh["shortest"] = [task.distance for task in tasks]
+        self.state[rows] = fresh
 
     def _advance(
         self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING

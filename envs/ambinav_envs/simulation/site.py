@@ -39,8 +39,7 @@ class Site:
         places: Where the robot fits.
         goals: Where episodes lead to.
         tables: For casting rays.
-        ground: `GROUND`, shape (1,), all but the ways to a goal. It is valid as long as the site
-            lives.
+        address: Of its `GROUND`, valid as long as the site lives.
     """
 
     def __init__(
@@ -62,7 +61,7 @@ class Site:
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
         kinds = environment.segments.kind[environment.border_segment]
         self._kept: list[NDArray[Any]] = []
-        self.ground = np.zeros(1, dtype=GROUND)
+        self._ground = np.zeros(1, dtype=GROUND)
         tables, places = self.tables, self.places
         table, bound, _ = building.checker.arrays
         self._put(
@@ -89,6 +88,7 @@ class Site:
             fisher=(fisher.values, np.float32), free=(level.free, np.bool_),
             links=(places.links, np.uint8),
         )  # fmt: skip
+        self.address = address(self._ground, GROUND)
         self._likelihood: dict[tuple[float, float], LikelihoodField] = {}
 
     def likelihood(self, resolution: float, reach: float) -> LikelihoodField:
@@ -101,12 +101,12 @@ class Site:
 
     def _put(self, **numbers: float | tuple[float, ...]) -> None:
         for name, number in numbers.items():
-            self.ground[name] = number
+            self._ground[name] = number
 
     def _point(self, **arrays: tuple[NDArray[Any], Any]) -> None:
         for name, (array, dtype) in arrays.items():
             self._kept.append(array)
-            self.ground[name] = address(array, dtype)
+            self._ground[name] = address(array, dtype)
 
 
 class Sites:

@@ -24,7 +24,9 @@ from ambinav_envs.simulation.fixed import eyes_at, memory_at
 from ambinav_envs.simulation.ground import (
     beam_noise_of,
     cast_tables_of,
+    expect_ways,
     fisher_of,
+    ground_of,
     level_of,
     walls_of,
     ways_of,
@@ -73,8 +75,9 @@ BLOCK = 16
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def move(memory, i, speed, rate):
     """Let robot i try to drive at a speed and a turn rate, and its odometry report that."""
-    state, settings = memory.state[i], memory.settings[0]
-    table, bound = walls_of(memory.ground[i])
+    state, settings, where = memory.state[i], memory.settings[0], memory.where[i]
+    ground = ground_of(where)
+    table, bound = walls_of(ground)
     limits = (
         settings.max_speed, settings.max_turn_rate, settings.acceleration,
         settings.turn_acceleration,
@@ -100,6 +103,8 @@ def move(memory, i, speed, rate):
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
         reckon(state.mean, state.covariance, *before, *after, settings.told)
+    # The scan comes before it is read.
+    expect_ways(x1, y1, where, ground)
     if memory.people.shape[1] > 0:
         walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
 
@@ -109,7 +114,7 @@ def localize(memory, eyes, i, scratch):
     """Let the localizer of robot i, if it is a kernel, take in the readings."""
     state, settings = memory.state[i], memory.settings[0]
     if settings.localizer == EKF:
-        ground = memory.ground[i]
+        ground = ground_of(memory.where[i])
         update_pose(
             state.mean, state.covariance, memory.readings[i], settings.gate, settings.rounds,
             False, cast_tables_of(ground, eyes), beam_noise_of(ground, eyes), scratch,
@@ -137,7 +142,8 @@ def judge(memory, i, figures):
         i: Which robot.
         figures: Row i is written, see `COLUMNS`.
     """
-    state, settings, ground = memory.state[i], memory.settings[0], memory.ground[i]
+    state, settings, where = memory.state[i], memory.settings[0], memory.where[i]
+    ground = ground_of(where)
     off, turned = errors(state)
     far = off > LOST_POSITION or turned > LOST_HEADING
     state.far_steps = state.far_steps + 1 if far else 0
@@ -154,7 +160,7 @@ def judge(memory, i, figures):
     state.exposure += exposed
     state.travelled += state.way
     distance = state.distance
-    field, links = ways_of(ground)
+    field, links = ways_of(where, ground)
     now = distance_at(x1, y1, field, links, ground.field_x, ground.field_y, ground.field_inverse)
     # Pressed into a corner a robot may be where no way leads from: there it is as far as before.
     if now < math.inf:
@@ -232,7 +238,7 @@ def place(memory, i):
 
     And give its localizer an estimate of that place.
     """
-    state, settings, ground = memory.state[i], memory.settings[0], memory.ground[i]
+    state, settings, ground = memory.state[i], memory.settings[0], ground_of(memory.where[i])
     table, _ = walls_of(ground)
     for k in range(3):
         std = settings.start_std[k]
