@@ -46,7 +46,7 @@ OPTIONS = ("start", "goal", "building")
 """What `reset` takes as options."""
 
 # So many robots are worth waking a thread for: with fewer it costs what it saves.
-LEAST = 32
+LEAST = 48
 # For who does not act.
 NOTHING: Floats = np.empty((0, 2))
 
