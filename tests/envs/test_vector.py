@@ -19,7 +19,7 @@ from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 from ambinav import threads
 from ambinav.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
-from ambinav_envs.simulation.simulation import LEAST
+from ambinav_envs.simulation.simulation import SHARED
 from ambinav_envs.spaces import continuous
 from ambinav_envs.vector import MANY, NavigationVectorEnv
 from tests.envs.cases import equal, room
@@ -30,7 +30,7 @@ OPTIONS: dict[str, Any] = {
     "way_weight": 2.0, "odometry_scale": 2.0,
 }  # fmt: skip
 # The fewest that threads share, and one more.
-COUNT = 2 * LEAST + 1
+COUNT = SHARED + 1
 AT_THE_WALL = {"building": 0, "start": (14.5, 6.0, 0.0), "goal": (13.0, 1.0)}
 ROOT = Path(__file__).parents[2]
 

@@ -37,7 +37,17 @@ from ambinav_envs.simulation.layout import (
 )
 from ambinav_envs.simulation.pointers import address
 from ambinav_envs.simulation.site import Site, Sites, eyes_for
-from ambinav_envs.simulation.step import BEGIN, DRIVE, JUDGE, LOOK, PLACE, SHOW, STEP, advance
+from ambinav_envs.simulation.step import (
+    BEGIN,
+    BLOCK,
+    DRIVE,
+    JUDGE,
+    LOOK,
+    PLACE,
+    SHOW,
+    STEP,
+    advance,
+)
 from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
@@ -46,7 +56,7 @@ OPTIONS = ("start", "goal", "building")
 """What `reset` takes as options."""
 
 # So many robots are worth waking a thread for: with fewer it costs what it saves.
-LEAST = 48
+SHARED = 96
 # For who does not act.
 NOTHING: Floats = np.empty((0, 2))
 
@@ -289,7 +299,7 @@ class Simulation:
             if full >= 0:
                 self._refuse(full)
 
-        share(some, len(rows), LEAST)
+        share(some, len(rows), BLOCK if len(rows) >= SHARED else SHARED)
 
     def _tell_start(self, rows: Sequence[int]) -> None:
         """Tell particle filters the estimates of the starts, and how far off they may be."""
