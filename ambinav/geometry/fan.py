@@ -98,31 +98,25 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
     ax, ay = corner[3 * t, 0] - px, corner[3 * t, 1] - py
     bx, by = corner[3 * t + 1, 0] - px, corner[3 * t + 1, 1] - py
     cx, cy = corner[3 * t + 2, 0] - px, corner[3 * t + 2, 1] - py
-    a = ax * uy[0] - ay * ux[0] >= 0
-    b = bx * uy[0] - by * ux[0] >= 0
-    c = cx * uy[0] - cy * ux[0] >= 0
-    edge = 0 if a and not b else (1 if b and not c else 2)
-    # Corners from the end of that edge on.
-    if edge == 0:
-        ax, ay, bx, by, cx, cy = bx, by, cx, cy, ax, ay
-    elif edge == 1:
-        ax, ay, bx, by, cx, cy = cx, cy, ax, ay, bx, by
-    here, following, third = n, 0, 0
     for i in range(n):
         a = ax * uy[i] - ay * ux[i] >= 0
         b = bx * uy[i] - by * ux[i] >= 0
         c = cx * uy[i] - cy * ux[i] >= 0
-        second = a & (not b)
-        last = b & (not c)
-        following += second
-        third += last
-        here = min(here, i if (second | last) else n)
+        through[i] = 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
+    first = through[0]
+    second, third = (first + 1) % 3, (first + 2) % 3
+    begun, seconds, thirds = n, 0, 0
+    for i in range(n):
+        edge = through[i]
+        seconds += edge == second
+        thirds += edge == third
+        begun = min(begun, n if edge == first else i)
         through[i] = -1
     depth = 0
     low = 0
     for k in range(4):
-        high = here if k == 0 else (low + following if k == 1 else (low + third if k == 2 else n))
-        edges[depth], lows[depth], highs[depth] = twin[3 * t + (edge + k) % 3], low, high
+        high = begun if k == 0 else (low + seconds if k == 1 else (low + thirds if k == 2 else n))
+        edges[depth], lows[depth], highs[depth] = twin[3 * t + (first + k) % 3], low, high
         depth += high > low
         low = high
     return depth

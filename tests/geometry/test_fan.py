@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 import shapely
+from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import counter_clockwise, scan_rays
+from ambinav.geometry.fan import counter_clockwise, first_edges, scan_rays
 from tests.geometry import scenes
 
 REACH = 12.0
@@ -247,3 +248,39 @@ def test_from_the_corners_of_triangles_and_on_their_edges() -> None:
     env = scenes.room(4.0, 4.0)
     x, y = np.array([2.0, 1.0, 3.0, 2.0]), np.array([2.0, 1.0, 1.0, 1e-9])
     check(env, x, y, np.zeros(4), CENTRE, CIRCLE + 0.01, reach=50.0)
+
+
+def edges_by_definition(
+    apex: scenes.Array, rays: scenes.Array, at: scenes.Array
+) -> NDArray[np.int64]:
+    """Which edge of a triangle each ray leaves through: between the edge's ends, else the last."""
+    left = [(a[0] - at[0]) * rays[:, 1] - (a[1] - at[1]) * rays[:, 0] >= 0 for a in apex]
+    return np.where(left[0] & ~left[1], 0, np.where(left[1] & ~left[2], 1, 2))
+
+
+@pytest.mark.parametrize("where", ["inside", "on an edge", "at a corner"])
+def test_a_fan_parts_at_the_corners_of_its_first_triangle(where: str) -> None:
+    """Wherever it begins: from a corner, one edge has no ends to lie between."""
+    rng = np.random.default_rng(3)
+    edges, lows, highs = (np.empty(64, dtype=np.int32) for _ in range(3))
+    twin = np.array([7, 8, 9], dtype=np.int32)
+    for _ in range(300):
+        apex = rng.uniform(0.0, 5.0, (3, 2))
+        (ax, ay), (bx, by) = apex[1:] - apex[0]
+        area = ax * by - ay * bx
+        if abs(area) < 0.5:
+            continue
+        apex = apex if area > 0.0 else apex[::-1].copy()
+        share = {"inside": rng.dirichlet(np.ones(3)), "at a corner": np.eye(3)[rng.integers(3)]}
+        weights = share.get(where, np.roll([0.3, 0.7, 0.0], rng.integers(3)))
+        at = weights @ apex
+        n = int(rng.integers(1, 60))
+        angle = rng.uniform(-4.0, 4.0) + np.sort(rng.uniform(0.0, 2.0 * math.pi, n))
+        ux, uy = np.cos(angle), np.sin(angle)
+        through = np.empty(n, dtype=np.int32)
+        pieces = first_edges(*at, ux, uy, n, 0, apex, twin, edges, lows, highs, through)
+        got = np.concatenate([np.full(highs[k] - lows[k], edges[k]) for k in range(pieces)])
+        expected = edges_by_definition(apex, np.stack([ux, uy], axis=1), at)
+        np.testing.assert_array_equal(got, twin[expected])
+        assert lows[0] == 0 and (highs[: pieces - 1] == lows[1:pieces]).all()
+        assert (highs[:pieces] > lows[:pieces]).all() and (through == -1).all()
