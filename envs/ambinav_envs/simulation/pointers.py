@@ -78,6 +78,7 @@ def fetch(typing_context: Any, address: Any) -> Any:
         word = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, word, word, word])
         known = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        # To read it, often, as data.
         builder.call(known, [pointer, word(0), word(3), word(1)])
         return context.get_dummy_value()
 

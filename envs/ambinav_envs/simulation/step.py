@@ -103,7 +103,7 @@ def move(memory, i, speed, rate):
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
         reckon(state.mean, state.covariance, *before, *after, settings.told)
-    # The scan comes before it is read.
+    # Wanted after the scan, by when it is there.
     expect_ways(x1, y1, where, ground)
     if memory.people.shape[1] > 0:
         walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
