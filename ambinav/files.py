@@ -81,8 +81,9 @@ def replacing(path: Path) -> Iterator[Path]:
 def holding_interrupts() -> Iterator[None]:
     """Let Ctrl-C and termination wait until the block is done.
 
-    For calls that go on in threads of their own when they are left by an exception. A second
-    Ctrl-C does not wait. Does nothing outside of the main thread, where signals do not arrive.
+    For calls that go on in threads of their own when they are left by an exception. A second one,
+    of either kind, does not wait. Does nothing outside of the main thread, where signals do not
+    arrive.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -93,7 +94,8 @@ def holding_interrupts() -> Iterator[None]:
     before = {number: handler for number, handler in both.items() if handler is not None}
 
     def note(number: int, frame: FrameType | None) -> None:
-        signal.signal(number, before[signal.Signals(number)])
+        for each, handler in before.items():
+            signal.signal(each, handler)
         came.append(number)
 
     for number in before:

@@ -122,3 +122,15 @@ def test_an_interrupt_waits_for_the_end_of_the_block_but_the_second_does_not(twi
         reached.append(2)
     assert reached == ([1] if twice else [1, 2])
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_a_second_signal_of_the_other_kind_does_not_wait_either() -> None:
+    heard: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, frame: heard.append(number))
+    try:
+        with pytest.raises(KeyboardInterrupt), holding_interrupts():
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGTERM)
+            assert heard == [signal.SIGTERM]
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -83,9 +83,12 @@ def train(
                 command = ("ambinav", *sys.argv[1:])
                 summary = run(config, output, resume=resume, command=command, tell=tell)
         except KeyboardInterrupt:
+            kept = output / CHECKPOINTS
             _say(
-                f"ambinav: interrupted; the training so far is in {output / CHECKPOINTS}, and the "
-                "same command with --resume goes on from there."
+                f"ambinav: interrupted; the training so far is in {kept}, and the same command "
+                "with --resume goes on from there."
+                if kept.is_dir()
+                else "ambinav: interrupted before the first round was done; nothing is kept of it."
             )
             raise typer.Exit(INTERRUPTED) from None
         if as_json:

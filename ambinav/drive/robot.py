@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
+from ambinav.sensing.fields import as_number
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Robot:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
+            value = as_number(getattr(self, field.name), f"robot: {field.name}")
             least = "at least" if field.name == "radius" else "above"
-            if not math.isfinite(value) or value < 0.0 or (value == 0.0 and least == "above"):
-                raise InputError(f"robot: {field.name} is {value}; give a number {least} 0.")
-            object.__setattr__(self, field.name, float(value))
+            if value < 0.0 or (value == 0.0 and least == "above"):
+                raise InputError(f"robot: {field.name} is {value:g}; give a number {least} 0.")
+            object.__setattr__(self, field.name, value)
 
     @property
     def footprint(self) -> Footprint:

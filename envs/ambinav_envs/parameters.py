@@ -91,8 +91,9 @@ class NavigationParameters:
             how far from the goal it is.
         layer: Layer of the ambiguity map for reward, exposure and window; None: the one that suits
             the scanner, which `cost_layer` tells.
-        people: Who walks about: how many (at most 1000), or `People`. They keep off the robot, and
-            walk through boxes.
+        people: Who walks about: how many (at most 1000), or `People`. They turn away from the
+            robot, and walk through boxes; who is driven into a corner stands there, and to touch
+            a person is no collision.
         obstacles: How many boxes stand in the way that the map does not have, at most (and at most
             1000): those that find no room are left out.
         obstacle_sizes: Their least and greatest edge.

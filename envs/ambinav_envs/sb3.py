@@ -129,8 +129,11 @@ class NavigationVecEnv(VecEnv):
             for i, told, begun in zip(
                 ended, infos_of(last, ended), infos_of(info, ended), strict=True
             ):
-                infos[i] = told | {
-                    "TimeLimit.truncated": cut[i], "terminal_observation": final[i]
+                # What wrappers have added is of the episode that has ended.
+                added = {key: value for key, value in begun.items() if key not in told}
+                infos[i] = {
+                    **added, **told,
+                    "TimeLimit.truncated": cut[i], "terminal_observation": final[i],
                 }  # fmt: skip
                 self.reset_infos[i] = begun
         return seen, rewards.astype(np.float32), done, infos

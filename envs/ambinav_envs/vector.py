@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +120,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
             InputError: a seed or an option cannot be used; if it is an option, robots whose
                 episodes were to begin have none then.
         """
+        if not isinstance(options, Mapping | None):
+            raise InputError(f"reset: options is {options!r}; give a mapping.")
         options = dict(options or {})
         chosen = self._mask(options.pop("reset_mask", None))
         self._seed(seed, chosen)

@@ -248,4 +248,8 @@ def test_a_robot_needs_sensible_numbers(field: str) -> None:
     for value in (-0.1, math.nan, math.inf):
         with pytest.raises(InputError, match=f"robot: {field} is"):
             Robot(**{field: value})
+    for odd in (None, [1.0], True, "wide"):
+        with pytest.raises(InputError, match=f"robot: {field} is"):
+            Robot(**{field: odd})  # type: ignore[arg-type]
+    assert getattr(Robot(**{field: "2e-1"}), field) == 0.2
     assert Robot(radius=0.0).footprint.is_disc

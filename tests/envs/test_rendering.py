@@ -10,6 +10,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pygame
 import pytest
 import shapely
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
@@ -136,6 +137,32 @@ def test_human_shows_every_step(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     env.close()
     env.close()
+
+
+def test_one_window_closed_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    first, second = (NavigationEnv(map=room(), render_mode="human", dt=0.01) for _ in range(2))
+    first.reset(seed=0)
+    second.reset(seed=1)
+    first.close()
+    second.step(np.zeros(2))
+    assert pygame.display.get_surface() is not None
+    second.close()
+    assert pygame.display.get_surface() is None
+
+
+def test_pictures_outlive_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other environments end pygame when they are closed; Gymnasium's own do."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    still = NavigationEnv(map=room(), render_mode="rgb_array")
+    shown = NavigationEnv(map=room(), render_mode="human", dt=0.01)
+    still.reset(seed=0)
+    shown.reset(seed=0)
+    before = still.render()
+    pygame.quit()
+    np.testing.assert_array_equal(still.render(), before)
+    shown.step(np.zeros(2))
+    shown.close()
 
 
 def test_a_vector_shows_each_robot() -> None:

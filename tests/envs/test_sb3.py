@@ -92,6 +92,18 @@ def test_attributes_and_methods() -> None:
     envs.close()
 
 
+def test_tells_what_wrappers_add() -> None:
+    inner = NavigationVectorEnv(3, map=room(), autoreset_mode="SameStep", **OPTIONS)
+    envs = NavigationVecEnv(gym.wrappers.vector.RecordEpisodeStatistics(inner))
+    envs.reset()
+    ended = []
+    for _ in range(26):
+        _, _, done, infos = envs.step(np.tile(np.float32([-1.0, 0.5]), (3, 1)))
+        ended += [info for over, info in zip(done, infos, strict=True) if over]
+    assert [info["episode"]["l"] for info in ended] == [25] * 3
+    assert all("outcome" in info for info in ended)
+
+
 def test_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     envs = make_sb3(NAME, 2, seed=0, map=room(), render_mode="rgb_array")

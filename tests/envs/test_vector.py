@@ -356,3 +356,8 @@ def test_bad_input_is_refused() -> None:
         NavigationVectorEnv(2, map=room(), autoreset_mode="never")
     with pytest.raises(InputError, match="num_envs"):
         NavigationVectorEnv(0, map=room())
+
+
+def test_options_are_a_mapping() -> None:
+    with pytest.raises(InputError, match="options is 5; give a mapping"):
+        NavigationVectorEnv(2, map=room()).reset(options=5)  # type: ignore[arg-type]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pygame
@@ -19,10 +18,17 @@ EDGE, INDENT, ROW = 32, 88, 48
 LARGE, NORMAL = 44, 34
 
 
-@cache
+_fonts: dict[int, pygame.font.Font] = {}
+
+
 def _font(size: int) -> pygame.font.Font:
-    pygame.font.init()
-    return pygame.font.Font(None, size)
+    """The font of a size; made anew after anyone has called `pygame.quit`, which ends all fonts."""
+    try:
+        _fonts[size].get_height()
+    except (KeyError, pygame.error):
+        pygame.font.init()
+        _fonts[size] = pygame.font.Font(None, size)
+    return _fonts[size]
 
 
 def text(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from typing import Any, Final
+from weakref import WeakSet
 
 import numpy as np
 import pygame
@@ -26,6 +27,9 @@ FINE = 2
 PANEL = 240
 # Pictures of floors that are kept.
 KEPT = 6
+
+# Those whose robots are in the window.
+_shown: WeakSet[Renderer] = WeakSet()
 
 
 class Renderer:
@@ -76,11 +80,13 @@ class Renderer:
             ResetNeeded: it has no episode yet.
         """
         picture = self._picture(row)
-        if self._window is None:
+        # Anyone may have closed it with `pygame.quit`.
+        if self._window is None or pygame.display.get_surface() is None:
             pygame.display.init()
             pygame.display.set_caption("ambinav")
             self._window = pygame.display.set_mode(SIZE)
             self._clock = pygame.time.Clock()
+            _shown.add(self)
         self._window.blit(pygame.transform.smoothscale(picture, SIZE), (0, 0))
         pygame.event.pump()
         pygame.display.flip()
@@ -90,8 +96,11 @@ class Renderer:
     def close(self) -> None:
         """Close the window."""
         if self._window is not None:
-            pygame.display.quit()
+            _shown.discard(self)
             self._window = None
+            # There is one window, which all that are shown draw to.
+            if not _shown:
+                pygame.display.quit()
         self._floors.clear()
 
     def _picture(self, row: int) -> pygame.Surface:
