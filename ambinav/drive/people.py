@@ -24,6 +24,8 @@ from ambinav.sensing.fields import as_number
 TRIES = 10_000
 # From this far on, from rim to rim in metres, people walk away from the robot.
 KEEP = 0.3
+# Turns from straight away that a person tries whom a wall keeps from it, radians.
+ASIDE = (0.0, 0.25 * math.pi, -0.25 * math.pi, 0.5 * math.pi, -0.5 * math.pi)
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +35,8 @@ class People:
     """People in a building, each on a way of its own in every run.
 
     They walk straight on until a wall stops them and then turn some other way. They do not collide
-    with the robot: where it comes near they walk away from it, and where they cannot, they stay.
+    with the robot: where it comes near they walk away from it, aside where a wall is in the way,
+    and where they cannot, they stay.
 
     Attributes:
         count: How many.
@@ -155,10 +158,14 @@ def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bou
         bound: The second.
     """
     dx, dy = x - robot_x, y - robot_y
-    if dx * dx + dy * dy < apart * apart:
+    near = dx * dx + dy * dy < apart * apart
+    if near:
         t = math.atan2(dy, dx)
-    ux, uy = math.cos(t), math.sin(t)
-    clear, _ = clear_along(x, y, ux, uy, 0.0, length, radius - ROUNDING, table, bound)
-    if clear:
-        return x + length * ux, y + length * uy, t
+    for turn in ASIDE:
+        ux, uy = math.cos(t + turn), math.sin(t + turn)
+        clear, _ = clear_along(x, y, ux, uy, 0.0, length, radius - ROUNDING, table, bound)
+        if clear:
+            return x + length * ux, y + length * uy, t + turn
+        if not near:
+            break
     return x, y, other
