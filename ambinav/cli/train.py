@@ -82,7 +82,7 @@ def train(
             with _shown(as_json) as tell:
                 command = ("ambinav", *sys.argv[1:])
                 summary = run(config, output, resume=resume, command=command, tell=tell)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemExit) as stop:
             kept = output / CHECKPOINTS
             _say(
                 f"ambinav: interrupted; the training so far is in {kept}, and the same command "
@@ -90,6 +90,9 @@ def train(
                 if kept.is_dir()
                 else "ambinav: interrupted before the first round was done; nothing is kept of it."
             )
+            if isinstance(stop, SystemExit):
+                # Terminated, with a status of its own.
+                raise
             raise typer.Exit(INTERRUPTED) from None
         if as_json:
             typer.echo(json.dumps(summary, allow_nan=False))

@@ -14,6 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnv, VecEnvIndices,
 
 import ambinav_envs
 from ambinav.errors import InputError
+from ambinav_envs.seeds import as_seed
 
 Infos = list[dict[str, Any]]
 
@@ -39,6 +40,9 @@ def make_sb3(
         InputError: an argument cannot be used.
     """
     gym.register_envs(ambinav_envs)
+    if "autoreset_mode" in arguments:
+        raise InputError("autoreset_mode is what Stable-Baselines3 needs; leave it out.")
+    first = as_seed(seed)
     envs = gym.make_vec(
         id,
         num_envs=num_envs,
@@ -47,8 +51,8 @@ def make_sb3(
         **arguments,
     )
     made = NavigationVecEnv(envs, all_info=all_info)
-    if seed is not None:
-        made.seed(seed)
+    if first is not None:
+        made.seed(first)
     return made
 
 

@@ -103,6 +103,7 @@ def test_options_place_the_robot() -> None:
         ({"begin": (0, 0, 0)}, "did you mean|choose from"),
         ({"start": (5.5, 6.0, 0.0)}, "start"),
         ({"start": (1.0, 1.0)}, "start"),
+        ({"start": (5.0 + 1j, 6.0, 0.0)}, "start is .*give 3 numbers"),
         ({"goal": (math.nan, 1.0)}, "goal"),
         ({"goal": (40.0, 1.0)}, "outside"),
         ({"building": 17}, "building"),

@@ -118,6 +118,12 @@ def test_other_autoreset_modes_are_refused() -> None:
         NavigationVecEnv(NavigationVectorEnv(2, map=room()))
 
 
+@pytest.mark.parametrize("odd", [{"seed": "x"}, {"seed": True}, {"autoreset_mode": "NextStep"}])
+def test_odd_arguments_are_named(odd: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=f"^{next(iter(odd))} is "):
+        make_sb3(NAME, 2, map=room(), **odd)
+
+
 def test_infos_without_a_value_leave_the_key_out() -> None:
     info = {"a": np.array([1.0, 2.0]), "_a": np.array([True, False]), "b": {"c": np.arange(2)}}
     assert infos_of(info, [0, 1]) == [{"a": 1.0, "b": {"c": 0}}, {"b": {"c": 1}}]

@@ -139,6 +139,8 @@ def draw_task(
 def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:
     """Check a place that a user gave."""
     try:
+        if np.iscomplexobj(value):
+            raise TypeError("complex numbers")
         place = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} is {value!r}; give {size} numbers.") from error
