@@ -159,10 +159,14 @@ def test_pictures_outlive_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     still.reset(seed=0)
     shown.reset(seed=0)
     before = still.render()
+    other = NavigationEnv(map=room(), render_mode="human", dt=0.01)
+    other.reset(seed=1)
     pygame.quit()
     np.testing.assert_array_equal(still.render(), before)
-    shown.step(np.zeros(2))
+    for env in (shown, other, shown):
+        env.step(np.zeros(2))
     shown.close()
+    other.close()
 
 
 def test_a_vector_shows_each_robot() -> None:

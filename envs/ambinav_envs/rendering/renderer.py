@@ -80,8 +80,8 @@ class Renderer:
             ResetNeeded: it has no episode yet.
         """
         picture = self._picture(row)
-        # Anyone may have closed it with `pygame.quit`.
-        if self._window is None or pygame.display.get_surface() is None:
+        # Anyone may have closed it with `pygame.quit`, and another renderer opened it again.
+        if self._window is None or pygame.display.get_surface() is not self._window:
             pygame.display.init()
             pygame.display.set_caption("ambinav")
             self._window = pygame.display.set_mode(SIZE)
