@@ -1,0 +1,152 @@
+"""`@kernel`: functions that numba compiles, kept on disk and compiled anew when a callee changes.
+
+numba's own cache (`cache=True`) looks at the file that holds the function alone: after an edit of
+a kernel in another file, or of a constant that comes from there, its callers go on with the old
+machine code. Here the stored code is also stamped with a digest of all that went into it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, overload
+
+import numpy as np
+from numba import njit
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+from numba.extending import _Intrinsic
+
+
+@overload
+def kernel(function: FunctionType, /) -> Any: ...
+
+
+@overload
+def kernel(**options: Any) -> Callable[[FunctionType], Any]: ...
+
+
+def kernel(function: FunctionType | None = None, /, **options: Any) -> Any:
+    """Compile a function without the interpreter's lock, with numpy's rules of division.
+
+    Used bare (`@kernel`) or with options of `numba.njit` (`@kernel(inline="always")`).
+    """
+
+    def decorate(plain: FunctionType) -> Any:
+        compiled = njit(**{"nogil": True, "error_model": "numpy", **options})(plain)
+        compiled._cache = _CalleeCache(plain)
+        return compiled
+
+    return decorate if function is None else decorate(function)
+
+
+def digest(function: FunctionType) -> str:
+    """SHA-256 over a kernel's code, all kernels that it reaches, and the constants they read.
+
+    What numba freezes into machine code counts: byte code, defaults, compile options, the values
+    of global names and of closures. Objects of other packages do not; numba's version, which its
+    cache looks at itself, and numpy's stand for those.
+    """
+    parts: dict[str, bytes] = {"numpy": np.__version__.encode()}
+    todo: list[Any] = [function]
+    while todo:
+        found = todo.pop()
+        if isinstance(found, Dispatcher):
+            # How a callee is compiled shows in its callers: inlining, fastmath.
+            options, found = found.targetoptions, found.py_func
+            parts[f"{_name(found)}: options"] = _constant(options)
+        elif isinstance(found, _Intrinsic):
+            found = found._defn
+        if _name(found) in parts:
+            continue
+        parts[_name(found)] = _code(found.__code__) + _constant(found.__defaults__)
+        for key, value in _values(found):
+            called = isinstance(value, FunctionType) and _is_ours(value, function)
+            if called or isinstance(value, Dispatcher | _Intrinsic):
+                todo.append(value)
+            elif not isinstance(value, ModuleType) and not callable(value):
+                parts[f"{_name(found)}: {key}"] = _constant(value)
+    whole = hashlib.sha256()
+    for name in sorted(parts):
+        whole.update(name.encode() + b"\0" + parts[name] + b"\0")
+    return whole.hexdigest()
+
+
+class _CalleeCache(FunctionCache):  # type: ignore[misc]
+    """numba's store of a function's machine code, valid for one `digest` alone."""
+
+    def __init__(self, function: FunctionType) -> None:
+        super().__init__(function)
+        self._stamped = False
+
+    def _stamp(self) -> None:
+        # Not before the first call: callees further down in the file do not stand yet.
+        if not self._stamped:
+            self._cache_file._source_stamp = (self._cache_file._source_stamp, digest(self._py_func))
+            self._stamped = True
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._stamp()
+        return super()._load_overload(sig, target_context)
+
+    def _save_overload(self, sig: Any, data: Any) -> None:
+        self._stamp()
+        super()._save_overload(sig, data)
+
+
+def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """Global names, names in modules of the same package, and closures that a function reads."""
+    names = _names(function.__code__)
+    for name in sorted(names & function.__globals__.keys()):
+        value = function.__globals__[name]
+        yield name, value
+        if isinstance(value, ModuleType) and _is_ours(value, function):
+            for attribute in sorted(names & vars(value).keys()):
+                yield f"{name}.{attribute}", vars(value)[attribute]
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    for name, cell in cells:
+        yield name, cell.cell_contents
+
+
+def _name(function: FunctionType) -> str:
+    return f"{function.__module__}.{function.__qualname__}"
+
+
+def _is_ours(thing: ModuleType | FunctionType, function: FunctionType) -> bool:
+    """Whether a thing's source belongs to this project, or to the package of a function."""
+    name = thing.__name__ if isinstance(thing, ModuleType) else thing.__module__
+    top = name.partition(".")[0]
+    return top.startswith("ambinav") or top == function.__module__.partition(".")[0]
+
+
+def _nested(code: CodeType) -> list[CodeType]:
+    """Code objects within one: of functions and comprehensions in its body."""
+    return [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+
+
+def _names(code: CodeType) -> set[str]:
+    """All names in a code object that may be global, or attributes."""
+    return set(code.co_names).union(*(_names(inner) for inner in _nested(code)))
+
+
+def _code(code: CodeType) -> bytes:
+    """What a code object does, wherever it stands."""
+    plain = [c for c in code.co_consts if not isinstance(c, CodeType)]
+    own = (code.co_name, code.co_names, code.co_varnames, code.co_freevars, code.co_argcount)
+    return b"\0".join(
+        [code.co_code, repr(own).encode(), *map(_constant, plain), *map(_code, _nested(code))]
+    )
+
+
+def _constant(value: Any) -> bytes:
+    """A value that numba freezes, written so that equal values give equal bytes."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape}".encode() + value.tobytes()
+    if isinstance(value, set | frozenset):
+        return b"{" + b",".join(sorted(map(_constant, value))) + b"}"
+    if isinstance(value, dict):
+        return _constant({(key, _constant(item)) for key, item in value.items()})
+    if isinstance(value, tuple | list):
+        return b"(" + b",".join(map(_constant, value)) + b")"
+    return f"{type(value).__name__} {value!r}".encode()

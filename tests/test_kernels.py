@@ -1,0 +1,110 @@
+"""Machine code on disk is never older than what it was made from."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = (ROOT / "ambinav", ROOT / "planners", ROOT / "envs")
+
+CALLER = """
+from numba import njit
+from ambinav.kernels import kernel
+import callee
+from callee import SCALE, inner
+
+@kernel
+def outer(x):
+    return SCALE * inner(x)
+
+if __name__ == "__main__":
+    print(outer(3.0), sum(outer.stats.cache_hits.values()))
+"""
+CALLEE = """
+from ambinav.kernels import kernel
+
+SCALE = 10.0
+STEPS = (1.0, 2.0)
+
+@kernel({options})
+def innermost(x):
+    return x + STEPS[1]
+
+@kernel
+def inner(x):
+    return innermost(x)
+"""
+
+
+def run(folder: Path, *command: str) -> list[float]:
+    """Numbers that a fresh process prints."""
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=folder, env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return [float(word) for word in done.stdout.split()]
+
+
+def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(CALLER)
+    callee = tmp_path / "callee.py"
+    callee.write_text(CALLEE.format(options=""))
+    assert run(tmp_path, "caller.py") == [50.0, 0.0]
+    assert run(tmp_path, "caller.py") == [50.0, 1.0], "unchanged code is compiled once"
+    edits = [
+        ("x + STEPS", "x - STEPS", 10.0),  # a callee of a callee
+        ("SCALE = 10.0", "SCALE = 20.0", 20.0),  # a constant that the caller imports
+        ("(1.0, 2.0)", "(1.0, 1.0)", 40.0),  # a constant of a callee
+        ("innermost(x)\n", "innermost(x) + 1.0\n", 60.0),  # a constant within a callee
+    ]
+    for old, new, expected in edits:
+        text = callee.read_text()
+        assert old in text
+        callee.write_text(text.replace(old, new))
+        assert run(tmp_path, "caller.py") == [expected, 0.0], new
+        assert run(tmp_path, "caller.py") == [expected, 1.0], new
+    callee.write_text(callee.read_text().replace("@kernel()", '@kernel(inline="always")'))
+    assert run(tmp_path, "caller.py") == [60.0, 0.0], "how a callee is compiled counts"
+
+
+def test_stored_code_of_a_caller_does_not_pile_up(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(CALLER)
+    for k in range(3):
+        text = CALLEE.format(options="").replace("10.0", f"{k}.0")
+        (tmp_path / "callee.py").write_text(text)
+        run(tmp_path, "caller.py")
+    assert len(list(tmp_path.rglob("caller.outer*.nbc"))) == 1
+
+
+@pytest.mark.slow
+def test_an_edit_of_circles_reaches_the_length_of_motions(tmp_path: Path) -> None:
+    """In a fresh copy of the package, as a pull in an editable checkout does it."""
+    shutil.copytree(ROOT / "ambinav", tmp_path / "ambinav", ignore=shutil.ignore_patterns("*.nb?"))
+    length = (
+        "from ambinav.geometry.curves import motion_length;"
+        "from ambinav.geometry.steering import Steering;"
+        "s = Steering('dubins', 1.0);"
+        "print(motion_length(s.kind, s.kernel_radius, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0))"
+    )
+    before = run(tmp_path, "-c", length)
+    assert run(tmp_path, "-c", length) == before
+    circles = tmp_path / "ambinav" / "geometry" / "circles.py"
+    text = circles.read_text()
+    assert "wrap(t1 - t0)" in text
+    circles.write_text(text.replace("wrap(t1 - t0)", "wrap(t0 - t1)"))
+    assert run(tmp_path, "-c", length) != before
+
+
+def test_every_kernel_knows_its_callees() -> None:
+    plain = re.compile(r"^\s*@(numba\.)?(njit|jit)\b", re.MULTILINE)
+    for package in PACKAGES:
+        for path in package.rglob("*.py"):
+            assert not plain.search(path.read_text()), f"{path}: use ambinav.kernels.kernel"
