@@ -83,14 +83,18 @@ signal.signal(signal.SIGALRM, signal.getsignal(signal.{name}))
 """
 
 
-def script(body: str) -> str:
-    done = subprocess.run(
+def python(body: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
         [sys.executable, "-c", KERNEL + body],
         env={**os.environ, "PYTHONPATH": PATHS},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=60,
     )
+
+
+def script(body: str) -> str:
+    done = python(body)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -104,12 +108,74 @@ def test_a_signal_while_a_kernel_runs(name: str, error: str) -> None:
 
 
 def test_numba_turns_an_interrupt_into_another_error() -> None:
-    """What is worked around. If this fails numba has been repaired: drop `interrupts.GLUE`.
+    """What is worked around: a kernel that returns a named tuple fails, or crashes the process.
 
-    A kernel that returns a named tuple even ends the process by a segmentation fault.
+    If this fails numba has been repaired: drop `interrupts.GLUE`.
     """
     plain = "signal.signal(signal.SIGALRM, signal.default_int_handler)"
-    assert "SystemError" in script(EACH.format(install=plain, kernels="spun,"))
+    done = python(EACH.format(install=plain, kernels="named,"))
+    assert "SystemError" in done.stdout or done.returncode == -signal.SIGSEGV
+
+
+WITHIN = """
+import signal, sys
+from ambinav.cli import interrupts
+interrupts.install()
+try:
+    exec("import signal; signal.raise_signal(signal.SIGINT); x = 1")
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_an_interrupt_within_a_text_that_is_executed(tmp_path: Path) -> None:
+    """As while modules are imported: Python would kill itself instead of ending with 130."""
+    for text, status in ((WITHIN, 130), (WITHIN.replace("interrupts.install()", ""), -2)):
+        (tmp_path / "within.py").write_text(text)
+        done = subprocess.run(
+            [sys.executable, "-m", "within"],
+            env={**os.environ, "PYTHONPATH": PATHS},
+            cwd=tmp_path,
+            timeout=60,
+        )
+        assert done.returncode == status
+
+
+SHARED = """
+import random
+import numba
+from ambinav.threads import run_rows
+interrupts.install()
+signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+
+@njit(nogil=True)
+def doubled(low, high, x):
+    for i in range(low, high):
+        x[i] *= 2.0
+
+numba.set_num_threads(2)
+x = np.ones(64)
+run_rows(doubled, 64, x)
+came, end = 0, time.monotonic() + 4.0
+while time.monotonic() < end:
+    try:
+        signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-6, 3e-4))
+        while True:
+            x[:] = 1.0
+            run_rows(doubled, 64, x)
+    except KeyboardInterrupt:
+        came += 1
+x[:] = 1.0
+run_rows(doubled, 64, x)
+assert (x == 2.0).all() and came > 100, came
+print("done")
+"""
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="there are no threads to share with")
+def test_threads_share_on_after_interrupts() -> None:
+    """Also while rows are handed out: no lock stays taken, for the next call or Python's end."""
+    assert script(SHARED) == "done"
 
 
 def test_an_ignored_interrupt_stays_ignored() -> None:
@@ -144,6 +210,8 @@ SCENARIO = f"""
 environment: {DEMO}
 scanner: hokuyo-urg-04lx
 map: {{spacing: 0.4}}
+robot: {{radius: 0.105}}
+planning: {{margin: 0.05}}
 localizer: {{min_particles: 300, max_particles: 600}}
 pairs: [{{start: [3, 3], goal: [42, 20]}}]
 routes: [shortest, {{kind: reference, weight: 5}}]

@@ -1,10 +1,12 @@
 """Ctrl-C and termination, raised only where they come out as what they are.
 
 While machine code runs, a signal waits. The first line of Python after it is often not the
-caller's: where a kernel returns an array, numba's wrapper calls `_numba_unpickle`, ignores that it
-raised, and goes on. The exception then comes out as "SystemError: CPUDispatcher(...) returned a
-result with an exception set", or is lost. So one that would be raised there is raised in the
-kernel's caller instead, before its next instruction.
+caller's: where a kernel returns a named tuple or raises an error, numba's wrapper calls
+`_numba_unpickle`, does not look whether that raised, and goes on. The exception then comes out as
+"SystemError: CPUDispatcher(...) returned a result with an exception set", or the process ends by a
+segmentation fault. And where Ctrl-C ends a text given to `exec`, as modules do while they are
+imported, Python notes that nobody handled it, and kills itself in the end whatever the status is.
+So what would be raised there is raised in the caller instead, before its next instruction.
 """
 
 from __future__ import annotations
@@ -44,14 +46,14 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) -> None:
-    """Raise an exception in the frame that was interrupted, or in the caller of `GLUE` around it.
+    """Raise an exception in the frame that was interrupted, or where that is no use in its caller.
 
     Args:
         frame: As a handler of signals is given it.
         make: Makes the exception.
     """
     inner: FrameType | None = frame
-    while inner is not None and (inner.f_globals.get("__name__"), inner.f_code.co_name) not in GLUE:
+    while inner is not None and not _is_deaf(inner):
         inner = inner.f_back
     caller = None if inner is None else inner.f_back
     # A debugger that traces is not disturbed.
@@ -68,3 +70,11 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
     caller.f_trace = trace
     caller.f_trace_opcodes = True
     sys.settrace(trace)
+
+
+def _is_deaf(frame: FrameType) -> bool:
+    """Whether an exception out of a frame is not heard by what called it."""
+    code = frame.f_code
+    if (code.co_filename, code.co_name) == ("<string>", "<module>"):
+        return True
+    return (frame.f_globals.get("__name__"), code.co_name) in GLUE

@@ -32,7 +32,7 @@ from ambinav.pages import fill
 from ambinav.provenance import discard_stale
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.policies.fit import difference_text
+from ambinav_envs.policies.fit import difference_text as differs_text
 
 JSON: Final = "report.json"
 MARKDOWN: Final = "report.md"
@@ -159,7 +159,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
         "picture": OVERVIEW,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
-        "differs": {name: difference_text(found) for name, found in board.differs.items()},
+        "differs": {name: differs_text(found) for name, found in board.differs.items()},
     }
     return fill("ambinav.compare.leaderboard", "report.md.j2", filters, **values)
 
