@@ -8,7 +8,7 @@ import platform
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -113,7 +113,7 @@ def save_policy(
         code_digest(),
     )
     try:
-        text = json.dumps({"format": FORMAT, **asdict(card)}, indent=2, allow_nan=False)
+        text = _card_text(card)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"the policy's card cannot be written ({error}); give plain values."
@@ -133,7 +133,7 @@ def save_policy(
             if slim and member.endswith("optimizer.pth"):
                 content = _without_state(content)
             out.writestr(member, content)
-        out.writestr(CARD, text + "\n")
+        out.writestr(CARD, text)
         if normalization is not None:
             out.writestr(MOMENTS, normalization.to_bytes())
 
@@ -203,6 +203,47 @@ def _card(content: bytes) -> Card:
     if not all(isinstance(part, dict) for part in shapes):
         raise InputError(f"{CARD}: environment, observation and action must be mappings.")
     return card
+
+
+def complete_card(path: str | Path, told: Mapping[str, Any] | None = None) -> bool:
+    """Write out in a policy file's card what files of earlier versions left to the defaults.
+
+    All other members stay as they are, byte for byte, with their times; doing it twice changes
+    nothing. The defaults must be those of when the policy was trained, which whoever calls this
+    has made sure of.
+
+    Args:
+        path: The file.
+        told: Further plain values for the card's `told`.
+
+    Returns:
+        Whether something was to be done.
+
+    Raises:
+        InputError: see `read_card`; or nothing can be written.
+    """
+    path = Path(path)
+    card = read_card(path)
+    environment = {"id": card.environment["id"]} if "id" in card.environment else {}
+    environment = plain_environment(arguments_of(card)) | environment
+    whole = replace(card, environment=environment, told={**card.told, **(told or {})})
+    if whole == card:
+        return False
+    with (
+        zipfile.ZipFile(path) as source,
+        replacing(path) as fresh,
+        zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as out,
+    ):
+        for member in source.infolist():
+            content = source.read(member)
+            if member.filename == CARD:
+                content = _card_text(whole).encode()
+            out.writestr(member, content)
+    return True
+
+
+def _card_text(card: Card) -> str:
+    return json.dumps({"format": FORMAT, **asdict(card)}, indent=2, allow_nan=False) + "\n"
 
 
 def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:

@@ -137,7 +137,9 @@ def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]
         found.append(f"aperture {was:.4g} degrees, here {now:.4g} degrees")
     for name, value_of, unit in _SENSOR.values():
         found += _sensor_difference(trained, here, name, value_of, unit)
-    was_at, now_at = _mount_text(trained), _mount_text(here)
+    # What looks all around has no middle to look at.
+    yaw = not (trained.looks_all_around or here.looks_all_around)
+    was_at, now_at = _mount_text(trained, yaw), _mount_text(here, yaw)
     if was_at != now_at:
         found.append(f"mount {was_at}, here {now_at}")
     elif trained.beams == here.beams and not found:
@@ -179,11 +181,11 @@ def _value_text(value: Value, unit: str) -> str:
     return f"curve {digest_of(value)[:6]}"
 
 
-def _mount_text(scanner: RangeScanner) -> str:
-    """Where the beams stand and look, in the middle: x, y in metres and yaw in degrees."""
+def _mount_text(scanner: RangeScanner, with_yaw: bool) -> str:
+    """Where the beams stand and perhaps look, in the middle: x, y in metres and yaw in degrees."""
     x, y = scanner.mounts[:, :2].mean(axis=0)
     text = f"({_rounded(x)}, {_rounded(y)}) m"
-    if scanner.looks_all_around:
+    if not with_yaw:
         return text
     yaw = np.angle(np.exp(1j * scanner.mounts[:, 2]).mean(), deg=True)
     return f"{text} at {_rounded(yaw)} degrees"
