@@ -271,8 +271,7 @@ def arguments_of(card: Card) -> dict[str, Any]:
         if not isinstance(scanner.get("yaml"), str):
             raise InputError(f"{CARD}: scanner has no text under yaml; train the policy again.")
         told["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
-    seen = seen_in(told)
-    return seen | told | {name: seen[name] for name in ("scanner", "robot")}
+    return seen_in(told) | told
 
 
 def plain_value(value: Any) -> Any:
