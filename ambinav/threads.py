@@ -15,6 +15,8 @@ from typing import Any
 
 import numba
 
+from ambinav.files import holding_interrupts
+
 # A piece is this share of what is left, over the number of threads: the first ones are long, since
 # each costs a few microseconds, the last ones short, so that nobody waits long for a thread that
 # was held up (Polychronopoulos & Kuck 1987, "Guided self-scheduling").
@@ -40,8 +42,6 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
     if threads < 2:
         work(0, count)
         return
-    if threads not in _pools:
-        _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
     pieces = iter(list(pairwise(_edges(count, threads, least))))
 
     def some() -> None:
@@ -53,12 +53,18 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
                 pass
             raise
 
-    others = [_pools[threads].submit(some) for _ in range(threads - 1)]
+    # Ctrl-C within them would leave the executor's locks taken, and whoever comes next, were it
+    # only Python's own end, would wait for them for ever.
+    with holding_interrupts():
+        if threads not in _pools:
+            _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
+        others = [_pools[threads].submit(some) for _ in range(threads - 1)]
     try:
         some()
     finally:
         # Whoever goes on after an error must not find others still at work.
-        wait(others)
+        with holding_interrupts():
+            wait(others)
     for other in others:
         other.result()
 

@@ -107,14 +107,16 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
         app,
         [
             *PLAN, "-o", "r.json", "--space", "reeds-shepp", "--turning-radius", "0.3",
-            "--headings", "0", "3.1", "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2",
+            "--headings", "90", "180", "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2",
             "--time", "1", "--clearance-weight", "1",
         ],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     route = load_route(plan_folder / "r.json")
     assert (route.steering.space, route.steering.radius) == ("reeds-shepp", 0.3)
-    assert route.poses[-1, 2] == pytest.approx(3.1)
+    # Degrees, as everything that people write; routes hold radians.
+    assert route.poses[0, 2] == pytest.approx(np.pi / 2)
+    assert abs(route.poses[-1, 2]) == pytest.approx(np.pi)
     assert route.clearance_weight == 1.0
 
 

@@ -6,12 +6,11 @@ Every command lives in a module of its own, and imports what computes only when 
 
 from __future__ import annotations
 
-import signal
-from types import FrameType
 from typing import Annotated
 
 import typer
 
+from ambinav.cli import interrupts
 from ambinav.cli.audit import audit
 from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
@@ -65,12 +64,8 @@ def _main(
 def main() -> None:
     """Run the command line; exit status 0, 2 (your input), 1 (our fault) or 130 (interrupted)."""
     # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
-    signal.signal(signal.SIGTERM, _terminate)
+    interrupts.install()
     try:
         app()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(128 + number)

@@ -106,12 +106,14 @@ def benchmark(
             "--quick", help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it."
         ),
     ] = False,
+    force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Let every planner and every policy drive the same episodes, and put them into one table.
 
     Writes report.md, report.json, table.csv and overview.png. docs/leaderboard.md explains them.
-    Policies may hold code: use those that you trust.
+    A policy that was trained with another scanner or robot is refused (a shipped one left out),
+    unless --force is given. Policies may hold code: use those that you trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
     """
@@ -137,6 +139,7 @@ def benchmark(
             count,
             seed,
             common,
+            force,
         )
         try:
             with progress_bars(as_json) as bars:

@@ -58,12 +58,14 @@ def compare(
             "--runs", metavar="N", help="Drives of each route.", show_default="the scenario's"
         ),
     ] = None,
+    force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive routes with a localizer in the loop, and compare how it fares on them.
 
     Writes report.html (stands alone), report.md, report.json, table.csv, routes, pictures and, if
-    the scenario asks for them, drives for other programs. docs/compare.md explains the scenario.
+    the scenario asks for them, drives for other programs. docs/compare.md explains the scenario. A
+    policy that was trained with another scanner or robot is refused, unless --force is given.
 
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """
@@ -75,7 +77,7 @@ def compare(
         from ambinav.compare.report import compare as run
         from ambinav.compare.scenario_file import load_scenario
 
-        loaded = load_scenario(scenario_file, runs=runs)
+        loaded = load_scenario(scenario_file, runs=runs, force=force)
         check_writable(output)
         check_output(output)
         try:

@@ -13,7 +13,7 @@ from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.compare.leaderboard.figures import Row
+    from ambinav.compare.leaderboard.evaluated import Evaluation
 
 
 def evaluate(
@@ -59,13 +59,14 @@ def evaluate(
             show_default=False,
         ),
     ] = None,
+    force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Let a policy drive, and tell how often it arrives, gets lost, and collides.
 
     The environment is the one that the policy was trained in, but with buildings that it has not
-    seen (number 1 000 000 and on of the suite). A policy file may hold code: use those that you
-    trust.
+    seen (number 1 000 000 and on of the suite). With another scanner or robot it is refused, unless
+    --force is given. A policy file may hold code: use those that you trust.
 
     Example: `ambinav evaluate run/best.zip --episodes 500 people=3 odometry_scale=2`
     """
@@ -88,13 +89,13 @@ def evaluate(
         if map_file is not None:
             changed["map"] = map_file
         with progress_bars(as_json) as bars:
-            found = evaluate_policy(policy, changed, episodes, seed, bars("episodes"))
+            found = evaluate_policy(policy, changed, episodes, seed, bars("episodes"), force=force)
         if output is not None:
             write_evaluation(found, output)
         if as_json:
             typer.echo(found.to_json())
         else:
-            _show(found.row, output)
+            _show(found, output)
 
 
 def arguments_of(values: list[str]) -> dict[str, Any]:
@@ -119,15 +120,18 @@ def arguments_of(values: list[str]) -> dict[str, Any]:
     return arguments
 
 
-def _show(row: Row, output: Path | None) -> None:
+def _show(found: Evaluation, output: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from ambinav.compare.leaderboard.figures import value_text
 
+    row = found.row
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_row(Text(row.method), Text(f"{row.episodes} episodes in {row.setting}"))
+    for name, texts in found.differs.items():
+        table.add_row(Text(f"not the {name} it was trained with"), Text("; ".join(texts)))
     for cell in row.cells:
         unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
         table.add_row(Text(f"{cell.figure.title}{unit}"), Text(value_text(cell)))

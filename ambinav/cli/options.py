@@ -74,6 +74,16 @@ AsJson = Annotated[
 ]
 
 
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="Let a policy drive another scanner or robot than it was trained with; what differs "
+        "is said.",
+    ),
+]
+
+
 def check_numbers(
     spacing: float, radius: float, headings: int | None, map_std: float | None
 ) -> None:

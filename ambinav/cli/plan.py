@@ -132,7 +132,8 @@ def plan(
         typer.Option(
             "--headings",
             metavar="A B",
-            help="At start and goal, radians, for spaces other than r2.",
+            help="At start and goal, degrees counter-clockwise from the map's x axis, for spaces "
+            "other than r2.",
             show_default="0 0",
         ),
     ] = None,
@@ -278,7 +279,7 @@ def plan(
             bad_level=bad_level,
             belief=BeliefModel(max_std=math.inf if max_std is None else max_std),
         )
-        first, last = (0.0, 0.0) if headings is None else headings
+        first, last = (0.0, 0.0) if headings is None else map(math.radians, headings)
         here, there = (*start, first), (*goal, last)
         asked = Asked(planner, time, iterations, seed, improve)
         try:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
+    from ambinav_envs.parameters import NavigationParameters
     from ambinav_envs.policies.policy import Policy
 
 STEP = 0.1
@@ -46,6 +47,8 @@ class Driver:
         start: x, y of its pair, and any heading.
         goal: x and y.
         checksum: See `ambinav_envs.policies.load.checksum_of`.
+        differs: How scanner and robot differ from those that it was trained with, in words; empty
+            if they do not.
     """
 
     told: str
@@ -53,6 +56,7 @@ class Driver:
     start: tuple[float, float, float]
     goal: tuple[float, float]
     checksum: str
+    differs: str = ""
 
 
 def is_controller(told: str, folder: Path) -> bool:
@@ -88,15 +92,31 @@ def driver_of(loaded: Loaded, pair: PairPart, part: RoutePart) -> Driver:
     """The policy of a route, which is loaded to see whether it can be.
 
     Raises:
-        InputError: see `ambinav_envs.policies.load_policy`; or Gymnasium is missing.
+        InputError: see `ambinav_envs.policies.load_policy`; it was trained with another scanner or
+            robot, and that is not forced; or Gymnasium is missing.
     """
     told, folder = str(part.policy), Path(loaded.folder)
     policy = _policy(told, folder)
+    from ambinav_envs.policies.fit import check_fit, difference_text
     from ambinav_envs.policies.load import checksum_of
 
+    scenario = loaded.scenario
+    parameters = _parameters(policy, loaded.scanner, scenario.robot, scenario.drive.rate)
+    differs = difference_text(check_fit(policy, parameters, loaded.force))
     checksum = checksum_of(told, policy, folder)
     (x, y), (goal_x, goal_y) = pair.start[:2], pair.goal[:2]
-    return Driver(told, str(folder), (x, y, 0.0), (goal_x, goal_y), checksum)
+    return Driver(told, str(folder), (x, y, 0.0), (goal_x, goal_y), checksum, differs)
+
+
+def _parameters(
+    policy: Policy, scanner: RangeScanner, robot: Robot, rate: float
+) -> NavigationParameters:
+    """Of the environment that shows a policy what it sees."""
+    from ambinav_envs.parameters import NavigationParameters
+
+    common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
+    layer = policy.environment.get("layer")
+    return NavigationParameters.of(common | policy.seeing | {"layer": layer})
 
 
 class PolicyController:
@@ -125,13 +145,10 @@ class PolicyController:
     ) -> None:
         from ambinav_envs.buildings.source import BuildingSource
         from ambinav_envs.observer import Observer
-        from ambinav_envs.parameters import NavigationParameters
         from ambinav_envs.spaces import action_space, observation_space
 
         self._policy = _policy(driver.told, Path(driver.folder))
-        common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
-        layer = self._policy.environment.get("layer")
-        parameters = NavigationParameters.of(common | self._policy.seeing | {"layer": layer})
+        parameters = _parameters(self._policy, scanner, robot, rate)
         self._policy.prepare(observation_space(parameters), action_space(parameters))
         source = BuildingSource(
             environment, scanner, robot.radius, layers=on_request(parameters.cost_layer)

@@ -78,6 +78,8 @@ class PlanPart(Part):
     exposure_m: float
     bad_metres_m: float
     file: str
+    differs: str = ""
+    """How a policy's scanner and robot differ from those that it was trained with."""
 
 
 class Document(Part):
@@ -149,6 +151,7 @@ def document(
                 exposure_m=round(plan.route.exposure, 3),
                 bad_metres_m=round(plan.route.bad_metres, 3),
                 file=file,
+                differs="" if plan.driver is None else plan.driver.differs,
             )
             for plan, file in zip(plans, files, strict=True)
         ),

@@ -2,27 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    model_validator,
+)
 
 from ambinav.errors import InputError
 from ambinav.geometry.steering import KINDS, Steering
-from ambinav.sensing.fields import nearest
+from ambinav.sensing.fields import as_degrees, nearest
 
 Made = TypeVar("Made")
 Metres = Annotated[float, Field(gt=0.0)]
 
 
 def _point(place: tuple[float, ...]) -> tuple[float, ...]:
+    """A point as it is used, its heading in radians, from one as people write it."""
     if len(place) not in (2, 3):
-        raise InputError("give x and y in metres, and a heading in radians if it matters")
-    return place
+        raise InputError("give x and y in metres, and a heading in degrees if it matters")
+    return (*place[:2], *map(math.radians, place[2:]))
 
 
-Point = Annotated[tuple[float, ...], AfterValidator(_point)]
+def _written(place: tuple[float, ...]) -> list[float]:
+    return [*place[:2], *map(as_degrees, place[2:])]
+
+
+Point = Annotated[tuple[float, ...], AfterValidator(_point), PlainSerializer(_written)]
+"""x and y in metres, perhaps a heading: degrees in files and reports, radians in the program."""
 
 
 class Part(BaseModel):
@@ -136,7 +150,10 @@ CURVED = ("dubins", "reeds-shepp")
 
 
 class PairPart(Part):
-    """A start and a goal: x, y in metres and, if it matters, a heading in radians."""
+    """A start and a goal: x, y in metres and, if it matters, a heading.
+
+    The heading is in radians; in a scenario file and in reports it is in degrees.
+    """
 
     name: str = Field(min_length=1)
     start: Point
@@ -172,14 +189,37 @@ class ObstaclesPart(Part):
 
 
 class DrivePart(Part):
-    """How often and how the routes are driven; see `ambinav.drive.drive`."""
+    """How often and how the routes are driven; see `ambinav.drive.drive`.
+
+    Attributes:
+        start_std: Deviations of x and y of the first estimate, metres.
+        start_heading_std_deg: Of its heading, degrees.
+    """
 
     runs: int = Field(default=30, ge=1)
     seed: int = Field(default=1, ge=0)
     open_loop: bool = False
     rate: float = Field(default=10.0, gt=0.0)
-    start_std: tuple[float, float, float] = (0.05, 0.05, 0.02)
+    start_std: tuple[float, float] = (0.05, 0.05)
+    start_heading_std_deg: float = math.degrees(0.02)
     max_time: float | None = Field(default=None, gt=0.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _two(cls, plain: Any) -> Any:
+        """Earlier versions took the heading's, in radians, as a third number."""
+        told = plain.get("start_std") if isinstance(plain, Mapping) else None
+        if isinstance(told, list | tuple) and len(told) == 3:
+            raise InputError(
+                f"start_std is {list(told)}; give those of x and y in metres alone, and that of "
+                "the heading in degrees as start_heading_std_deg"
+            )
+        return plain
+
+    @property
+    def start_deviations(self) -> tuple[float, float, float]:
+        """Of x, y and heading: metres and radians."""
+        return (*self.start_std, math.radians(self.start_heading_std_deg))
 
 
 class ExportsPart(Part):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 import shutil
 from collections.abc import Callable, Sequence
@@ -12,9 +10,9 @@ from typing import Final
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.registry import on_request
-from ambinav.compare.code import code_checksum
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
+from ambinav.compare.lock import NAME as LOCK
 from ambinav.compare.lock import only_one
 from ambinav.compare.plans import Plan, check_plans, make_plans
 from ambinav.compare.plot_overview import plot_overview
@@ -39,6 +37,14 @@ from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.drawing import save_figure
 from ambinav.pages import data_uri, fill
+from ambinav.provenance import (
+    PLANNING,
+    POLICIES,
+    Provenance,
+    digest_of,
+    discard_stale,
+    environment_digest,
+)
 from ambinav.routes.files import save_route
 
 JSON: Final = "report.json"
@@ -53,9 +59,6 @@ DRIVES: Final = "drives"
 OVERVIEW: Final = "overview.png"
 PICTURES: Final = ("floor-", "spread-", "errors-")
 OURS: Final = (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, OVERVIEW)
-
-MAP_CODE: Final = ("ambiguity/**/*.py", "geometry/*.py", "maps/*.py", "sensing/*.py")
-"""Files of ambinav that a map depends on."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -87,7 +90,7 @@ def compare(
     """Compare the routes of a scenario, and write all that was found.
 
     What an earlier call left in `folder` is used: the map and the drives whose inputs are
-    unchanged are not made again.
+    unchanged are not made again. What other code made is discarded, which a warning says.
 
     Args:
         loaded: The scenario.
@@ -113,6 +116,8 @@ def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Documen
         if _is_left_over(left):
             shutil.rmtree(left)
     scenario = loaded.scenario
+    here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
+    discard_stale(out / WORK, here, kept=(LOCK,))
     amap = _map(loaded, out / WORK, begin)
     plans = make_plans(loaded, amap, begin("routes"))
     worlds = make_worlds(loaded, plans)
@@ -171,6 +176,10 @@ def render(
     )
 
 
+def _has_policies(loaded: Loaded) -> bool:
+    return any(part.kind == "policy" for part in loaded.scenario.routes)
+
+
 def _names(report: Document) -> list[str]:
     """Files of all pictures."""
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
@@ -181,15 +190,18 @@ def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer
     asked["layers"] = () if layer is None else on_request(layer)
-    segments = loaded.environment.segments
-    code = code_checksum(MAP_CODE)
-    told = json.dumps([asked, loaded.scanner.to_yaml(), loaded.environment.name, code])
-    digest = hashlib.sha256(told.encode())
-    digest.update(segments.xy.tobytes())
-    path = work / f"map-{digest.hexdigest()[:16]}.zarr"
+    environment = loaded.environment
+    key = digest_of(
+        Provenance.here().digest,
+        asked,
+        loaded.scanner.to_yaml(),
+        environment_digest(environment),
+        environment.name,
+    )
+    path = work / f"map-{key[:16]}.zarr"
     if path.is_dir():
         return AmbiguityMap.open(path)
-    amap = build_map(loaded.environment, loaded.scanner, progress=begin("ambiguity"), **asked)
+    amap = build_map(environment, loaded.scanner, progress=begin("ambiguity"), **asked)
     amap.save(path)
     # Read back, so that it makes no difference whether the map was there.
     return AmbiguityMap.open(path)

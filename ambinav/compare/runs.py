@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
-from ambinav.compare.code import code_checksum
 from ambinav.compare.controllers import Driver
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined, load_results, results_of, save_results
 from ambinav.compare.workers import Item, Setup, drive_item, in_workers
+from ambinav.provenance import POLICIES, Provenance, digest_of, environment_digest, map_digest
 
 BLOCK = 10
 """Runs in one piece of work."""
-
-CODE = (
-    *("compare/controllers.py", "compare/guides.py", "compare/results.py", "compare/workers.py"),
-    "drive/*.py",
-    *("geometry/*.py", "localization/*.py", "maps/*.py", "sensing/*.py", "service/*.py"),
-)
-"""Files of ambinav that the outcome of a drive depends on."""
 
 
 def drive_all(
@@ -82,50 +72,40 @@ def _drive(setup: Setup, item: Item) -> Results:
 def items_of(setup: Setup, plan: Plan) -> list[Item]:
     """The pieces of work of a route."""
     runs = setup.scenario.drive.runs
-    common = _common(setup)
-    world = setup.worlds[plan.pair].segments.xy.tobytes()
+    route, steering = plan.route, plan.route.steering
+    common = (
+        _common(setup),
+        plan.pair,
+        (steering.space, steering.radius, route.turn, route.poses),
+        environment_digest(setup.worlds[plan.pair]),
+        None if plan.driver is None else _driver_digest(plan.driver),
+    )
     items = []
     for block, first in enumerate(range(0, runs, BLOCK)):
         size = min(BLOCK, runs - first)
-        digest = hashlib.sha256(common)
-        steering = plan.route.steering
-        told = (plan.pair, block, size, steering.space, steering.radius, plan.route.turn)
-        digest.update(json.dumps(told).encode())
-        digest.update(plan.route.poses.tobytes())
-        digest.update(world)
-        if plan.driver is not None:
-            digest.update(_told_of(plan.driver))
-        items.append(Item(plan, block, size, digest.hexdigest()[:32]))
+        items.append(Item(plan, block, size, digest_of(common, block, size)[:32]))
     return items
 
 
-def _told_of(driver: Driver) -> bytes:
+def _driver_digest(driver: Driver) -> str:
     """What the drives of a policy depend on besides."""
-    from ambinav.compare.leaderboard.store import code_checksum as code_with_environments
-
-    told = [driver.told, driver.checksum, driver.start, driver.goal, code_with_environments()]
-    return json.dumps(told).encode()
+    here = Provenance.here(*POLICIES).digest
+    return digest_of(driver.told, driver.checksum, driver.start, driver.goal, here)
 
 
 PARTS = ("robot", "follower", "odometry", "people")
 
 
-def _common(setup: Setup) -> bytes:
-    """What the outcome of every piece depends on."""
+def _common(setup: Setup) -> str:
+    """What the outcome of every piece depends on, as a digest."""
     scenario = setup.scenario
-    guide = scenario.guide
-    how = scenario.drive.model_dump(exclude={"runs"})
-    told = {
-        "code": code_checksum(CODE),
-        "scanner": setup.scanner.to_yaml(),
-        "map": setup.amap.dataset.attrs.get("parameters"),
-        "layer": scenario.map.layer,
-        "localizer": guide if isinstance(guide, str) else asdict(guide),
-        "drive": how,
-        **{name: asdict(getattr(scenario, name)) for name in PARTS},
-    }
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
-    segments = setup.environment.segments
-    digest.update(segments.xy.tobytes())
-    digest.update(segments.kind.tobytes())
-    return digest.digest()
+    return digest_of(
+        Provenance.here().digest,
+        setup.scanner.to_yaml(),
+        map_digest(setup.amap),
+        environment_digest(setup.environment),
+        scenario.map.layer,
+        scenario.guide,
+        scenario.drive.model_dump(exclude={"runs"}),
+        [getattr(scenario, name) for name in PARTS],
+    )

@@ -32,20 +32,23 @@ class Loaded:
         folder: Where it lies.
         environment: The building.
         scanner: The scanner.
+        force: Let policies drive another scanner or robot than they were trained with.
     """
 
     scenario: Scenario
     folder: Path
     environment: Environment
     scanner: RangeScanner
+    force: bool = False
 
 
-def load_scenario(path: str | Path, *, runs: int | None = None) -> Loaded:
+def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = False) -> Loaded:
     """Read a scenario with its building and scanner.
 
     Args:
         path: The file.
         runs: Instead of the file's.
+        force: See `Loaded`.
 
     Raises:
         InputError: a file is missing or cannot be used; the message names file, key and value.
@@ -57,7 +60,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None) -> Loaded:
     if scenario.map.layer is None:
         read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
         scenario = scenario.model_copy(update={"map": read})
-    return Loaded(scenario, path.parent, _environment(scenario, path), scanner)
+    return Loaded(scenario, path.parent, _environment(scenario, path), scanner, force)
 
 
 def parse_scenario(

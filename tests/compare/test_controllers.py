@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium")
 
 from ambinav.cli import app
 from ambinav.compare.controllers import driver_of, is_controller
-from ambinav.compare.runs import _told_of
+from ambinav.compare.runs import _driver_digest
 from ambinav.compare.scenario_file import load_scenario
 from ambinav.errors import InputError
 from tests.compare.conftest import write
@@ -106,7 +106,7 @@ def test_another_file_or_goal_is_driven_anew(scenario: dict[str, Any], folder: P
             scenario["pairs"] = [{"name": "there", "start": [1, 1], "goal": goal}]
             loaded = load_scenario(write(folder, scenario))
             part, pair = loaded.scenario.routes[0], loaded.scenario.pairs[0]
-            keys.add(_told_of(driver_of(loaded, pair, part)))
+            keys.add(_driver_digest(driver_of(loaded, pair, part)))
     assert len(keys) == 4
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,15 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
         "people: the key 'count' is missing; add it",
     ),
     "obstacles": (lambda p: p.update(obstacles={"cout": 3}), "obstacles: the key 'cout' is"),
+    "start_std": (
+        lambda p: p["drive"].update(start_std=[0.05, 0.05, 0.02]),
+        "start_std is [0.05, 0.05, 0.02]; give those of x and y in metres alone, and that of the "
+        "heading in degrees as start_heading_std_deg",
+    ),
+    "four numbers": (
+        lambda p: p.update(pairs=[{"start": [1, 1, 0, 0], "goal": [7, 2]}]),
+        "give x and y in metres, and a heading in degrees if it matters",
+    ),
     "sizes": (
         lambda p: p.update(obstacles={"count": 3, "sizes": [0.8, 0.3]}),
         "obstacles: sizes is [0.8, 0.3]; give the least edge first",
@@ -181,3 +191,17 @@ def test_missing_files(scenario: Plain, tmp_path: Path) -> None:
         load_scenario(write(tmp_path, {**scenario, "environment": "gone.geojson"}))
     with pytest.raises(InputError, match=r"scanner: there is no scanner preset 'hokuyo-urg-04l'"):
         load_scenario(write(tmp_path, {**scenario, "scanner": "hokuyo-urg-04l"}))
+
+
+def test_angles_are_degrees_in_the_file(scenario: dict[str, Any], tmp_path: Path) -> None:
+    scenario["pairs"] = [{"start": [1, 1, 90], "goal": [7, 2, -45.5]}]
+    read = load_scenario(write(tmp_path, scenario)).scenario
+    assert read.pairs[0].start == (1.0, 1.0, math.pi / 2)
+    assert read.pairs[0].goal == (7.0, 2.0, math.radians(-45.5))
+    # Reports say what the file says.
+    plain = read.pairs[0].model_dump()
+    assert (plain["start"], plain["goal"]) == ([1.0, 1.0, 90.0], [7.0, 2.0, -45.5])
+    assert read.drive.start_deviations == (0.05, 0.05, 0.02)
+    scenario["drive"] |= {"start_std": [0.1, 0.2], "start_heading_std_deg": 180}
+    read = load_scenario(write(tmp_path, scenario)).scenario
+    assert read.drive.start_deviations == (0.1, 0.2, math.pi)

@@ -13,10 +13,12 @@ from ambinav.compare.leaderboard.methods import SHORTEST, Method, RouteFollower
 from ambinav.compare.leaderboard.store import key_of, load_episodes, save_episodes
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment, load_environment
+from ambinav.provenance import environment_digest
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.spaces import action_space, observation_space
 
@@ -53,8 +55,7 @@ class Place:
     def identity(self) -> dict[str, Any]:
         """Plain values that tell it apart."""
         if isinstance(self.what, Environment):
-            segments = self.what.segments
-            return {"segments": [segments.xy.tobytes().hex(), segments.kind.tobytes().hex()]}
+            return {"environment": environment_digest(self.what)}
         return {"suite": self.what, "count": self.count, "first": UNSEEN}
 
 
@@ -84,6 +85,9 @@ class Board:
         seed: Of the episodes, from 0 on.
         options: Arguments of the environment that all have in common, also in the place of what
             a condition says.
+        force: Let policies drive another scanner or robot than they were trained with.
+        differs: How scanner and robot differ then, by the policy's name, see
+            `policies.fit.differences`; `fitting` finds out.
     """
 
     methods: Sequence[Method]
@@ -91,6 +95,8 @@ class Board:
     episodes: int
     seed: int
     options: Mapping[str, Any] = field(default_factory=dict)
+    force: bool = False
+    differs: Mapping[str, Mapping[str, Sequence[str]]] = field(default_factory=dict)
 
     def parameters(self, setting: Setting, method: Method) -> NavigationParameters:
         """Of the environment that a method drives in.
@@ -143,29 +149,34 @@ def settings_for(maps: Sequence[Path], buildings: int, suites: Sequence[str] = (
 def fitting(board: Board) -> Board:
     """The leaderboard without the shipped policies that do not fit; each of them is noted.
 
+    A policy fits if it takes what it is shown, and scanner and robot are those that it was trained
+    with or `force` is set.
+
     Raises:
         InputError: a policy that was asked for does not fit, or an option is of no use.
     """
     board.parameters(board.settings[0], board.methods[0])
-    methods = []
+    methods, differs = [], {}
     for method in board.methods:
         try:
-            _check(board, method)
+            found = _check(board, method)
         except InputError as error:
             if not method.shipped:
                 raise
             warnings.warn(f"left out: {error}", InputWarning, stacklevel=2)
         else:
             methods.append(method)
-    return replace(board, methods=methods)
+            if found:
+                differs[method.name] = found
+    return replace(board, methods=methods, differs=differs)
 
 
-def _check(board: Board, method: Method) -> None:
-    """Find out before the long work whether a method fits."""
+def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
+    """Find out before the long work whether a method fits, and what differs if it is forced."""
     parameters = board.parameters(board.settings[0], method)
     driver = method.make(parameters)
     if not isinstance(driver, Policy):
-        return
+        return {}
     layer = driver.environment.get("layer") or parameters.cost_layer
     if layer != parameters.cost_layer:
         raise InputError(
@@ -173,6 +184,7 @@ def _check(board: Board, method: Method) -> None:
             f"{parameters.cost_layer!r}; give layer={layer}, or leave it out."
         )
     driver.prepare(observation_space(parameters), action_space(parameters))
+    return check_fit(driver, parameters, board.force)
 
 
 def run(board: Board, work: Path, begin: Bars) -> dict[str, dict[str, Episodes]]:

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +17,8 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.policies import load_policy
-from ambinav_envs.policies.file import DRAWN
+from ambinav_envs.policies.file import DRAWN, plain_value
+from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.registration import IDS
 from ambinav_envs.scenario import scenario
@@ -41,18 +42,22 @@ class Evaluation:
         episodes: Each episode.
         environment: Arguments of the environment.
         seed: Of the episodes.
+        differs: How scanner and robot differ from those of the training, see
+            `policies.fit.differences`.
     """
 
     row: Row
     episodes: Episodes
     environment: dict[str, Any]
     seed: int
+    differs: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def to_json(self) -> str:
         """For programs: figures with intervals, and how they came about."""
         told = {
             "policy": self.row.method,
-            "environment": self.environment,
+            "environment": {name: plain_value(v) for name, v in self.environment.items()},
+            "differs": self.differs,
             "episodes": self.row.episodes,
             "seed": self.seed,
             "figures": {cell.figure.key: plain(cell.value) for cell in self.row.cells},
@@ -110,6 +115,8 @@ def evaluate_policy(
     episodes: int,
     seed: int,
     progress: Callable[[float], None] | None = None,
+    *,
+    force: bool = False,
 ) -> Evaluation:
     """Let a policy drive.
 
@@ -119,6 +126,7 @@ def evaluate_policy(
         episodes: How many.
         seed: Of the episodes.
         progress: Called with the share done.
+        force: Let it drive another scanner or robot than it was trained with.
 
     Raises:
         InputError: the policy cannot be loaded or does not fit, or an argument is of no use.
@@ -130,9 +138,10 @@ def evaluate_policy(
         options.pop("suite", None), options.pop("map", None), options.pop("buildings", None),
         options.pop("first_building", 0), options.pop("max_episode_steps", None), options,
     )  # fmt: skip
+    differs = check_fit(policy, parameters, force)
     found = evaluate(policy, source, parameters, episodes, seed, progress=progress)
     (row,) = make_rows(source.name, {policy.name: found}, None, seed)
-    return Evaluation(row, found, arguments, seed)
+    return Evaluation(row, found, arguments, seed, differs)
 
 
 def write_evaluation(found: Evaluation, folder: Path) -> None:

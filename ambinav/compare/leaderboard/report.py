@@ -22,13 +22,17 @@ from ambinav.compare.leaderboard.figures import (
     value_text,
 )
 from ambinav.compare.leaderboard.overview import plot_board
+from ambinav.compare.leaderboard.store import computed_by
+from ambinav.compare.lock import NAME as LOCK
 from ambinav.compare.lock import only_one
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.drawing import save_figure
 from ambinav.pages import fill
+from ambinav.provenance import discard_stale
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.fit import difference_text as differs_text
 
 JSON: Final = "report.json"
 MARKDOWN: Final = "report.md"
@@ -62,6 +66,8 @@ def check_output(folder: Path) -> None:
 def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row, ...]:
     """Make a leaderboard and write it; what an earlier call left in the folder is used.
 
+    What other code left there is discarded, which a warning says.
+
     Args:
         board: Who takes part, and where.
         folder: Where to write.
@@ -80,6 +86,7 @@ def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row
         for left in (*folder.iterdir(), *(folder / WORK).iterdir()):
             if _is_left_over(left):
                 shutil.rmtree(left)
+        discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
         found = run(board, folder / WORK, begin)
         rows = rows_of(found, board.seed)
         with replacing(folder / OVERVIEW) as scratch:
@@ -111,7 +118,14 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
         "conditions": {name: dict(options) for name, options in CONDITIONS.items()},
         "baseline": BASELINE,
         "methods": [
-            {"name": m.name, "kind": m.kind, "text": m.text, "seeing": m.seeing, **m.identity}
+            {
+                "name": m.name,
+                "kind": m.kind,
+                "text": m.text,
+                "seeing": m.seeing,
+                "differs": board.differs.get(m.name, {}),
+                **m.identity,
+            }
             for m in board.methods
         ],
         "rows": [
@@ -145,6 +159,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
         "picture": OVERVIEW,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
+        "differs": {name: differs_text(found) for name, found in board.differs.items()},
     }
     return fill("ambinav.compare.leaderboard", "report.md.j2", filters, **values)
 

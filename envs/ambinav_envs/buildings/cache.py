@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
+import contextlib
 import json
 import os
+import shutil
 import warnings
 import zipfile
 from functools import lru_cache
@@ -12,29 +13,21 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import shapely
 import xarray as xr
 
 from ambinav.ambiguity.build import build_map
-from ambinav.compare.code import code_checksum
 from ambinav.errors import InputError, InputWarning
 from ambinav.files import replacing
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.provenance import Provenance, digest_of, environment_digest
 from ambinav.sensing.scanner import RangeScanner
 
 VARIABLE: Final = "AMBINAV_CACHE"
 """Environment variable: the folder to keep maps in; empty: none are kept."""
 
-CODE: Final = (
-    "ambiguity/**/*.py",
-    "geometry/*.py",
-    "localization/casting.py",
-    "localization/information.py",
-    "maps/*.py",
-    "sensing/*.py",
-)
-"""Files of ambinav that a map depends on."""
+OTHERS: Final = 3
+"""Maps that other code made, in an older version or another checkout, are kept of so many."""
 
 _ABOUT: Final = "about"
 # What reading a damaged file raises.
@@ -78,37 +71,64 @@ def map_of(
         InputError: the map cannot be built, or $AMBINAV_CACHE is no folder to write in.
 
     Warns:
-        InputWarning: the user's own cache is not writable.
+        InputWarning: the user's own cache is not writable, or what it holds is of other code alone.
     """
     folder = cache_folder() if keep else None
     path = None
     if folder is not None:
-        path = folder / "maps" / f"{checksum(environment, scanner, spacing, layers)}.npz"
+        path = code_folder(folder) / f"{checksum(environment, scanner, spacing, layers)}.npz"
         found = _read(path)
         if found is not None:
             return found
+        _begin(path.parent)
     amap = build_map(environment, scanner, spacing=spacing, layers=layers)
     if path is not None:
         _write(amap, path)
     return amap
 
 
+def code_folder(folder: Path) -> Path:
+    """The folder within `folder` for the maps that this code makes, with these libraries."""
+    return folder / "maps" / Provenance.here().digest[:16]
+
+
+def _begin(folder: Path) -> None:
+    """Before the first map of this code is kept: say so, and remove the oldest of other code."""
+    if folder.exists():
+        return
+    times = {}
+    with contextlib.suppress(OSError):
+        for path in folder.parent.iterdir():
+            # Another process may be removing it.
+            with contextlib.suppress(OSError):
+                times[path] = path.stat().st_mtime
+    if not times:
+        return
+    warnings.warn(
+        f"the maps kept in {folder.parent} were computed by other code or libraries than these, "
+        "so maps are built anew.",
+        InputWarning,
+        stacklevel=3,
+    )
+    for path in sorted(times, key=times.__getitem__, reverse=True)[OTHERS:]:
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            # Earlier versions kept all maps in one folder.
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
 def checksum(
     environment: Environment, scanner: RangeScanner, spacing: float, layers: tuple[str, ...] = ()
 ) -> str:
-    """What tells one map from another, as a hexadecimal string.
+    """What tells one map from another of the same code, as a hexadecimal string.
 
-    It is made of the building's geometry and name, the scanner, the parameters and the code.
+    It is made of the building's content and name, the scanner and the parameters.
     """
-    told = [
-        environment.name, str(environment.source or ""), environment.checksum, environment.map_std,
-        _text_of(scanner), spacing, layers, code_checksum(CODE),
-    ]  # fmt: skip
-    digest = hashlib.sha256(json.dumps(told).encode())
-    digest.update(environment.segments.xy.tobytes())
-    digest.update(environment.segments.kind.tobytes())
-    digest.update(shapely.to_wkb(environment.free))
-    return digest.hexdigest()[:32]
+    names = (environment.name, environment.source)
+    content = environment_digest(environment)
+    return digest_of(content, names, _text_of(scanner), float(spacing), layers)[:32]
 
 
 @lru_cache(maxsize=16)

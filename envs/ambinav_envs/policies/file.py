@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import io
 import json
 import platform
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.geometry.environment import Environment
+from ambinav.provenance import code_digest, library_version
 from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.policies.normalization import Normalization
@@ -51,13 +51,15 @@ class Card:
     Attributes:
         algorithm: One of `ALGORITHMS`.
         environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
-            values; none of `DRAWN`, but all that say what it sees, those by default among them.
+            values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
+            default among them.
         observation: What it sees, see `described`.
         action: What it gives, likewise.
         steps: How many steps it was trained for.
         seed: Of the training.
         versions: Of packages, when it was saved.
         told: Whatever else the one who saved it says: checksum of the buildings, a note.
+        code: `ambinav.provenance.code_digest` of what saved it; empty in files of earlier versions.
     """
 
     algorithm: str
@@ -68,6 +70,7 @@ class Card:
     seed: int | None
     versions: dict[str, str] = field(default_factory=dict)
     told: dict[str, Any] = field(default_factory=dict)
+    code: str = ""
 
 
 def save_policy(
@@ -107,9 +110,10 @@ def save_policy(
         None if model.seed is None else int(model.seed),
         _versions(name),
         dict(told or {}),
+        code_digest(),
     )
     try:
-        text = json.dumps({"format": FORMAT, **asdict(card)}, indent=2, allow_nan=False)
+        text = _card_text(card)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"the policy's card cannot be written ({error}); give plain values."
@@ -129,7 +133,7 @@ def save_policy(
             if slim and member.endswith("optimizer.pth"):
                 content = _without_state(content)
             out.writestr(member, content)
-        out.writestr(CARD, text + "\n")
+        out.writestr(CARD, text)
         if normalization is not None:
             out.writestr(MOMENTS, normalization.to_bytes())
 
@@ -201,26 +205,62 @@ def _card(content: bytes) -> Card:
     return card
 
 
+def complete_card(path: str | Path, told: Mapping[str, Any] | None = None) -> bool:
+    """Write out in a policy file's card what files of earlier versions left to the defaults.
+
+    All other members stay as they are, byte for byte, with their times; doing it twice changes
+    nothing. The defaults must be those of when the policy was trained, which whoever calls this
+    has made sure of.
+
+    Args:
+        path: The file.
+        told: Further plain values for the card's `told`.
+
+    Returns:
+        Whether something was to be done.
+
+    Raises:
+        InputError: see `read_card`; or nothing can be written.
+    """
+    path = Path(path)
+    card = read_card(path)
+    environment = {"id": card.environment["id"]} if "id" in card.environment else {}
+    environment = plain_environment(arguments_of(card)) | environment
+    whole = replace(card, environment=environment, told={**card.told, **(told or {})})
+    if whole == card:
+        return False
+    with (
+        zipfile.ZipFile(path) as source,
+        replacing(path) as fresh,
+        zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as out,
+    ):
+        for member in source.infolist():
+            content = source.read(member)
+            if member.filename == CARD:
+                content = _card_text(whole).encode()
+            out.writestr(member, content)
+    return True
+
+
+def _card_text(card: Card) -> str:
+    return json.dumps({"format": FORMAT, **asdict(card)}, indent=2, allow_nan=False) + "\n"
+
+
 def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments of an environment as plain values, without those of `DRAWN`.
 
-    A scanner that is no preset is written out in full, since its file may not be there later; so
-    is what the policy sees by default, since defaults may change.
+    Scanner and robot are written out in full, and so is what the policy sees by default: files may
+    not be there later, and presets and defaults may change.
     """
-    whole = seen_in(environment) | dict(environment)
-    plain = {name: _plain(value) for name, value in whole.items() if name not in DRAWN}
-    scanner = environment.get("scanner")
-    if isinstance(scanner, str | Path) and Path(scanner).suffix:
-        scanner = RangeScanner.load(scanner)
-    if isinstance(scanner, RangeScanner):
-        plain["scanner"] = {"yaml": scanner.to_yaml()}
-    return plain
+    seen = seen_in(environment)
+    whole = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
+    return {name: plain_value(value) for name, value in whole.items() if name not in DRAWN}
 
 
 def arguments_of(card: Card) -> dict[str, Any]:
     """Arguments for `gymnasium.make`, without `id`, from a card.
 
-    Older files leave out what their policy saw by default; it is filled in.
+    Older files leave out what their policy saw and drove by default; it is filled in.
 
     Raises:
         InputError: an argument that says what the policy sees is of no use.
@@ -228,12 +268,17 @@ def arguments_of(card: Card) -> dict[str, Any]:
     told = {name: value for name, value in card.environment.items() if name != "id"}
     scanner = told.get("scanner")
     if isinstance(scanner, Mapping):
+        if not isinstance(scanner.get("yaml"), str):
+            raise InputError(f"{CARD}: scanner has no text under yaml; train the policy again.")
         told["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
     return seen_in(told) | told
 
 
-def _plain(value: Any) -> Any:
-    if is_dataclass(value) and not isinstance(value, type | RangeScanner | Environment):
+def plain_value(value: Any) -> Any:
+    """An argument of an environment as a plain value."""
+    if isinstance(value, RangeScanner):
+        return {"yaml": value.to_yaml()}
+    if is_dataclass(value) and not isinstance(value, type):
         return asdict(value)
     if isinstance(value, Environment):
         return value.name
@@ -254,10 +299,6 @@ def _without_state(content: bytes) -> bytes:
 
 def _versions(algorithm: str) -> dict[str, str]:
     packages = (*_PACKAGES, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
-    versions = {"python": platform.python_version()}
-    for name in packages:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return versions
+    found = {name: library_version(name) for name in packages}
+    known = {name: version for name, version in found.items() if version is not None}
+    return {"python": platform.python_version(), **known}

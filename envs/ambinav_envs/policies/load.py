@@ -53,7 +53,10 @@ def load_policy(told: str | Path, folder: Path | None = None) -> Policy:
     folder = Path() if folder is None else folder
     name = str(told)
     if name in baselines():
-        return policy_of(BASELINES / f"{name}.zip", name)
+        policy = policy_of(BASELINES / f"{name}.zip", name)
+        # What code trained it is said where it is shipped: in its card's text.
+        policy.code = None
+        return policy
     path = folder / name
     if path.suffix == ".py":
         raise InputError(f"policy {name!r} is a file of code; give {name}:callable.")
@@ -79,7 +82,7 @@ def policy_of(path: Path, name: str) -> ModelPolicy:
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     model = _model(path, card.algorithm)
-    return ModelPolicy(model, normalization, name=name, environment=arguments)
+    return ModelPolicy(model, normalization, name=name, environment=arguments, code=str(card.code))
 
 
 def checksum_of(told: str | Path, policy: Policy, folder: Path | None = None) -> str:

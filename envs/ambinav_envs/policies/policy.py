@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ambinav.compare.plugins import called
 from ambinav.errors import InputError
+from ambinav.provenance import code_digest
 from ambinav.sensing.fields import nearest
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import ROW, Normalization, Observation
@@ -36,10 +37,13 @@ BUILDINGS: Final[tuple[str, ...]] = (
 
 
 def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """What a policy saw and how it acted in an environment: `SEEING` and the layer, all of them.
+    """What a policy saw and how it acted in an environment.
 
     Args:
         environment: Its arguments; what they leave out is as by default.
+
+    Returns:
+        `SEEING`, the layer, the scanner and the robot, all of them.
 
     Raises:
         InputError: one of them is of no use.
@@ -48,7 +52,8 @@ def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
     told = {name: environment[name] for name in names if name in environment}
     parameters = NavigationParameters.of(told)
     seen = {name: getattr(parameters, name) for name in SEEING}
-    return seen | {"layer": parameters.cost_layer}
+    used = {"scanner": parameters.scanner, "robot": parameters.robot}
+    return seen | used | {"layer": parameters.cost_layer}
 
 
 def checked_actions(
@@ -71,11 +76,27 @@ class Policy(ABC):
     Args:
         name: What reports call it.
         environment: Arguments of the environment that it was trained in, or wants.
+        code: `ambinav.provenance.code_digest` of what trained it; empty: its file does not say;
+            None: that does not matter.
     """
 
-    def __init__(self, name: str, environment: dict[str, Any]) -> None:
+    def __init__(self, name: str, environment: dict[str, Any], code: str | None = None) -> None:
         self.name = name
         self.environment = environment
+        self.code = code
+
+    @property
+    def other_code(self) -> str | None:
+        """That other code trained it than this, in words; None: the same, or it does not matter."""
+        if self.code == "":
+            return "does not say by which code it was trained, being of an earlier version"
+        here = code_digest()
+        if self.code is None or self.code == here:
+            return None
+        return (
+            f"was trained by other code than this (sources {self.code[:8]}; here {here[:8]}), and "
+            "may fare otherwise than it did then"
+        )
 
     @property
     def seeing(self) -> dict[str, Any]:
@@ -119,6 +140,7 @@ class ModelPolicy(Policy):
         normalization: Of what it sees.
         name: What reports call it.
         environment: See `Policy`.
+        code: The same.
     """
 
     def __init__(
@@ -128,8 +150,9 @@ class ModelPolicy(Policy):
         *,
         name: str = "policy",
         environment: dict[str, Any] | None = None,
+        code: str | None = None,
     ) -> None:
-        super().__init__(name, environment or {})
+        super().__init__(name, environment or {}, code)
         self.model = model
         self.normalization = normalization
         self._wanted: Plain = described(model.observation_space)

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-import ambinav
-from ambinav.files import sha256
 from ambinav.localization.information import TABLE
+from ambinav.provenance import code_digest
 from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.layout import SETTINGS, STATE, WHERE, Memory, record
 from ambinav_envs.simulation.pointers import address, array_at
-
-CODE = tuple(
-    path
-    for package, folders in (
-        (Path(ambinav.__file__).parent, ("drive", "geometry", "localization", "service")),
-        (Path(__file__).parents[1], ("buildings", "simulation")),
-    )
-    for folder in folders
-    for path in sorted((package / folder).glob("*.py"))
-)
-"""Files that `step.advance` is compiled from, or whose records it reads."""
 
 
 def record_for(code: str) -> np.dtype[np.void]:
@@ -50,7 +37,7 @@ def record_for(code: str) -> np.dtype[np.void]:
     )  # fmt: skip
 
 
-FIXED = record_for(sha256(*CODE)[:16])
+FIXED = record_for(code_digest()[:16])
 """What stays the same from step to step, as addresses like those of `layout.GROUND`.
 
 To hand numba some thirty arrays takes longer than to step a robot.

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import importlib.metadata
 import json
 import os
 import platform
@@ -17,6 +15,7 @@ from typing import Any, Final
 import ambinav
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.provenance import code_digest, library_version
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of
@@ -48,6 +47,7 @@ def about(config: Training, command: Sequence[str]) -> dict[str, Any]:
         "seed": config.seed,
         "command": list(command),
         "commit": commit(),
+        "code": code_digest(),
         "versions": versions(),
         "platform": platform.platform(),
         "processor": platform.machine(),
@@ -66,17 +66,16 @@ def session(steps: int, command: Sequence[str]) -> dict[str, Any]:
         "from_steps": steps,
         "command": list(command),
         "commit": commit(),
+        "code": code_digest(),
         "versions": versions(),
     }
 
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that a training depends on."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
+    found = {name: library_version(name) for name in _PACKAGES}
+    known = {name: version for name, version in found.items() if version is not None}
+    return {"python": platform.python_version(), **known}
 
 
 def buildings(source: BuildingSource) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -12,6 +13,7 @@ from typing import Any, Final
 
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 
+from ambinav.errors import InputWarning
 from ambinav.files import holding_interrupts
 from ambinav_envs.evaluation import evaluate
 from ambinav_envs.policies import ModelPolicy, Normalization, read_card, save_policy
@@ -108,7 +110,14 @@ class Run:
         folder, steps = self.folder, int(self.model.num_timesteps)
         told = folder / files.ABOUT
         record = files.read_json(told) if told.is_file() else files.about(self.config, command)
-        record["sessions"].append(files.session(steps, command))
+        session = files.session(steps, command)
+        if record["sessions"] and record["sessions"][-1].get("code") != session["code"]:
+            warnings.warn(
+                f"{folder}: the training was begun by other code than what goes on with it now.",
+                InputWarning,
+                stacklevel=2,
+            )
+        record["sessions"].append(session)
         self.record = record
         files.write_json(told, record)
         write_config(self.config, folder / files.CONFIG)

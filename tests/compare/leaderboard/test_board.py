@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +12,7 @@ import pytest
 
 pytest.importorskip("ompl")
 
+from ambinav import provenance
 from ambinav.compare.leaderboard import board as board_module
 from ambinav.compare.leaderboard import report as report_module
 from ambinav.compare.leaderboard.board import (
@@ -27,7 +27,6 @@ from ambinav.compare.leaderboard.methods import all_methods, planner_methods, po
 from ambinav.compare.leaderboard.report import OURS, benchmark
 from ambinav.compare.leaderboard.routes import Routes
 from ambinav.compare.leaderboard.store import (
-    code_checksum,
     key_of,
     load_episodes,
     save_episodes,
@@ -153,17 +152,14 @@ def test_planners_read_the_layer_of_all_and_steer_by_speed(
 def test_the_key_holds_versions_of_what_policies_are_made_of(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    code_checksum.cache_clear()
     keys = {key_of({})}
     assert key_of({}) in keys
-    version = importlib.metadata.version
+    version = provenance.library_version
     for name in ("torch", "stable-baselines3", "ompl", "numba"):
         monkeypatch.setattr(
-            importlib.metadata, "version", lambda n, name=name: "0" if n == name else version(n)
+            provenance, "library_version", lambda n, name=name: "0" if n == name else version(n)
         )
-        code_checksum.cache_clear()
         keys.add(key_of({}))
-    code_checksum.cache_clear()
     assert len(keys) == 5
 
 

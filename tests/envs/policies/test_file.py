@@ -6,6 +6,7 @@ import contextlib
 import json
 import zipfile
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,13 @@ import pytest
 
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
+from ambinav.provenance import code_digest
 from ambinav.sensing.scanner import RangeScanner
 from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
 
 from stable_baselines3 import PPO  # isort: skip
 
+from ambinav_envs.parameters import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy
 from ambinav_envs.policies.file import CARD, FORMAT, arguments_of, plain_environment
 
@@ -60,7 +63,10 @@ def test_acts_as_the_model_does(tmp_path: Path) -> None:
 def test_the_card(file: Path) -> None:
     card = read_card(file)
     assert card.algorithm == "PPO" and card.seed == 3 and card.steps == 0
-    assert card.environment == {**SEEN, **OPTIONS, "id": NAME}
+    # Scanner and robot are written out, by default too: defaults and presets may change.
+    used = {"scanner": {"yaml": default_scanner().to_yaml()}, "robot": asdict(Robot())}
+    assert card.environment == {**SEEN, **used, **OPTIONS, "id": NAME}
+    assert card.code == code_digest()
     assert card.observation["parts"]["scan"] == {"size": 60, "low": 0.0, "high": 1.0}
     assert card.action == {"size": 2, "low": -1.0, "high": 1.0}
     assert card.told == {"note": "a test"} and "torch" in card.versions

@@ -1,0 +1,202 @@
+"""Whether a policy is let drive with the scanner and the robot that it was trained with."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from typing import Final
+
+import numpy as np
+
+from ambinav.drive.robot import Robot
+from ambinav.errors import InputError, InputWarning
+from ambinav.provenance import digest_of
+from ambinav.sensing.curves import Curve
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.policy import Policy
+
+Value = float | Curve | None
+
+SAME: Final = 1e-9
+"""Numbers that differ by less, relative to their size, are the same."""
+
+_ROBOT: Final[Mapping[str, tuple[str, str]]] = {
+    "radius": ("radius", " m"),
+    "max_speed": ("speed", " m/s"),
+    "max_turn_rate": ("turn rate", " rad/s"),
+    "acceleration": ("acceleration", " m/s2"),
+    "turn_acceleration": ("turn acceleration", " rad/s2"),
+}
+"""What a field of the robot is called, and its unit."""
+
+_SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = {
+    "max_range": ("range", lambda s: s.max_range, " m"),
+    "min_range": ("least range", lambda s: s.min_range, " m"),
+    "aperture": ("cone", lambda s: math.degrees(s.aperture), " degrees"),
+    "resolution": ("resolution", lambda s: s.resolution, " m"),
+    "std": ("noise", lambda s: s.std, " m"),
+    "bias": ("bias", lambda s: s.bias, " m"),
+    "max_incidence": (
+        "greatest incidence",
+        lambda s: None if s.max_incidence is None else math.degrees(s.max_incidence),
+        " degrees",
+    ),
+    "random_share": ("share of random readings", lambda s: s.random_share, ""),
+    "lost_share": ("share of lost readings", lambda s: s.lost_share, ""),
+}
+"""What a field of a sensor is called, its value as people write it, and its unit."""
+
+
+def differences(policy: Policy, parameters: NavigationParameters) -> dict[str, tuple[str, ...]]:
+    """How scanner and robot differ from those that a policy was trained with, in words.
+
+    Args:
+        policy: Its environment says what it was trained with; what it leaves open fits.
+        parameters: Of the environment that it is to drive in.
+
+    Returns:
+        Under "scanner" and "robot", where they differ, one text for each difference. Names and
+        descriptions of a scanner and its sensors do not matter.
+
+    Raises:
+        InputError: the policy's scanner or robot is of no use.
+    """
+    own = {
+        name: policy.environment[name]
+        for name in ("scanner", "robot")
+        if policy.environment.get(name) is not None
+    }
+    trained = NavigationParameters.of(own)
+    found: dict[str, tuple[str, ...]] = {}
+    if "scanner" in own:
+        found["scanner"] = tuple(_scanner_differences(trained.scanner, parameters.scanner))
+    if "robot" in own:
+        found["robot"] = tuple(_robot_differences(trained.robot, parameters.robot))
+    return {name: texts for name, texts in found.items() if texts}
+
+
+def difference_text(found: Mapping[str, Sequence[str]]) -> str:
+    """Differences in one line: "another robot (radius 0.22 m, here 0.4 m)"."""
+    return " and ".join(f"another {name} ({'; '.join(texts)})" for name, texts in found.items())
+
+
+def check_fit(
+    policy: Policy, parameters: NavigationParameters, force: bool
+) -> dict[str, tuple[str, ...]]:
+    """Refuse a policy for another scanner or robot than it was trained with, or say so.
+
+    Args:
+        policy: The policy.
+        parameters: Of the environment that it is to drive in.
+        force: Let it drive all the same.
+
+    Returns:
+        See `differences`; none unless it is forced.
+
+    Raises:
+        InputError: there are differences, and it is not forced.
+
+    Warns:
+        InputWarning: there are differences, and it is forced; or other code trained the policy.
+    """
+    found = differences(policy, parameters)
+    told = f"policy {policy.name!r} was trained with {difference_text(found)}"
+    if found and not force:
+        raise InputError(
+            f"{told}; give what it was trained with, train another policy, or add --force "
+            "(force=True in Python) to let it drive all the same."
+        )
+    if found:
+        warnings.warn(f"{told}; it drives all the same.", InputWarning, stacklevel=2)
+    if policy.other_code is not None:
+        warnings.warn(f"policy {policy.name!r} {policy.other_code}.", InputWarning, stacklevel=2)
+    return found
+
+
+def _robot_differences(trained: Robot, here: Robot) -> list[str]:
+    found = []
+    for field in fields(Robot):
+        name, unit = _ROBOT[field.name]
+        was, now = getattr(trained, field.name), getattr(here, field.name)
+        if not _same(was, now):
+            found.append(f"{name} {was:.4g}{unit}, here {now:.4g}{unit}")
+    return found
+
+
+def _scanner_differences(trained: RangeScanner, here: RangeScanner) -> list[str]:
+    """What differs, the coarse first; nothing only if each beam is the same."""
+    found = []
+    if trained.beams != here.beams:
+        found.append(f"beams {trained.beams}, here {here.beams}")
+    was, now = math.degrees(trained.aperture), math.degrees(here.aperture)
+    if not _same(was, now):
+        found.append(f"aperture {was:.4g} degrees, here {now:.4g} degrees")
+    for name, value_of, unit in _SENSOR.values():
+        found += _sensor_difference(trained, here, name, value_of, unit)
+    # What looks all around has no middle to look at.
+    yaw = not (trained.looks_all_around or here.looks_all_around)
+    was_at, now_at = _mount_text(trained, yaw), _mount_text(here, yaw)
+    if was_at != now_at:
+        found.append(f"mount {was_at}, here {now_at}")
+    elif trained.beams == here.beams and not found:
+        turned = np.abs(np.angle(np.exp(1j * (trained.mounts[:, 2] - here.mounts[:, 2]))))
+        moved = np.abs(trained.mounts[:, :2] - here.mounts[:, :2])
+        if max(turned.max(), moved.max()) > SAME:
+            found.append("beams that stand or look otherwise")
+    return found
+
+
+def _sensor_difference(
+    trained: RangeScanner,
+    here: RangeScanner,
+    name: str,
+    value_of: Callable[[RangeSensor], Value],
+    unit: str,
+) -> list[str]:
+    """The difference of one field of the sensors: beam by beam if there are equally many."""
+    rows = [[value_of(sensor) for sensor in scanner.sensors] for scanner in (trained, here)]
+    if trained.beams == here.beams:
+        whole = zip(trained.sensor_of_beam, here.sensor_of_beam, strict=True)
+        same = all(_same(rows[0][i], rows[1][j]) for i, j in {(int(i), int(j)) for i, j in whole})
+    else:
+        same = all(any(_same(a, b) for b in rows[1]) for a in rows[0]) and all(
+            any(_same(a, b) for a in rows[0]) for b in rows[1]
+        )
+    if same:
+        return []
+    was, now = (" and ".join(dict.fromkeys(_value_text(v, unit) for v in row)) for row in rows)
+    return [f"{name} {was}, here {now}" if was != now else f"{name} {was}, here of other beams"]
+
+
+def _value_text(value: Value, unit: str) -> str:
+    if value is None:
+        return "any"
+    if isinstance(value, int | float):
+        return f"{value:.4g}{unit}"
+    # A polynomial or a table over the true range: enough of it to be told from another.
+    return f"curve {digest_of(value)[:6]}"
+
+
+def _mount_text(scanner: RangeScanner, with_yaw: bool) -> str:
+    """Where the beams stand and perhaps look, in the middle: x, y in metres and yaw in degrees."""
+    x, y = scanner.mounts[:, :2].mean(axis=0)
+    text = f"({_rounded(x)}, {_rounded(y)}) m"
+    if not with_yaw:
+        return text
+    yaw = np.angle(np.exp(1j * scanner.mounts[:, 2]).mean(), deg=True)
+    return f"{text} at {_rounded(yaw)} degrees"
+
+
+def _rounded(value: float) -> str:
+    return f"{round(float(value), 4) + 0.0:g}"
+
+
+def _same(one: Value, other: Value) -> bool:
+    """Whether two values are the same but for rounding."""
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return math.isclose(one, other, rel_tol=SAME, abs_tol=SAME)
+    return bool(one == other)

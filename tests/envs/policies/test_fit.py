@@ -1,0 +1,258 @@
+"""Another scanner or robot than a policy was trained with is refused, or named."""
+
+from __future__ import annotations
+
+import json
+import math
+import zipfile
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+pytest.importorskip("stable_baselines3")
+
+from ambinav.cli import app
+from ambinav.drive.robot import Robot
+from ambinav.errors import InputError, InputWarning
+from ambinav.files import sha256
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav_envs.parameters import NavigationParameters, default_scanner
+from ambinav_envs.policies import ModelPolicy, baselines, load_policy, read_card
+from ambinav_envs.policies.file import CARD, complete_card
+from ambinav_envs.policies.fit import _ROBOT, _SENSOR, check_fit, difference_text, differences
+from ambinav_envs.policies.load import BASELINES
+from tests.compare.conftest import SCENARIO, write
+
+SENSOR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
+
+
+def scanner(
+    beams: int = 60, aperture: float = 360.0, mount: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    **sensor: Any,
+) -> RangeScanner:  # fmt: skip
+    """The scanner of the shipped policies, or one that differs."""
+    return RangeScanner.planar(replace(SENSOR, **sensor), beams, math.radians(aperture), mount)
+
+
+@pytest.fixture(scope="module")
+def policy() -> ModelPolicy:
+    loaded = load_policy("ppo-ambiguity")
+    assert isinstance(loaded, ModelPolicy)
+    return loaded
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"scanner": scanner(beams=32)}, "beams 60, here 32"),
+        ({"scanner": scanner(aperture=180.0)}, "aperture 360 degrees, here 180 degrees"),
+        ({"scanner": scanner(max_range=12.0)}, "range 4 m, here 12 m"),
+        ({"scanner": scanner(min_range=0.1)}, "least range 0 m, here 0.1 m"),
+        ({"scanner": scanner(std=0.1)}, "noise 0.03 m, here 0.1 m"),
+        ({"scanner": scanner(bias=0.1)}, "bias 0 m, here 0.1 m"),
+        ({"scanner": scanner(resolution=0.1)}, "resolution 0.01 m, here 0.1 m"),
+        ({"scanner": scanner(aperture=360.0, max_incidence=1.0)}, "incidence any, here 57.3"),
+        ({"scanner": scanner(random_share=0.2)}, "share of random readings 0.01, here 0.2"),
+        ({"scanner": scanner(lost_share=0.2)}, "share of lost readings 0, here 0.2"),
+        ({"scanner": scanner(mount=(0.1, 0.0, 0.0))}, "mount (0, 0) m, here (0.1, 0) m"),
+        ({"scanner": scanner(mount=(0.0, 0.0, 0.05))}, "beams that stand or look otherwise"),
+        ({"robot": Robot(radius=0.4)}, "radius 0.22 m, here 0.4 m"),
+        ({"robot": Robot(max_speed=1.0)}, "speed 0.5 m/s, here 1 m/s"),
+        ({"robot": Robot(max_turn_rate=1.0)}, "turn rate 2 rad/s, here 1 rad/s"),
+        ({"robot": Robot(acceleration=1.0)}, "acceleration 2.5 m/s2, here 1 m/s2"),
+    ],
+)
+def test_each_difference_is_named(policy: ModelPolicy, changed: Any, said: str) -> None:
+    parameters = NavigationParameters(**changed)
+    found = differences(policy, parameters)
+    assert list(found) == list(changed)
+    assert said in difference_text(found) and len(found[next(iter(found))]) == 1
+    with pytest.raises(
+        InputError, match="policy 'ppo-ambiguity' was trained with another"
+    ) as said_:
+        check_fit(policy, parameters, False)
+    assert str(said_.value).count(". ") == 0 and "--force" in str(said_.value)
+    with pytest.warns(InputWarning, match="it drives all the same"):
+        assert check_fit(policy, parameters, True) == found
+
+
+def test_what_is_the_same_fits(policy: ModelPolicy) -> None:
+    named = RangeScanner(scanner().parts, "another name", "described", "from a shop")
+    for same in (default_scanner(), named, RangeScanner.from_yaml_text(scanner().to_yaml())):
+        assert check_fit(policy, NavigationParameters(scanner=same), False) == {}
+    # What the policy leaves open fits, too.
+    free = ModelPolicy(policy.model)
+    assert check_fit(free, NavigationParameters(robot=Robot(radius=1.0)), False) == {}
+
+
+def test_each_field_of_sensor_and_robot_is_compared() -> None:
+    assert set(_ROBOT) == {field.name for field in fields(Robot)}
+    names = {field.name for field in fields(RangeSensor)} - {"name", "source", "calibration"}
+    assert set(_SENSOR) == names
+
+
+def test_any_other_beams_are_a_difference() -> None:
+    """The dumbest generator: one number of one beam at random."""
+    rng = np.random.default_rng(0)
+    mounts = np.column_stack([np.zeros((12, 2)), rng.uniform(-3.0, 3.0, 12)])
+    own = RangeScanner.from_mounts(SENSOR, mounts)
+    policy = ModelPolicy.__new__(ModelPolicy)
+    policy.environment = {"scanner": own}
+    assert differences(policy, NavigationParameters(scanner=own)) == {}
+    for _ in range(50):
+        other = mounts.copy()
+        other[rng.integers(12), rng.integers(3)] += rng.choice([-1.0, 1.0]) * 10 ** rng.uniform(
+            -6, 0
+        )
+        found = differences(
+            policy, NavigationParameters(scanner=RangeScanner.from_mounts(SENSOR, other))
+        )
+        assert "scanner" in found
+    swapped = [0] * 6 + [1] * 6
+    far = replace(SENSOR, max_range=8.0)
+    one, two = (
+        RangeScanner.from_mounts([SENSOR, far], mounts, index) for index in (swapped, swapped[::-1])
+    )
+    policy.environment = {"scanner": one}
+    assert "range" in difference_text(differences(policy, NavigationParameters(scanner=two)))
+
+
+WEIGHTS = {
+    "ppo-ambiguity": "e893d1fc1dc1a3b7fb99ae99d4317831ce276d4f96757dd363af94f4d5fb9a23",
+    "ppo-shortest": "8804bf9b4530d7b41c93e894ff3fecdc20b1ba8f85fedf451935591fad624b60",
+}
+"""SHA-256 of policy.pth as it was trained, before the cards were completed."""
+
+
+@pytest.mark.parametrize("name", WEIGHTS)
+def test_the_shipped_ones_say_what_they_were_trained_with(name: str, tmp_path: Path) -> None:
+    assert set(WEIGHTS) == set(baselines())
+    path = BASELINES / f"{name}.zip"
+    with zipfile.ZipFile(path) as archive:
+        (tmp_path / "policy.pth").write_bytes(archive.read("policy.pth"))
+    assert sha256(tmp_path / "policy.pth") == WEIGHTS[name]
+    card = read_card(path)
+    # As configs/ppo.yaml, which names neither: the environments' defaults, see the card's text.
+    told = RangeScanner.from_yaml_text(card.environment["scanner"]["yaml"])
+    assert told.parts == scanner().parts and Robot(**card.environment["robot"]) == Robot(
+        radius=0.22, max_speed=0.5, max_turn_rate=2.0, acceleration=2.5, turn_acceleration=3.2
+    )
+    assert "60 beams of 4 m" in path.with_suffix(".md").read_text()
+
+
+def test_completing_a_card_changes_nothing_else(tmp_path: Path) -> None:
+    shipped, older = BASELINES / "ppo-shortest.zip", tmp_path / "older.zip"
+    with zipfile.ZipFile(shipped) as source, zipfile.ZipFile(older, "w") as out:
+        for member in source.infolist():
+            content = source.read(member)
+            if member.filename == CARD:
+                plain = json.loads(content)
+                del plain["environment"]["scanner"], plain["environment"]["robot"]
+                content = json.dumps(plain).encode()
+            out.writestr(member, content)
+    assert complete_card(older) and not complete_card(older)
+    with zipfile.ZipFile(shipped) as one, zipfile.ZipFile(older) as other:
+        assert [m.date_time for m in one.infolist()] == [m.date_time for m in other.infolist()]
+        for name in one.namelist():
+            if name != CARD:
+                assert one.read(name) == other.read(name)
+    assert read_card(older).environment == read_card(shipped).environment
+
+
+# -- the three commands ----------------------------------------------------------------------
+
+SHORT = ("-n", "2", "max_steps=3", "longest=4", "--suite", "hall")
+HALF = (
+    "name: half\nparts:\n- sensor: {max_range: 12, std: 0.03, resolution: 0.01}\n"
+    "  planar: {beams: 60, aperture_deg: 180}\n"
+)
+
+
+@pytest.fixture
+def folder(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "half.yaml").write_text(HALF)
+    return tmp_path
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(app, list(words))
+
+
+def refused(done: Result) -> bool:
+    return (
+        done.exit_code == 2
+        and "trained with another" in done.stderr
+        and "--force" in done.stderr
+        and done.stderr.startswith("ambinav: error: ")
+        and done.stderr.count("\n") == 1
+    )
+
+
+def test_evaluate(folder: Path) -> None:
+    for changed, said in (
+        ("scanner=half.yaml", "aperture 360 degrees, here 180 degrees; range 4 m, here 12 m"),
+        ("robot={radius: 0.4}", "robot (radius 0.22 m, here 0.4 m)"),
+    ):
+        done = run("evaluate", "ppo-ambiguity", *SHORT, changed)
+        assert refused(done) and said in done.stderr, done.output
+        assert not (folder / "out").exists()
+    done = run("evaluate", "ppo-ambiguity", *SHORT, "robot={radius: 0.4}", "--force", "-o", "out")
+    assert done.exit_code == 0 and "not the robot it was trained with" in done.stdout, done.output
+    assert "note: policy 'ppo-ambiguity' was trained with another robot" in done.stderr
+    told = json.loads((folder / "out" / "evaluation.json").read_text())
+    assert told["differs"] == {"robot": ["radius 0.22 m, here 0.4 m"]}
+    done = run("evaluate", "ppo-ambiguity", *SHORT, "--json")
+    assert done.exit_code == 0 and not done.stderr and json.loads(done.stdout)["differs"] == {}
+
+
+def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ompl")
+    import importlib
+
+    monkeypatch.setattr(importlib.import_module("ambinav.cli.benchmark"), "QUICK_BUILDINGS", 1)
+    common = (*SHORT, "--quick", "--planner", "reference:1", "robot={radius: 0.3}", "-o", "out")
+    (folder / "mine.zip").write_bytes((BASELINES / "ppo-shortest.zip").read_bytes())
+    done = run("benchmark", *common, "--policy", "mine.zip")
+    assert done.exit_code == 2 and "policy 'mine' was trained with another robot" in done.stderr
+    # Of the shipped ones each is left out, and said to be.
+    done = run("benchmark", *common, "--json")
+    assert done.exit_code == 0, done.output
+    assert "left out: policy 'ppo-ambiguity' was trained with another robot" in done.stderr
+    assert not {"ppo-ambiguity"} & {m["name"] for m in json.loads(done.stdout)["methods"]}
+    done = run("benchmark", *common, "--json", "--force")
+    assert done.exit_code == 0, done.output
+    methods = {m["name"]: m for m in json.loads(done.stdout)["methods"]}
+    assert methods["ppo-ambiguity"]["differs"] == {"robot": ["radius 0.22 m, here 0.3 m"]}
+    assert methods["shortest"]["differs"] == {}
+    text = (folder / "out" / "report.md").read_text()
+    assert "**trained with another robot (radius 0.22 m, here 0.3 m)**" in text
+
+
+def test_compare(folder: Path) -> None:
+    own = {"parts": yaml.safe_load(scanner().to_yaml())["parts"]}
+    plain = {
+        **SCENARIO, "scanner": own, "robot": {"radius": 0.15}, "localizer": "ekf",
+        "routes": ["shortest", {"kind": "policy", "policy": "ppo-ambiguity"}],
+        "drive": {"runs": 2, "seed": 3},
+    }  # fmt: skip
+    path = str(write(folder, plain))
+    done = run("compare", path, "-o", "out", "-j", "1")
+    assert refused(done) and "radius 0.22 m, here 0.15 m" in done.stderr, done.output
+    assert not (folder / "out").exists()
+    done = run("compare", path, "-o", "out", "-j", "1", "--force", "--json")
+    assert done.exit_code == 0, done.output
+    assert "it drives all the same" in done.stderr
+    plans = {plan["route"]: plan for plan in json.loads(done.stdout)["plans"]}
+    assert plans["ppo-ambiguity"]["differs"] == "another robot (radius 0.22 m, here 0.15 m)"
+    for name in ("report.md", "report.html"):
+        assert "trained with another robot" in (folder / "out" / name).read_text()

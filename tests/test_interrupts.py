@@ -1,0 +1,257 @@
+"""Ctrl-C and termination: status 130 and 143 whenever they come, and never "our fault"."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from ambinav.cli.running import INTERRUPTED
+
+ROOT = Path(__file__).parents[1]
+DEMO = str(ROOT / "configs" / "demo.geojson")
+PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+
+KERNEL = """
+import signal, sys, time
+import numpy as np
+from typing import NamedTuple
+from numba import njit
+from ambinav.cli import interrupts
+
+class Two(NamedTuple):
+    one: np.ndarray
+    other: float
+
+@njit(nogil=True)
+def spun(count):
+    x = np.zeros(4)
+    for i in range(count):
+        x[i % 4] += np.sqrt(i + x[(i + 1) % 4])
+    return x
+
+@njit(nogil=True)
+def named(count):
+    return Two(spun(count), 1.0)
+
+@njit(nogil=True)
+def failed(count):
+    raise ValueError(spun(count)[0] > 0)
+
+def seconds(count):
+    start = time.perf_counter()
+    spun(count)
+    return time.perf_counter() - start
+
+spun(9), named(9)
+try:
+    failed(9)
+except ValueError:
+    pass
+count = int(1e6 * max(0.2 / seconds(1_000_000), 1.0))
+"""
+
+EACH = """
+{install}
+ended = set()
+for kernel in ({kernels}):
+    for delay in (0.03, 0.06, 0.1):
+        signal.setitimer(signal.ITIMER_REAL, delay)
+        try:
+            kernel(count)
+            time.sleep(1.0)
+            ended.add("nothing")
+        except BaseException as error:
+            ended.add(type(error).__name__)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+assert sys.gettrace() is None
+print(*sorted(ended))
+"""
+
+# The alarm stands for Ctrl-C: it can be set to a time.
+OURS = """
+interrupts.install()
+signal.signal(signal.SIGALRM, signal.getsignal(signal.{name}))
+"""
+
+
+def python(body: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", KERNEL + body],
+        env={**os.environ, "PYTHONPATH": PATHS},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def script(body: str) -> str:
+    done = python(body)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize(
+    ("name", "error"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "SystemExit")]
+)
+def test_a_signal_while_a_kernel_runs(name: str, error: str) -> None:
+    install = OURS.format(name=name)
+    assert script(EACH.format(install=install, kernels="spun, named, failed")) == error
+
+
+def test_numba_turns_an_interrupt_into_another_error() -> None:
+    """What is worked around: a kernel that returns a named tuple fails, or crashes the process.
+
+    If this fails numba has been repaired: drop `interrupts.GLUE`.
+    """
+    plain = "signal.signal(signal.SIGALRM, signal.default_int_handler)"
+    done = python(EACH.format(install=plain, kernels="named,"))
+    assert "SystemError" in done.stdout or done.returncode == -signal.SIGSEGV
+
+
+WITHIN = """
+import signal, sys
+from ambinav.cli import interrupts
+interrupts.install()
+try:
+    exec("import signal; signal.raise_signal(signal.SIGINT); x = 1")
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+def test_an_interrupt_within_a_text_that_is_executed(tmp_path: Path) -> None:
+    """As while modules are imported: Python would kill itself instead of ending with 130."""
+    for text, status in ((WITHIN, 130), (WITHIN.replace("interrupts.install()", ""), -2)):
+        (tmp_path / "within.py").write_text(text)
+        done = subprocess.run(
+            [sys.executable, "-m", "within"],
+            env={**os.environ, "PYTHONPATH": PATHS},
+            cwd=tmp_path,
+            timeout=60,
+        )
+        assert done.returncode == status
+
+
+SHARED = """
+import random
+import numba
+from ambinav.threads import run_rows
+interrupts.install()
+signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
+
+@njit(nogil=True)
+def doubled(low, high, x):
+    for i in range(low, high):
+        x[i] *= 2.0
+
+numba.set_num_threads(2)
+x = np.ones(64)
+run_rows(doubled, 64, x)
+came, end = 0, time.monotonic() + 4.0
+while time.monotonic() < end:
+    try:
+        signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-6, 3e-4))
+        while True:
+            x[:] = 1.0
+            run_rows(doubled, 64, x)
+    except KeyboardInterrupt:
+        came += 1
+x[:] = 1.0
+run_rows(doubled, 64, x)
+assert (x == 2.0).all() and came > 100, came
+print("done")
+"""
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="there are no threads to share with")
+def test_threads_share_on_after_interrupts() -> None:
+    """Also while rows are handed out: no lock stays taken, for the next call or Python's end."""
+    assert script(SHARED) == "done"
+
+
+def test_an_ignored_interrupt_stays_ignored() -> None:
+    assert (
+        script(
+            "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+            "interrupts.install()\n"
+            "print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN)"
+        )
+        == "True"
+    )
+
+
+def begin(folder: Path, words: Sequence[str]) -> subprocess.Popen[str]:
+    """A command in a group of processes of its own, as a shell starts it."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "ambinav.cli", *words],
+        env={
+            **os.environ,
+            "PYTHONPATH": PATHS,
+            "AMBINAV_CACHE": str(folder / "cache"),
+        },
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+SCENARIO = f"""
+environment: {DEMO}
+scanner: hokuyo-urg-04lx
+map: {{spacing: 0.4}}
+robot: {{radius: 0.105}}
+planning: {{margin: 0.05}}
+localizer: {{min_particles: 300, max_particles: 600}}
+pairs: [{{start: [3, 3], goal: [42, 20]}}]
+routes: [shortest, {{kind: reference, weight: 5}}]
+drive: {{runs: 400}}
+"""
+TRAINING = """
+algorithm: ppo
+steps: 100000000
+envs: 8
+environment: {id: ambinav/Hall-v0, buildings: 2}
+"""
+LASER = ("-s", "hokuyo-urg-04lx")
+COMMANDS = {
+    "audit": ("audit", DEMO, *LASER, "--spacing", "0.05", "-o", "out"),
+    "map": ("map", DEMO, *LASER, "--spacing", "0.03", "-o", "out.zarr"),
+    "compare": ("compare", "scenario.yaml", "-o", "out", "--jobs", "2"),
+    "benchmark": ("benchmark", "-o", "out", "--map", DEMO, "localizer=mcl"),
+    "evaluate": ("evaluate", "ppo-ambiguity", "-n", "5000", "localizer=mcl"),
+    "train": ("train", "training.yaml", "-o", "out"),
+}
+"""Long enough that none is done when the signal comes."""
+# Seconds after the start: while modules are imported, or kernels run; each end is waited for.
+MOMENTS = (1.5, 6.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_ctrl_c_ends_a_command_with_130(command: str, moment: float, tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("ompl")
+    (tmp_path / "scenario.yaml").write_text(SCENARIO)
+    (tmp_path / "training.yaml").write_text(TRAINING)
+    process = begin(tmp_path, COMMANDS[command])
+    try:
+        time.sleep(moment)
+        assert process.poll() is None, process.communicate()[1]
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == INTERRUPTED, said
+    assert "our fault" not in said and said.strip().endswith(".") and "interrupted" in said
