@@ -63,8 +63,8 @@ def build_map(
         radius: Radius of the neighbourhood that a pose is compared with, metres.
         headings: Number of headings, evenly from 0; None: one if the scanner looks all around
             (the map then has no theta axis), else 8.
-        map_std: Standard deviation of the walls' position, metres; None: the resolution of an
-            occupancy map, 0.02 for drawn polygons.
+        map_std: Standard deviation of the walls' position, metres; None: 0.03 for occupancy
+            maps, whatever their cells, and 0.02 for drawn polygons (`Environment.map_std`).
         progress: True for a progress bar on standard error, or a function that is called with
             the share done, from 0 to 1.
         tau: How many beams carry one independent piece of evidence, at least 1; None: as many

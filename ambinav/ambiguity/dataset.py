@@ -182,6 +182,7 @@ def _provenance(
         "environment": env.name,
         "environment_source": "" if env.source is None else str(env.source),
         "environment_sha256": env.checksum,
+        "environment_resolution": json.dumps(env.resolution),
         "environment_notes": json.dumps(list(env.notes)),
         "scanner": scanner.name,
         "scanner_yaml": scanner.to_yaml(),

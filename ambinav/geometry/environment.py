@@ -21,6 +21,10 @@ from ambinav.geometry.walk import walk_rays
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
+# Walls fitted to an occupancy map stand about this far from where a scanner meets them, metres:
+# measured in the logs of seven robots (benchmarks/bench_cells.py). Not the size of a cell, which
+# says how finely a map is stored, not how well it was surveyed: the fit averages over many cells.
+MAPPING_STD = 0.03
 # A segment lies on the border of the free space if its middle is this near to it, in metres.
 ON_BORDER = 1e-6
 
@@ -81,8 +85,8 @@ class Environment:
 
     @property
     def map_std(self) -> float:
-        """Standard deviation of the walls' position: the grid's resolution, or `DRAWING_STD`."""
-        return DRAWING_STD if self.resolution is None else self.resolution
+        """Standard deviation of the walls' position, metres: of a drawing, or of a recorded map."""
+        return DRAWING_STD if self.resolution is None else MAPPING_STD
 
     @cached_property
     def grid(self) -> SegmentGrid:

@@ -159,6 +159,7 @@ class AmbiguityMap:
             name=str(attrs["environment"]),
             source=Path(attrs["environment_source"]) if attrs.get("environment_source") else None,
             checksum=str(attrs.get("environment_sha256", "")),
+            resolution=json.loads(attrs.get("environment_resolution", "null")),
             notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
         )
 
