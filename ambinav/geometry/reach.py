@@ -181,8 +181,8 @@ def _rim_notes(environment: Environment, rim: BaseGeometry) -> list[str]:
     at = longest.interpolate(0.5, normalized=True)
     return [
         f"{_label(environment)}: free floor touches the rim of the map along {rim.length:,.1f} m, "
-        f"most of it around x = {at.x:.1f} m, y = {at.y:.1f} m: there the map ends, not the "
-        "building."
+        f"the longest stretch around x = {round(at.x, 1) + 0.0:.1f} m, "
+        f"y = {round(at.y, 1) + 0.0:.1f} m: there the map ends, not the building."
     ]
 
 

@@ -30,11 +30,6 @@ _ROW: Final = 0.62
 their caption and each row of them need below a wide one."""
 
 
-def colour_patch(colour: str, label: str) -> Patch:
-    """Entry of a legend for a colour of the floor."""
-    return Patch(facecolor=colour, edgecolor="#555555", linewidth=0.6, label=label)
-
-
 def make_room(axes: Axes, amap: AmbiguityMap, entries: int) -> None:
     """Enlarge a figure of `floor_axes`, so that the legend of routes does not shrink the floor.
 

@@ -12,7 +12,7 @@ from shapely import get_parts
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.drawing import FRONTIER_COLOUR, WALL_COLOUR
-from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, OUTSIDE_COLOUR, ZONES
+from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, UNKNOWN_COLOUR, ZONES
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.rendering.camera import Camera
 
@@ -29,7 +29,7 @@ def _rgb(colour: str) -> NDArray[np.float64]:
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
 
 
-_OUTSIDE = _rgb(OUTSIDE_COLOUR)
+_OUTSIDE = _rgb(UNKNOWN_COLOUR)
 _ZONES = np.array([(1.0 - PALE) * _rgb(colour) + PALE * 255.0 for colour in COLOURS])
 
 ZONE_COLOURS: Final = {

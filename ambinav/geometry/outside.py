@@ -1,0 +1,50 @@
+"""What lies outside of the free space: solid, or not known."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.occupancy import OCCUPIED
+
+MOST_SAMPLES: Final = 3
+"""Points along the side of a lattice's cell at which a finer grid is looked at, at most."""
+
+
+def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
+    """Cells of a lattice that are not free and known to be solid, bool, shape (R, C).
+
+    Over an occupancy grid those with an occupied cell in them (looked for at up to 3 x 3 points).
+    In a drawn plan those within the outline of a piece of free space: holes, obstacles, walls;
+    of what lies beyond nothing is known.
+    """
+    inside = _occupied(lattice) if lattice.environment.occupancy is not None else _drawn(lattice)
+    return inside & ~lattice.free
+
+
+def _occupied(lattice: Lattice) -> NDArray[np.bool_]:
+    grid = lattice.environment.occupancy
+    assert grid is not None
+    samples = min(max(math.ceil(lattice.spacing / grid.resolution - 1e-6), 1), MOST_SAMPLES)
+    offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * lattice.spacing
+    x = lattice.x[:, np.newaxis] + offsets
+    found = np.zeros(lattice.free.shape, dtype=np.bool_)
+    # Row by row: a building's lattice may have millions of cells.
+    for row, y in enumerate(lattice.y):
+        for offset in offsets:
+            state = grid.state_at(x, np.full_like(x, y + offset))
+            found[row] |= (state == OCCUPIED).any(axis=1)
+    return found
+
+
+def _drawn(lattice: Lattice) -> NDArray[np.bool_]:
+    parts = shapely.get_parts(lattice.environment.free).tolist()
+    outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
+    shapely.prepare(outlines)
+    x, y = np.meshgrid(lattice.x, lattice.y)
+    return np.asarray(shapely.contains_xy(outlines, x, y), dtype=np.bool_)
