@@ -114,7 +114,7 @@ def assemble(
     variables[schema.BACKDROP] = xr.DataArray(
         solid_cells(lattice),
         dims=("y", "x"),
-        attrs={"long_name": "not free, and known to be solid", "units": "bool"},
+        attrs={"long_name": "something in the cell is known to be solid", "units": "bool"},
     )
     segments = lattice.environment.segments
     variables["segments"] = xr.DataArray(

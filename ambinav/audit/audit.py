@@ -124,7 +124,7 @@ class Audit:
         listed = reasons[0]
         if len(reasons) > 1:
             listed = f"{', '.join(reasons[:-1])} and {reasons[-1]}"
-        return [f"Of the {metres2(free)} of free floor {listed}: they do not count."]
+        return [f"Of the {metres2(free)} of free floor, {listed}: they do not count."]
 
     def _worst(self) -> str:
         """The worst place, in a sentence."""

@@ -14,17 +14,19 @@ from ambinav.geometry.occupancy import OCCUPIED
 
 MOST_SAMPLES: Final = 3
 """Points along the side of a lattice's cell at which a finer grid is looked at, at most."""
+THICKEST: Final = 1.0
+"""Metres; in a drawn plan a thinner strip between two rooms is a wall."""
 
 
 def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
-    """Cells of a lattice that are not free and known to be solid, bool, shape (R, C).
+    """Cells of a lattice in which something is known to be solid, bool, shape (R, C).
 
-    Over an occupancy grid those with an occupied cell in them (looked for at up to 3 x 3 points).
-    In a drawn plan those within the outline of a piece of free space: holes, obstacles, walls;
-    of what lies beyond nothing is known.
+    Over an occupancy grid those with an occupied cell in them (looked for at up to 3 x 3 points),
+    also if the cell's centre is free. In a drawn plan those whose centre is not free but lies
+    within the outline of a piece of free space or between two pieces: holes, obstacles, walls of
+    up to `THICKEST`; of what lies beyond nothing is known.
     """
-    inside = _occupied(lattice) if lattice.environment.occupancy is not None else _drawn(lattice)
-    return inside & ~lattice.free
+    return _drawn(lattice) if lattice.environment.occupancy is None else _occupied(lattice)
 
 
 def _occupied(lattice: Lattice) -> NDArray[np.bool_]:
@@ -45,6 +47,9 @@ def _occupied(lattice: Lattice) -> NDArray[np.bool_]:
 def _drawn(lattice: Lattice) -> NDArray[np.bool_]:
     parts = shapely.get_parts(lattice.environment.free).tolist()
     outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
-    shapely.prepare(outlines)
+    # Closed in the sense of morphology: strips between rooms are filled, corners stay.
+    wide = shapely.buffer(outlines, 0.5 * THICKEST, join_style="mitre")
+    inside = shapely.union(outlines, shapely.buffer(wide, -0.5 * THICKEST, join_style="mitre"))
+    shapely.prepare(inside)
     x, y = np.meshgrid(lattice.x, lattice.y)
-    return np.asarray(shapely.contains_xy(outlines, x, y), dtype=np.bool_)
+    return np.asarray(shapely.contains_xy(inside, x, y) & ~lattice.free, dtype=np.bool_)

@@ -183,7 +183,10 @@ class AmbiguityMap:
 
     @property
     def solid(self) -> NDArray[np.bool_]:
-        """Mask, shape (ny, nx): not free, and known to be solid; maps of old know of none."""
+        """Mask, shape (ny, nx): something in the cell is known to be solid, free centre or not.
+
+        Maps of older versions know of none.
+        """
         if schema.BACKDROP not in self.dataset:
             return np.zeros_like(self._free)
         return np.asarray(self.dataset[schema.BACKDROP].values, dtype=np.bool_)

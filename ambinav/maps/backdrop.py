@@ -34,10 +34,12 @@ EDGE: Final = "#555555"
 
 def draw_backdrop(axes: Axes, amap: AmbiguityMap, unknown: str = UNKNOWN_COLOUR) -> None:
     """Fill what is not free, below everything: what is solid, and what is not known."""
-    picture = np.zeros((*amap.solid.shape, 4))
-    picture[~amap.dataset["free"].values] = to_rgba(unknown)
-    picture[amap.solid] = to_rgba(SOLID_COLOUR)
-    xmin, ymin, xmax, ymax = amap.bounds
+    # What the outermost cells are goes on beyond them.
+    padding = 3 + max(amap.solid.shape) // 50
+    solid = np.pad(amap.solid, padding, mode="edge")
+    picture = np.where(solid[..., np.newaxis], to_rgba(SOLID_COLOUR), to_rgba(unknown))
+    bounds = np.array(amap.bounds) + padding * amap.spacing * np.array([-1, -1, 1, 1])
+    xmin, ymin, xmax, ymax = bounds.tolist()
     limits = axes.get_xlim(), axes.get_ylim()
     axes.imshow(
         picture,
@@ -108,7 +110,7 @@ def outside_patches(amap: AmbiguityMap, bounds: Bounds) -> list[Patch]:
     )
     solid, free = amap.solid[shown], np.asarray(amap.dataset["free"].values)[shown]
     patches = []
-    if solid.any():
+    if (~free & solid).any():
         patches.append(colour_patch(SOLID_COLOUR, "solid"))
     if (~free & ~solid).any():
         patches.append(colour_patch(UNKNOWN_COLOUR, "unknown"))

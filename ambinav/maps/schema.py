@@ -37,8 +37,8 @@ AGGREGATES: Final = ("mean", "best", "worst")
 """Suffixes of the two-dimensional summaries over heading: `level_mean`, `level_best` ..."""
 
 BACKDROP: Final = "solid"
-"""Which cells that are not free are known to be solid, bool, over (y, x). Pictures are drawn over
-it; it is no layer. Maps of older versions lack it."""
+"""Cells with something in them that is known to be solid, bool, over (y, x). Pictures are drawn
+over it; it is no layer. Maps of older versions lack it."""
 
 _FLOOR: Final = ("y", "x")
 _LAYER_DIMS: Final = (_FLOOR, ("y", "x", "theta"))
