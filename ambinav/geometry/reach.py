@@ -108,7 +108,7 @@ def find_reach(
     if not pieces:
         raise InputError(
             f"{_label(environment)}: a robot of radius {radius:g} m fits nowhere, the widest place "
-            f"takes {_widest(environment, radius):.2g} m; give a smaller robot radius."
+            f"takes {_widest(environment, radius):g} m; give a smaller robot radius."
         )
     rim = _rim(environment)
     notes = _rim_notes(environment, rim)
@@ -122,7 +122,7 @@ def find_reach(
         if floor is not pieces[0]:
             notes.append(
                 f"{_label(environment)}: the largest piece of floor, of {pieces[0].area:,.0f} m², "
-                f"lies along {shares[0]:.0%} of the map's rim, as the margin of a page does, so "
+                f"lies along {100 * shares[0]:.0f} % of the map's rim, as the margin of a page does, so "
                 f"the next of {floor.area:,.0f} m² is taken; --from X Y takes another."
             )
     for note in notes:
@@ -149,7 +149,7 @@ def _pieces(fits: BaseGeometry) -> list[BaseGeometry]:
 
 
 def _widest(environment: Environment, radius: float) -> float:
-    """The largest radius that fits somewhere, below `radius`, to 1 % and rather less than more."""
+    """The largest radius that fits somewhere, below `radius`, rounded down to two digits."""
     low, high = 0.0, radius
     while high - low > 0.005 * high:
         middle = 0.5 * (low + high)
@@ -159,7 +159,10 @@ def _widest(environment: Environment, radius: float) -> float:
             low = middle
         else:
             high = middle
-    return 0.99 * low
+    if low == 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(low)) - 1)
+    return float(f"{math.floor(low / unit) * unit:.2g}")
 
 
 def _rim(environment: Environment) -> BaseGeometry:
