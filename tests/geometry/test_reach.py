@@ -99,9 +99,10 @@ def test_odd_numbers_are_refused():
             find_reach(environment, radius)
     with pytest.raises(InputError, match="two finite numbers"):
         find_reach(environment, 0.2, (math.nan, 1.0))
-    with pytest.raises(InputError, match=r"fits nowhere, the widest place takes 1\.8 m") as caught:
+    with pytest.raises(InputError, match=r"fits nowhere, the widest place takes 1\.9 m") as caught:
         find_reach(environment, 2.5)
     assert "give a smaller robot radius" in str(caught.value)
+    assert find_reach(environment, 1.9).reaches(1.9, 2.0)  # what is offered fits
 
 
 # -- maps -----------------------------------------------------------------------------------
