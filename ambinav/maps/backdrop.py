@@ -26,8 +26,8 @@ Bounds = tuple[float, float, float, float]
 
 STRIPES: Final = 90
 """Stripes of unexplored floor across the longer side of a picture."""
-LEAST_CELLS: Final = 4
-"""Cells from stripe to stripe, at least."""
+HALF_CELLS: Final = 2
+"""Cells across a stripe, at least."""
 EDGE: Final = "#555555"
 """Line around the colours of a legend."""
 
@@ -65,10 +65,10 @@ def paint_parts(
     """
     picture[parts.unreachable] = to_rgba(UNREACHABLE_COLOUR)
     size = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
-    period = max(size / STRIPES, LEAST_CELLS * amap.spacing)
-    x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
+    half = max(round(0.5 * size / STRIPES / amap.spacing), HALF_CELLS)
+    row, column = np.indices(parts.unexplored.shape)
     # At an angle of 45 degrees, as the hatching of the legend.
-    dark = np.mod(x - y, period) < 0.5 * period
+    dark = (column - row) % (2 * half) < half
     picture[parts.unexplored & dark] = to_rgba(UNEXPLORED_COLOUR)
     picture[parts.unexplored & ~dark] = to_rgba(UNKNOWN_COLOUR)
 
