@@ -122,8 +122,8 @@ def find_reach(
         if floor is not pieces[0]:
             notes.append(
                 f"{_label(environment)}: the largest piece of floor, of {pieces[0].area:,.0f} m², "
-                f"lies along {100 * shares[0]:.0f} % of the map's rim, as the margin of a page does, so "
-                f"the next of {floor.area:,.0f} m² is taken; --from X Y takes another."
+                f"lies along {100 * shares[0]:.0f} % of the map's rim, as the margin of a page "
+                f"does, so the next of {floor.area:,.0f} m² is taken; --from X Y takes another."
             )
     for note in notes:
         warnings.warn(note, InputWarning, stacklevel=2)

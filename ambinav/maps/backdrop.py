@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
@@ -28,15 +29,19 @@ STRIPES: Final = 90
 """Stripes of unexplored floor across the longer side of a picture."""
 HALF_CELLS: Final = 2
 """Cells across a stripe, at least."""
+THICK: Final = 5
+"""Cells across something solid from which it is a block, not a wall."""
 EDGE: Final = "#555555"
 """Line around the colours of a legend."""
 
 
 def draw_backdrop(axes: Axes, amap: AmbiguityMap, unknown: str = UNKNOWN_COLOUR) -> None:
     """Fill what is not free, below everything: what is solid, and what is not known."""
-    # What the outermost cells are goes on beyond them.
+    # Beyond the outermost cells blocks go on, walls do not.
     padding = 3 + max(amap.solid.shape) // 50
-    solid = np.pad(amap.solid, padding, mode="edge")
+    blocks = ndimage.binary_opening(amap.solid, np.ones((THICK, THICK)))
+    solid = np.pad(blocks, padding, mode="edge")
+    solid[padding:-padding, padding:-padding] = amap.solid
     picture = np.where(solid[..., np.newaxis], to_rgba(SOLID_COLOUR), to_rgba(unknown))
     bounds = np.array(amap.bounds) + padding * amap.spacing * np.array([-1, -1, 1, 1])
     xmin, ymin, xmax, ymax = bounds.tolist()

@@ -112,7 +112,7 @@ def test_what_has_room_is_at_least_the_radius_from_all_walls(place, amap, found)
 
 
 def test_unexplored_floor_is_a_row_of_its_own(amap, found):
-    x, y = cells(amap, found.parts.unexplored).T
+    x, _ = cells(amap, found.parts.unexplored).T
     # In the middle of the hall, which is wider than the corridor.
     assert len(x) > 20
     assert (x > 17.0).all()
