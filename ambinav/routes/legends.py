@@ -20,8 +20,10 @@ from ambinav.routes.drawing import root_figure
 FONT_SIZE: Final = 11
 _DROP: Final = 34.0
 """Points from the floor's lower edge to the routes' legend: scale bar and colours lie between."""
-_DROP_BESIDE: Final = 110.0
+_DROP_BESIDE: Final = 150.0
 """Points from the floor's upper edge to the routes' legend, where they stand beside the floor."""
+_SHORT: Final = 1.36
+"""Inches that a column of colours takes below a wide floor."""
 _WIDE: Final = 3.4
 _BESIDE: Final = 1.6
 _CAPTION: Final = 0.5
@@ -52,8 +54,13 @@ def floor_legend(axes: Axes, amap: AmbiguityMap, patches: Sequence[Patch]) -> No
     if drawing.is_tall(view(amap)):
         legend = _legend(axes, patches, 0.0, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     else:
-        # Entries of two lines are long ones: two columns leave room for the scale bar.
-        columns = 2 if any("\n" in str(patch.get_label()) for patch in patches) else len(patches)
+        # Entries of two lines are long ones: two columns leave room for the scale bar, whose the
+        # left quarter is.
+        most = int(0.75 * root_figure(axes).get_figwidth() / _SHORT)
+        if any("\n" in str(patch.get_label()) for patch in patches):
+            most = 2
+        rows = -(-len(patches) // max(most, 2))
+        columns = -(-len(patches) // rows)
         place = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.005), "ncol": columns}
         legend = _legend(axes, patches, 0.0, **place)
     _add(axes, legend)
