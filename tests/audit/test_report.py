@@ -188,6 +188,12 @@ def test_a_failed_report_leaves_the_earlier_one(examined, tmp_path, monkeypatch)
     assert [item.name for item in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_report_of_an_older_version_is_replaced(examined, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')
+    assert write_report(examined, tmp_path / "out").format == "ambinav-audit/2"
+
+
 def test_other_folders_are_never_replaced(tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("years of work")
