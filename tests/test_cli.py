@@ -79,6 +79,54 @@ def test_audit_writes_a_report(runner, folder):
     assert files(folder) == {"plan.geojson", "scanner.yaml", "out"}
 
 
+def test_audit_counts_what_the_robot_reaches(runner, folder):
+    result = runner.invoke(app, [*AUDIT, "--robot-radius", "0.25", "--from", "1", "1", "--json"])
+    assert result.exit_code == 0, result.output
+    floor = json.loads(result.stdout)["floor"]
+    assert (floor["robot_radius_m"], floor["from_m"]) == (0.25, [1.0, 1.0])
+    # Cells of 0.2 m: 13 x 13 of the room, 40 x 5 of the corridor.
+    assert floor["counted_area_m2"] == pytest.approx((13 * 13 + 40 * 5) * 0.04)
+    assert floor["free_area_m2"] == pytest.approx(21.0, abs=1.0)
+    text = runner.invoke(app, [*AUDIT, "--robot-radius", "0.8"]).output
+    assert "not reachable by a robot of 0.80 m" in " ".join(text.split())
+
+
+def test_the_scanner_says_how_large_its_robot_is(runner, folder):
+    (folder / "scanner.yaml").write_text(SCANNER + "robot_radius: 0.35\n")
+    result = runner.invoke(app, [*AUDIT, "--json"])
+    assert json.loads(result.stdout)["floor"]["robot_radius_m"] == 0.35
+    result = runner.invoke(app, [*AUDIT, "--json", "--robot-radius", "0.1"])
+    assert json.loads(result.stdout)["floor"]["robot_radius_m"] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--robot-radius", "0"], "--robot-radius: 0 is not above zero"),
+        (["--robot-radius", "nan"], "--robot-radius: nan is not above zero"),
+        (["--robot-radius", "3"], "fits nowhere, the widest place takes 1.5 m"),
+        (["--from", "0.1", "1.5"], "0.10 m from a wall, the footprint needs 0.2 m; the nearest"),
+        (["--from", "5", "2.8"], "the nearest place that fits is (5.00, 2.29), 0.51 m away"),
+        (["--from", "-40", "2"], "outside of the map"),
+        (["--from", "nan", "2"], "two finite numbers"),
+        (["--robot-radius", "1", "--from", "8", "1.7"], "the footprint needs 1 m"),
+    ],
+)
+def test_what_no_robot_can_do_is_refused(runner, folder, options, told):
+    result = runner.invoke(app, [*AUDIT, *options])
+    assert result.exit_code == 2
+    text = result.stderr.strip()
+    assert told in text and text.startswith("ambinav: error: ") and "\n" not in text
+    assert not (folder / "out").exists()
+
+
+def test_map_says_what_its_shares_are_of(runner, folder):
+    arguments = ["map", "plan.geojson", "-s", "scanner.yaml", "--spacing", "0.2", "-o", "m.zarr"]
+    data = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)
+    assert data["explored_area_m2"] + data["unexplored_area_m2"] == data["free_area_m2"]
+    assert "m^2 explored: localizable" in runner.invoke(app, arguments).output
+
+
 def test_audit_stores_the_map_that_map_makes(runner, folder):
     result = runner.invoke(app, [*AUDIT, "--map", "audit.zarr"])
     assert result.exit_code == 0 and "map: audit.zarr" in result.output

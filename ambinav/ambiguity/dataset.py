@@ -19,6 +19,8 @@ from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.tensor import classify, principal_axes, relative_radii
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.outside import solid_cells
+from ambinav.maps import schema
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.sensing.scanner import RangeScanner
 
@@ -109,6 +111,11 @@ def assemble(
     variables["free"] = xr.DataArray(
         lattice.free, dims=("y", "x"), attrs={"long_name": long_name, "units": units}
     )
+    variables[schema.BACKDROP] = xr.DataArray(
+        solid_cells(lattice),
+        dims=("y", "x"),
+        attrs={"long_name": "something in the cell is known to be solid", "units": "bool"},
+    )
     segments = lattice.environment.segments
     variables["segments"] = xr.DataArray(
         segments.xy,
@@ -184,6 +191,9 @@ def _provenance(
         "environment_sha256": env.checksum,
         "environment_resolution": json.dumps(env.resolution),
         "environment_notes": json.dumps(list(env.notes)),
+        "environment_extent": json.dumps(
+            [] if env.extent is None else shapely.get_coordinates(env.extent)[:4].tolist()
+        ),
         "scanner": scanner.name,
         "scanner_yaml": scanner.to_yaml(),
         "cost_layer": cost_layer(scanner),

@@ -18,6 +18,7 @@ from ambinav.audit.following import follow
 from ambinav.audit.links import Link, find_links
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.reach import Reach
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
 
@@ -39,11 +40,11 @@ class Alikes:
     """What an audit says of look-alikes.
 
     Attributes:
-        poses: Poses of the lattice they were or would have been sought on.
+        poses: Poses of the lattice they were or would have been sought on: explored and reached.
         spacing: Of that lattice, metres.
         sought: Whether they were sought.
         sought_from: From how many of the poses; the rest was followed from there.
-        share: Mean of `aliasing` over the floor, or over the poses that were sought from; NaN if
+        share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
             they were not sought.
         area: Square metres of floor from which a scan more probably places the robot elsewhere,
             as told by the same poses.
@@ -65,9 +66,12 @@ def find_alikes(
     wanted: bool | None = None,
     *,
     letters: int = 6,
+    reach: Reach | None = None,
     report: Callable[[float], None] | None = None,
 ) -> Alikes:
     """Seek the look-alikes of a map.
+
+    Unexplored poses take no part, nor do those that a robot does not reach: it never stands there.
 
     Those in the pose's own corridor or hall are left out of the links, for there the map itself
     says that the robot can slide; the share counts them.
@@ -77,6 +81,7 @@ def find_alikes(
         environment: What it was built of.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
         letters: How many regions to list with their look-alikes, at most.
+        reach: What the robot reaches; None: everything.
         report: Called with the share done.
     """
     ground = Ground.of(amap, environment)
@@ -84,20 +89,44 @@ def find_alikes(
     if spacing > amap.spacing:
         lattice = Lattice.over(environment, spacing)
         ground = dataclasses.replace(ground, lattice=lattice)
+    ground = dataclasses.replace(ground, lattice=_counted(amap, ground.lattice, reach))
     poses = pose_count(ground)
-    if not (poses <= MOST_POSES if wanted is None else wanted):
+    if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return Alikes(poses, spacing, False)
     found, sought = seek(amap, ground, report)
-    share = found.share[sought].mean(axis=1)
+    # A heading at which half of the beams end in unknown space tells nothing of the building.
+    told = np.isfinite(found.area[sought])
+    poses_told = np.maximum(told.sum(axis=1), 1)
+    share = np.where(told, found.share[sought], 0.0).sum(axis=1) / poses_told
+    share = share[told.any(axis=1)]
+    if not share.size:
+        return Alikes(0, spacing, False)
     return Alikes(
         poses,
         spacing,
         True,
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
-        float((share >= 0.5).mean()) * len(sought) * spacing**2,
+        float((share >= 0.5).mean()) * float(told.any(axis=1).mean()) * len(sought) * spacing**2,
         find_links(ground, found, letters),
     )
+
+
+def _counted(amap: AmbiguityMap, lattice: Lattice, reach: Reach | None) -> Lattice:
+    """The lattice with only those points free that are explored and reached."""
+    rows, columns = np.nonzero(lattice.free)
+    x, y = lattice.x[columns], lattice.y[rows]
+    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
+    column, row = (
+        np.clip(np.rint((at - grid[0]) / amap.spacing).astype(int), 0, len(grid) - 1)
+        for at, grid in ((x, grid_x), (y, grid_y))
+    )
+    counted = ~amap.unexplored[row, column]
+    if reach is not None:
+        counted &= reach.reaches(x, y)
+    free = np.zeros_like(lattice.free)
+    free[rows[counted], columns[counted]] = True
+    return dataclasses.replace(lattice, free=free)
 
 
 def seek(

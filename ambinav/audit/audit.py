@@ -10,16 +10,16 @@ from ambinav.audit.places import Place, find_places
 from ambinav.audit.sight import Sight, look
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.reach import ROBOT_RADIUS, Reach, find_reach
 from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
+from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
 from ambinav.sensing.scanner import RangeScanner
 
 _HEADING_MATTERS = 0.1
 """Difference in level between headings from which a best one is told."""
-
-
 _WORTH_TELLING = 0.005
-"""Share of the free floor from which what is unexplored is told."""
+"""Share of the free floor from which what does not count is told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,9 @@ class Audit:
         environment: The building.
         scanner: The scanner.
         heading: Which headings the figures are for: "mean", "best", "worst" or radians.
-        shares: Share and area of each zone, in the order of ZONES.
+        reach: What the robot reaches.
+        parts: Which floor counts: what is explored and reached.
+        shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
         alikes: Look-alikes, or None if nobody asked.
@@ -54,27 +56,33 @@ class Audit:
     environment: Environment
     scanner: RangeScanner
     heading: str | float
+    reach: Reach
+    parts: FloorParts
     shares: tuple[ZoneShare, ...]
     findings: tuple[Finding, ...]
     regions: int
     alikes: Alikes | None = None
 
     @property
-    def _unexplored(self) -> tuple[float, float]:
-        """Square metres that are unexplored, and how much of them is open."""
-        cells = self.amap.unexplored
-        open_cells = cells & (self.amap.floor("zone", self.heading).values == OPEN)
-        area = self.amap.spacing**2
-        return float(cells.sum()) * area, float(open_cells.sum()) * area
+    def area(self) -> float:
+        """Floor that counts: explored, and reached by the robot; square metres."""
+        return self.parts.area(self.parts.counted)
 
     @property
     def summary(self) -> str:
         """The result in a few sentences of plain words."""
-        area = self.amap.free_area
+        robot = f"a robot of radius {self.reach.radius:.2f} m"
+        free, unexplored = self.amap.free_area, self.parts.area(self.parts.unexplored)
+        if not self.area:
+            return (
+                f"Of the {metres2(free)} of free floor of {self.environment.name} {robot} reaches "
+                f"{metres2(unexplored)}, all of it unexplored: half of the beams of "
+                f"{self.scanner.name} or more end in unknown space, and nothing can be said."
+            )
         sentences = [
-            f"With {self.scanner.name} a robot can tell its position well on "
-            f"{percent(self.shares[LOCALIZABLE].share)} of the {metres2(area)} of free floor of "
-            f"{self.environment.name}."
+            f"With {self.scanner.name} {robot} can tell its position well on "
+            f"{percent(self.shares[LOCALIZABLE].share)} of the {metres2(self.area)} of explored "
+            f"floor that it reaches in {self.environment.name}."
         ]
         corridor, open_floor = self.shares[CORRIDOR], self.shares[OPEN]
         if corridor.area:
@@ -87,33 +95,47 @@ class Audit:
                 f"On {percent(open_floor.share)} ({metres2(open_floor.area)}) it has nothing to "
                 "hold on to in any direction."
             )
-        unexplored, open_there = self._unexplored
-        if unexplored >= _WORTH_TELLING * area:
-            sentences.append(
-                f"On {metres2(unexplored)}, {metres2(open_there)} of the open floor among them, "
-                "most beams end in unknown space (faded in the picture): there the map ends, and "
-                "no place is listed."
-            )
         if self.amap.has_theta and self.heading == "mean":
-            best, most = (self.amap.zone_shares(name) for name in ("best", "worst"))
+            best, most = (
+                self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
+            )
             sentences.append(
                 "These are means over all headings: always facing the best way it can tell its "
                 f"position well on {percent(best[LOCALIZABLE].share)}, always facing the worst way "
                 f"on {percent(most[LOCALIZABLE].share)}."
             )
-        if self.findings:
-            worst = self.findings[0].place
-            kind = "an open area" if worst.zone == "open" else "a corridor effect"
-            sentences.append(
-                f"The worst of {self.regions} places is {kind} over {metres2(worst.area)} "
-                f"around x = {worst.x:.1f} m, y = {worst.y:.1f} m."
-                if self.regions > 1
-                else f"The only bad place is {kind} over {metres2(worst.area)} around "
-                f"x = {worst.x:.1f} m, y = {worst.y:.1f} m."
-            )
-        else:
-            sentences.append("No place of notable size leaves it lost.")
+        sentences += [*self._left_out(free), self._worst()]
         return " ".join(sentences)
+
+    def _left_out(self, free: float) -> list[str]:
+        """What of the free floor does not count, in one sentence or none."""
+        reasons = [
+            f"{metres2(area)} {why}"
+            for cells, why in (
+                (self.parts.unexplored, "are unexplored (half of the beams or more end in unknown "
+                 "space)"),
+                (self.parts.cut_off, "lie where the robot cannot get to"),
+                (self.parts.beside_walls, "are nearer to a wall than its centre comes"),
+            )
+            if (area := self.parts.area(cells)) >= _WORTH_TELLING * free
+        ]  # fmt: skip
+        if not reasons:
+            return []
+        listed = reasons[0]
+        if len(reasons) > 1:
+            listed = f"{', '.join(reasons[:-1])} and {reasons[-1]}"
+        return [f"Of the {metres2(free)} of free floor, {listed}: they do not count."]
+
+    def _worst(self) -> str:
+        """The worst place, in a sentence."""
+        if not self.findings:
+            return "No place of notable size leaves it lost."
+        worst = self.findings[0].place
+        kind = "an open area" if worst.zone == "open" else "a corridor effect"
+        where = f"over {metres2(worst.area)} around x = {worst.x:.1f} m, y = {worst.y:.1f} m."
+        if self.regions > 1:
+            return f"The worst of {self.regions} places is {kind} {where}"
+        return f"The only bad place is {kind} {where}"
 
 
 def audit(
@@ -124,8 +146,11 @@ def audit(
     places: int = 10,
     heading: str | float = "mean",
     alikes: Alikes | None = None,
+    reach: Reach | None = None,
 ) -> Audit:
     """Find the worst places of a map and look at each through the scanner.
+
+    Only floor counts that is explored and that the robot reaches.
 
     Args:
         amap: The ambiguity map of this environment for this scanner.
@@ -134,24 +159,45 @@ def audit(
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
         alikes: Look-alikes to report, see `ambinav.audit.alikes.find_alikes`.
+        reach: What the robot reaches (`ambinav.geometry.reach.find_reach`); None: what a disc of
+            `robot_radius(scanner)` reaches of the largest piece.
 
     Raises:
-        InputError: a negative number of places, or no such heading.
+        InputError: a negative number of places, no such heading, a robot that fits nowhere, or
+            no cell of the map on floor that it reaches.
+
+    Warns:
+        InputWarning: see `find_reach`.
     """
     if places < 0:
         raise InputError(f"places: {places} is negative; give 0 or more.")
-    found = find_places(amap, None, heading)
+    if reach is None:
+        reach = find_reach(environment, robot_radius(scanner))
+    parts = FloorParts.of(amap, reach)
+    if not parts.reachable.any():
+        raise InputError(
+            f"spacing: none of the map's cells, {amap.spacing:g} m apart, lies on floor that a "
+            f"robot of radius {reach.radius:g} m reaches; give a smaller spacing."
+        )
+    found = find_places(amap, None, heading, parts=parts)
     findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
     return Audit(
         amap=amap,
         environment=environment,
         scanner=scanner,
         heading=heading,
-        shares=amap.zone_shares(heading),
+        reach=reach,
+        parts=parts,
+        shares=amap.zone_shares(heading, parts.counted),
         findings=findings,
         regions=len(found),
         alikes=alikes,
     )
+
+
+def robot_radius(scanner: RangeScanner) -> float:
+    """Radius of the robot where nobody gives one, metres: the scanner's, or `ROBOT_RADIUS`."""
+    return ROBOT_RADIUS if scanner.robot_radius is None else scanner.robot_radius
 
 
 def _look(environment: Environment, scanner: RangeScanner, place: Place) -> Sight:

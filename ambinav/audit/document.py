@@ -17,7 +17,7 @@ from ambinav.audit.sight import Sight
 from ambinav.maps import schema
 from ambinav.maps.zones import COLOURS, MEANINGS, ZONES
 
-FORMAT = "ambinav-audit/1"
+FORMAT = "ambinav-audit/2"
 
 FLOOR_ZONES = "floor-zones.png"
 FLOOR_LEVEL = "floor-level.png"
@@ -65,11 +65,35 @@ class ScannerPart(_Part):
     yaml: str = Field(description="the whole scanner, as a file that --scanner takes")
 
 
+class FloorPart(_Part):
+    """Which floor counts, and for which robot."""
+
+    robot_radius_m: Metres = Field(description="of the disc that covers the robot")
+    from_m: tuple[Metres, Metres] | None = Field(
+        description="x and y that the robot sets out from; null: in the largest piece of floor"
+    )
+    counted_area_m2: SquareMetres = Field(
+        description="explored, and the robot's centre can get there: what all shares are of"
+    )
+    unexplored_area_m2: SquareMetres = Field(
+        description="reached, but half of the beams or more end in unknown space"
+    )
+    unreachable_area_m2: SquareMetres = Field(description="free, but the centre cannot get there")
+    beside_walls_area_m2: SquareMetres = Field(
+        description="of that, nearer to a wall than the robot's radius"
+    )
+    cut_off_area_m2: SquareMetres = Field(description="of that, wide enough but cut off")
+    free_area_m2: SquareMetres = Field(description="all of these: the free cells of the map")
+    counted_share: Share = Field(description="of the free floor")
+    unexplored_share: Share = Field(description="of the free floor")
+    unreachable_share: Share = Field(description="of the free floor")
+
+
 class ZonePart(_Part):
-    """How much of the free floor lies in a zone."""
+    """How much of the explored, reachable floor lies in a zone."""
 
     zone: str
-    share: Share
+    share: Share = Field(description="of the explored, reachable floor")
     area_m2: SquareMetres
     share_best_heading: Share | None = Field(
         description="share if the robot always took the least ambiguous heading; "
@@ -84,8 +108,8 @@ class HeadingPart(_Part):
     """The whole floor with the robot at one heading."""
 
     heading_deg: Degrees
-    level: Share = Field(description="mean over the free floor")
-    shares: dict[str, Share] = Field(description="share of the free floor in each zone")
+    level: Share = Field(description="mean over the explored, reachable floor")
+    shares: dict[str, Share] = Field(description="share of that floor in each zone")
 
 
 class SightPart(_Part):
@@ -168,13 +192,14 @@ class AlikesPart(_Part):
 class Document(_Part):
     """The whole audit."""
 
-    format: Literal["ambinav-audit/1"] = "ambinav-audit/1"
+    format: Literal["ambinav-audit/2"] = "ambinav-audit/2"
     created: str = Field(description="ISO 8601, UTC; when the map was built")
     ambinav_version: str
     summary: str
     headings: str = Field(description="which headings the figures are for")
     environment: EnvironmentPart
     scanner: ScannerPart
+    floor: FloorPart
     zones: tuple[ZonePart, ...]
     by_heading: tuple[HeadingPart, ...] = Field(
         description="empty where the heading does not matter"
@@ -203,7 +228,7 @@ def document(audit: Audit) -> Document:
             bounds_m=audit.environment.bounds,
             free_area_m2=audit.amap.free_area,
             segments=len(audit.environment.segments),
-            notes=audit.environment.notes,
+            notes=(*audit.environment.notes, *audit.reach.notes),
         ),
         scanner=ScannerPart(
             name=audit.scanner.name,
@@ -215,6 +240,7 @@ def document(audit: Audit) -> Document:
             source=audit.scanner.source,
             yaml=audit.scanner.to_yaml(),
         ),
+        floor=_floor(audit),
         zones=_zones(audit),
         by_heading=_by_heading(audit),
         places=tuple(_place(finding) for finding in audit.findings),
@@ -253,12 +279,32 @@ def _headings(audit: Audit) -> str:
     return f"{math.degrees(audit.heading):.0f} degrees"
 
 
+def _floor(audit: Audit) -> FloorPart:
+    parts, free = audit.parts, audit.amap.free_area
+    counted, unexplored, unreachable = (
+        parts.area(cells) for cells in (parts.counted, parts.unexplored, parts.unreachable)
+    )
+    return FloorPart(
+        robot_radius_m=audit.reach.radius,
+        from_m=audit.reach.start,
+        counted_area_m2=counted,
+        unexplored_area_m2=unexplored,
+        unreachable_area_m2=unreachable,
+        beside_walls_area_m2=parts.area(parts.beside_walls),
+        cut_off_area_m2=parts.area(parts.cut_off),
+        free_area_m2=free,
+        counted_share=counted / free,
+        unexplored_share=unexplored / free,
+        unreachable_share=unreachable / free,
+    )
+
+
 def _zones(audit: Audit) -> tuple[ZonePart, ...]:
     best: list[float | None] = [None] * len(ZONES)
-    worst = best
+    worst, counted = best, audit.parts.counted
     if audit.amap.has_theta:
-        best = [share.share for share in audit.amap.zone_shares("best")]
-        worst = [share.share for share in audit.amap.zone_shares("worst")]
+        best = [share.share for share in audit.amap.zone_shares("best", counted)]
+        worst = [share.share for share in audit.amap.zone_shares("worst", counted)]
     return tuple(
         ZonePart(
             zone=name,
@@ -277,11 +323,13 @@ def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
     if not audit.amap.has_theta:
         return ()
     data = audit.amap.dataset
-    zone, free = data["zone"].transpose("theta", "y", "x").values, data["free"].values
-    level = data["level"].mean(("y", "x")).values
+    zone, counted = data["zone"].transpose("theta", "y", "x").values, audit.parts.counted
+    if not counted.any():
+        return ()
+    level = data["level"].transpose("theta", "y", "x").values[:, counted].mean(axis=1)
     parts = []
     for k, heading in enumerate(data["theta"].values.tolist()):
-        counts = np.bincount(zone[k][free], minlength=len(ZONES))[: len(ZONES)]
+        counts = np.bincount(zone[k][counted], minlength=len(ZONES))[: len(ZONES)]
         shares = dict(zip(ZONES, (counts / max(counts.sum(), 1)).tolist(), strict=True))
         parts.append(
             HeadingPart(heading_deg=math.degrees(heading), level=float(level[k]), shares=shares)

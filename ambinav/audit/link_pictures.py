@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 
 from ambinav.audit.links import Link
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.backdrop import outside_patches, paint_parts, part_patches
 from ambinav.maps.drawing import is_tall
+from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.plot import draw_image, finish, floor_axes, view
-from ambinav.maps.zones import OUTSIDE_COLOUR
 
 # Okabe and Ito: told apart by the colour-blind too; each colour also has a letter.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -28,18 +29,21 @@ EDGE = 0.01
 """So far from the picture's edge lines stay, as a share of its shorter side."""
 
 
-def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axes:
+def plot_links(
+    amap: AmbiguityMap, links: Sequence[Link], spacing: float, parts: FloorParts | None = None
+) -> Axes:
     """Draw regions that look alike on the plain floor.
 
     Args:
         amap: The map.
         links: The pairs; a colour and a letter for those that start at the same point.
         spacing: Of the poses that the regions are made of, metres.
+        parts: Which floor counts; None: all that is explored.
     """
     axes = floor_axes(amap)
-    picture = np.where(
-        amap.dataset["free"].values[..., np.newaxis], to_rgba(FLOOR), to_rgba(OUTSIDE_COLOUR)
-    )
+    picture = np.where(amap.dataset["free"].values[..., np.newaxis], to_rgba(FLOOR), 0.0)
+    parts = FloorParts.of(amap) if parts is None else parts
+    paint_parts(picture, amap, parts, view(amap))
     letters = list(dict.fromkeys(link.letter for link in links))
     colour = {letter: COLOURS[i % len(COLOURS)] for i, letter in enumerate(letters)}
     handles = []
@@ -47,10 +51,12 @@ def plot_links(amap: AmbiguityMap, links: Sequence[Link], spacing: float) -> Axe
     for letter in letters:
         own = [link for link in links if link.letter == letter]
         everywhere = np.concatenate([part for link in own for part in (link.cells, link.images)])
-        _paint(picture, amap, everywhere, spacing, _mixed(colour[letter], PALE))
-        _paint(picture, amap, _around(own, spacing), spacing, _mixed(colour[letter], DARK))
+        pale, dark = (_mixed(colour[letter], strength) for strength in (PALE, DARK))
+        _paint(picture, amap, parts.counted, everywhere, spacing, pale)
+        _paint(picture, amap, parts.counted, _around(own, spacing), spacing, dark)
         label = f"{letter} and {len(own)} look-alike{'s' if len(own) > 1 else ''}"
         handles.append(Patch(facecolor=_mixed(colour[letter], DARK), label=label))
+    handles += part_patches(amap, parts) + outside_patches(amap, view(amap))
     draw_image(axes, amap, picture)
     finish(axes, amap, "Places that look alike")
     tall = is_tall(view(amap))
@@ -147,12 +153,13 @@ def _mark(axes: Axes, letter: str, point: tuple[float, float], colour: str) -> N
 def _paint(
     picture: NDArray[np.float64],
     amap: AmbiguityMap,
+    counted: NDArray[np.bool_],
     points: NDArray[np.float64],
     spacing: float,
     colour: tuple[float, float, float],
 ) -> None:
-    """Colour the free cells around the points, which a lattice has or a turned one."""
-    rows, columns = np.nonzero(amap.dataset["free"].values)
+    """Colour the cells that count around the points, which a lattice has or a turned one."""
+    rows, columns = np.nonzero(counted)
     cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
     near, _ = cKDTree(points).query(cells)
     # Half the diagonal of a lattice's cell, and a little for look-alikes that lie farther apart.

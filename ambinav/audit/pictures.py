@@ -53,19 +53,19 @@ def save_pictures(
 def plot_floor(audit: Audit, name: str) -> Axes:
     """Draw one of the pictures that `floor_pictures` names, without the places."""
     if name == FLOOR_LEVEL:
-        return plot_layer(audit.amap, "level", heading=audit.heading)
+        return plot_layer(audit.amap, "level", heading=audit.heading, parts=audit.parts)
     if name == FLOOR_ZONES:
-        return plot_zones(audit.amap, heading=audit.heading)
+        return plot_zones(audit.amap, heading=audit.heading, parts=audit.parts)
     if name == FLOOR_ALIKES and audit.alikes is not None:
-        return plot_links(audit.amap, audit.alikes.links, audit.alikes.spacing)
+        return plot_links(audit.amap, audit.alikes.links, audit.alikes.spacing, audit.parts)
     for layer in schema.added(audit.amap.dataset):
         if name == layer_picture(layer):
-            return plot_layer(audit.amap, layer, heading=audit.heading)
+            return plot_layer(audit.amap, layer, heading=audit.heading, parts=audit.parts)
     # These two stand side by side.
     heading = {FLOOR_BEST: "best", FLOOR_WORST: "worst"}[name]
     axes = floor_axes(audit.amap, longest=8.0)
     title = f"Each point at its {heading} heading"
-    return plot_zones(audit.amap, axes, heading, legend=False, title=title)
+    return plot_zones(audit.amap, axes, heading, legend=False, title=title, parts=audit.parts)
 
 
 def mark_places(axes: Axes, places: Iterable[Place]) -> None:
@@ -105,4 +105,5 @@ def plot_finding(audit: Audit, finding: Finding) -> Axes:
         audit.environment.free,
         slide=slide,
         title=title,
+        amap=audit.amap,
     )

@@ -12,6 +12,7 @@ from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
 
 from ambinav.audit.regions import Labels, find_regions, passable
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
 
 Floats = NDArray[np.float64]
@@ -21,8 +22,9 @@ GAP = 1.0
 LEAST_AREA = 1.0
 """Square metres; smaller regions join a neighbour or are left out."""
 ROOM = 0.2
-"""Metres to the nearest wall from which floor counts: no robot stands in a narrower crack. Maps
-of real buildings have many, where the laser looked through a window or between chair legs."""
+"""Metres to the nearest wall from which floor counts where nobody says what a robot reaches: none
+stands in a narrower crack. Maps of real buildings have many, where the laser looked through a
+window or between chair legs."""
 _PRONOUNCED = 0.3
 """Difference of major and minor from which a weak direction is told."""
 
@@ -86,10 +88,12 @@ def find_places(
     *,
     gap: float = GAP,
     least_area: float = LEAST_AREA,
+    parts: FloorParts | None = None,
 ) -> tuple[Place, ...]:
     """Find the regions of corridor and open zones, the worst first.
 
-    Where most beams end in unknown space the map ends, and nothing is said of the building.
+    Where half of the beams or more end in unknown space the map ends, and nothing is said of the
+    building. Pieces of a region may lie apart on what is reachable but unexplored.
 
     Args:
         amap: The map.
@@ -97,6 +101,7 @@ def find_places(
         heading: "mean", "best", "worst" or radians, where the heading matters.
         gap: Metres, see `GAP`.
         least_area: Square metres, see `LEAST_AREA`.
+        parts: Which floor counts; None: all that is explored and at least `ROOM` from all walls.
 
     Returns:
         Places numbered from 1; empty if there are none.
@@ -108,17 +113,19 @@ def find_places(
         name: np.nan_to_num(amap.floor(name, heading).values.astype(np.float64))
         for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
     }
-    zone = np.where(amap.unexplored, TRANSITION, amap.floor("zone", heading).values)
+    room = ROOM if parts is None else 0.0
+    parts = FloorParts.of(amap) if parts is None else parts
+    zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
     axis = np.where(floor["major"] - floor["minor"] >= _PRONOUNCED, floor["direction"], np.nan)
     clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64))
     labels = find_regions(
         zone,
         (CORRIDOR, OPEN),
         axis,
-        passable(amap.dataset["free"].values, clearance, amap.spacing, ROOM),
+        passable(parts.reachable, clearance, amap.spacing, room),
         gap=round(gap / amap.spacing),
         least=max(1, round(least_area / amap.spacing**2)),
-        rim=2 * math.ceil(ROOM / amap.spacing),  # along the cells, into a corner
+        rim=2 * math.ceil(max(room, 0.5 * amap.spacing) / amap.spacing),  # into a corner
     )
     found = int(labels.max(initial=0))
     index = np.arange(1, found + 1)

@@ -12,6 +12,13 @@ from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.pictures import save_pictures
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.maps.floor_parts import unreachable_label
+from ambinav.maps.zones import (
+    UNEXPLORED_COLOUR,
+    UNEXPLORED_MEANING,
+    UNKNOWN_COLOUR,
+    UNREACHABLE_COLOUR,
+)
 from ambinav.pages import data_uri, fill
 
 JSON: Final = "report.json"
@@ -81,7 +88,27 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
     """
     filters = {"percent": percent, "metres2": metres2, "axis_degrees": axis_degrees}
     named = pictures or {name: name for name in _pictures(report)}
-    return fill("ambinav.audit", template, filters, report=report, pictures=named)
+    floor = report.floor
+    stripes = f"{UNKNOWN_COLOUR} 0 2px, {UNEXPLORED_COLOUR} 2px 4px"
+    unexplored = {
+        "meaning": UNEXPLORED_MEANING,
+        "swatch": f"repeating-linear-gradient(135deg, {stripes})",
+    }
+    unreachable = {
+        "label": unreachable_label(floor.robot_radius_m),
+        "meaning": f"{metres2(floor.cut_off_area_m2)} where it would fit but cannot get to, "
+        f"{metres2(floor.beside_walls_area_m2)} nearer to a wall than its centre comes",
+        "swatch": UNREACHABLE_COLOUR,
+    }
+    return fill(
+        "ambinav.audit",
+        template,
+        filters,
+        report=report,
+        pictures=named,
+        unexplored=unexplored,
+        unreachable=unreachable,
+    )
 
 
 def _pictures(report: Document) -> list[str]:
@@ -99,4 +126,6 @@ def _is_report(path: Path) -> bool:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return isinstance(content, dict) and content.get("format") == FORMAT
+    # Of whichever version: an older report may be replaced.
+    kind = FORMAT.split("/")[0]
+    return isinstance(content, dict) and str(content.get("format")).split("/")[0] == kind

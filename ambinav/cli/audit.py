@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,6 +45,8 @@ def audit(
     places: Annotated[
         int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
     ] = 10,
+    robot_radius: options.RobotRadius = None,
+    start: options.From = None,
     aliasing: Annotated[
         bool | None,
         typer.Option(
@@ -57,12 +59,15 @@ def audit(
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
 
+    Shares are of floor that is explored and that the robot reaches; the rest is listed beside.
+
     Writes report.html (stands alone), report.md, report.json and the pictures.
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out`
     """
     with reporting():
         options.check_numbers(spacing, radius, headings, map_std)
+        above_zero(robot_radius, "--robot-radius", "0.2")
         if places < 0:
             raise InputError(f"--places: {places} is negative; give 0 or more.")
         from ambinav.audit.report import check_output
@@ -82,6 +87,11 @@ def audit(
                 )
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing)
+        from ambinav.audit.audit import robot_radius as radius_of
+        from ambinav.geometry.reach import find_reach
+
+        # Before the long work: a start inside a wall is told at once.
+        reach = find_reach(environment, robot_radius or radius_of(chosen), start)
         with progress_bars(as_json) as bars:
             amap = options.make_map(
                 environment,
@@ -99,8 +109,10 @@ def audit(
 
             alikes = None
             if aliasing is not False:
-                alikes = find_alikes(amap, environment, aliasing, report=bars("look-alikes"))
-            found = examine(amap, environment, chosen, places=places, alikes=alikes)
+                alikes = find_alikes(
+                    amap, environment, aliasing, reach=reach, report=bars("look-alikes")
+                )
+            found = examine(amap, environment, chosen, places=places, alikes=alikes, reach=reach)
             report = write_report(found, output, progress=bars("report"))
             if keep is not None:
                 amap.save(keep)
@@ -118,13 +130,27 @@ def _show(report: Document, output: Path) -> None:
     from rich.text import Text
 
     from ambinav.audit.audit import axis_degrees, metres2, percent
+    from ambinav.maps.floor_parts import unreachable_label
 
     console = Console(highlight=False)
     zones = Table(box=None, pad_edge=False)
-    for title in ("zone", "share", "area"):
-        zones.add_column(title, justify="left" if title == "zone" else "right")
+    for title in ("floor", "area", "of explored, reachable", "of free"):
+        zones.add_column(title, justify="left" if title == "floor" else "right")
     for zone in report.zones:
-        zones.add_row(zone.zone, percent(zone.share), metres2(zone.area_m2))
+        zones.add_row(zone.zone, metres2(zone.area_m2), percent(zone.share), "")
+    floor = report.floor
+    for label, area, of_counted, of_free in (
+        ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
+        ("unexplored", floor.unexplored_area_m2, "", floor.unexplored_share),
+        (
+            unreachable_label(floor.robot_radius_m),
+            floor.unreachable_area_m2,
+            "",
+            floor.unreachable_share,
+        ),
+        ("free", floor.free_area_m2, "", 1.0),
+    ):
+        zones.add_row(label, metres2(area), of_counted, percent(of_free))
     console.print(Text(report.summary), "", zones, sep="\n")
     if report.places:
         worst = Table(box=None, pad_edge=False)
@@ -141,7 +167,7 @@ def _show(report: Document, output: Path) -> None:
                 f"{place.level:.2f}",
             )
         console.print("", worst, sep="\n")
-    if report.alikes and not report.alikes.sought:
+    if report.alikes and report.alikes.poses and not report.alikes.sought:
         left_out = f"look-alikes: not sought among {report.alikes.poses:,} poses; add --aliasing"
         console.print("", Text(left_out), sep="\n")
     if report.alikes and report.alikes.links:

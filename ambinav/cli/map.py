@@ -61,18 +61,23 @@ def build(
         seconds = time.perf_counter() - start
         amap.save(output)
         if as_json:
+            from ambinav.maps.floor_parts import FloorParts
+
+            parts = FloorParts.of(amap)
             result = {
                 "output": str(output),
                 "environment": environment.name,
                 "scanner": chosen.name,
                 "cells": int(amap.dataset["free"].sum()),
                 "free_area_m2": round(amap.free_area, 2),
+                "explored_area_m2": round(parts.area(parts.counted), 2),
+                "unexplored_area_m2": round(parts.area(parts.unexplored), 2),
                 "layers": list(schema.added(amap.dataset)),
                 "cost_layer": amap.cost_layer,
                 "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,
                 "zones": [
                     {"zone": s.zone, "share": round(s.share, 4), "area_m2": round(s.area, 2)}
-                    for s in amap.zone_shares()
+                    for s in amap.zone_shares(mask=parts.counted)
                 ],
                 "seconds": round(seconds, 3),
             }

@@ -69,6 +69,25 @@ Layers = Annotated[
         show_default="none",
     ),
 ]
+RobotRadius = Annotated[
+    float | None,
+    typer.Option(
+        "--robot-radius",
+        metavar="M",
+        help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
+        "count.",
+        show_default="the scanner's robot_radius, or 0.2",
+    ),
+]
+From = Annotated[
+    tuple[float, float] | None,
+    typer.Option(
+        "--from",
+        metavar="X Y",
+        help="A place that the robot sets out from, metres.",
+        show_default="the largest piece of floor",
+    ),
+]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
 ]

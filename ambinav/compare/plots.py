@@ -28,7 +28,6 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.plot import finish, view
-from ambinav.maps.zones import OUTSIDE_COLOUR
 from ambinav.routes.drawing import GOAL, START, draw_ends
 from ambinav.routes.files import trace
 from ambinav.routes.plot import plot_routes
@@ -176,14 +175,8 @@ def _explained(results: Sequence[Results], boxes: bool) -> list[Artist]:
 
 def _draw_floor(axes: Axes, amap: AmbiguityMap) -> None:
     """The free floor in white, so that only the routes have colours."""
-    free = amap.dataset["free"].values
-    picture = np.ones((*free.shape, 3))
-    outside = (
-        int(OUTSIDE_COLOUR[1:3], 16),
-        int(OUTSIDE_COLOUR[3:5], 16),
-        int(OUTSIDE_COLOUR[5:], 16),
-    )
-    picture[~free] = np.array(outside) / 255.0
+    picture = np.zeros((*amap.solid.shape, 4))
+    picture[amap.dataset["free"].values] = 1.0
     left, low, right, high = amap.bounds
     limits = axes.get_xlim(), axes.get_ylim()
     axes.imshow(

@@ -103,6 +103,8 @@ def environment_from_grid(
         checksum=grid.checksum,
         resolution=cell,
         notes=tuple(notes),
+        extent=shapely.Polygon(grid.outline()),
+        occupancy=grid,
     )
 
 

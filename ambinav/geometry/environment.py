@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -18,6 +19,9 @@ from ambinav.geometry.raycast import cast_rays, clearances
 from ambinav.geometry.segments import Segments
 from ambinav.geometry.triangulation import Triangulation
 from ambinav.geometry.walk import walk_rays
+
+if TYPE_CHECKING:
+    from ambinav.geometry.occupancy import OccupancyGrid
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
@@ -40,6 +44,9 @@ class Environment:
         checksum: SHA-256 of its files.
         resolution: Edge of a cell in metres if it came from an occupancy grid.
         notes: What was repaired or left out when it was read.
+        extent: What its source covers, the image of a map say, if floor may go on beyond the rim
+            of that; None where the floor ends at what is drawn.
+        occupancy: The grid that it came from, if it came from one.
 
     Raises:
         InputError: no free space, or no segment.
@@ -55,6 +62,8 @@ class Environment:
         checksum: str = "",
         resolution: float | None = None,
         notes: tuple[str, ...] = (),
+        extent: shapely.Polygon | None = None,
+        occupancy: OccupancyGrid | None = None,
     ) -> None:
         origin = str(source) if source is not None else name
         if free.is_empty or free.area <= 0.0:
@@ -68,6 +77,8 @@ class Environment:
         self.checksum = checksum
         self.resolution = resolution
         self.notes = notes
+        self.extent = extent
+        self.occupancy = occupancy
 
     def __repr__(self) -> str:
         """Name, size and counts."""
@@ -218,21 +229,28 @@ class Environment:
 
     def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:
         """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
-        turned = affinity.rotate(self.free, angle, origin=(0.0, 0.0), use_radians=True)
         return Environment(
             self.segments.transformed(angle, dx, dy),
-            affinity.translate(turned, dx, dy),
+            _moved(self.free, angle, dx, dy),
             name=self.name,
             source=self.source,
             checksum=self.checksum,
             resolution=self.resolution,
             notes=self.notes,
+            extent=None if self.extent is None else _moved(self.extent, angle, dx, dy),
+            occupancy=None if self.occupancy is None else self.occupancy.transformed(angle, dx, dy),
         )
 
     def _clearance(
         self, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
     ) -> NDArray[np.float64]:
         return clearances(self.grid, x, y, min(limit, 1e9))
+
+
+def _moved(shape: BaseGeometry, angle: float, dx: float, dy: float) -> BaseGeometry:
+    """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
+    turned = affinity.rotate(shape, angle, origin=(0.0, 0.0), use_radians=True)
+    return affinity.translate(turned, dx, dy)
 
 
 def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ import math
 import reprlib
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,6 +66,35 @@ class OccupancyGrid:
         v = np.asarray(row, dtype=np.float64) * self.resolution
         c, s = math.cos(yaw), math.sin(yaw)
         return x0 + c * u - s * v, y0 + s * u + c * v
+
+    def to_cells(self, x: Any, y: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Column and row of places in the map frame: the inverse of `to_world`."""
+        x0, y0, yaw = self.origin
+        dx = (np.asarray(x, dtype=np.float64) - x0) / self.resolution
+        dy = (np.asarray(y, dtype=np.float64) - y0) / self.resolution
+        c, s = math.cos(yaw), math.sin(yaw)
+        return c * dx + s * dy, c * dy - s * dx
+
+    def state_at(self, x: Any, y: Any) -> NDArray[np.uint8]:
+        """State of the cell at each place, metres in the map frame; unknown beyond the grid."""
+        column, row = (np.floor(values) for values in self.to_cells(x, y))
+        rows, columns = self.state.shape
+        within = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        found = np.full(np.shape(within), UNKNOWN, dtype=np.uint8)
+        found[within] = self.state[row[within].astype(np.intp), column[within].astype(np.intp)]
+        return found
+
+    def outline(self) -> NDArray[np.float64]:
+        """Corners of the grid in the map frame, counter-clockwise, metres, shape (4, 2)."""
+        rows, columns = self.state.shape
+        column, row = np.array([0, columns, columns, 0]), np.array([0, 0, rows, rows])
+        return np.stack(self.to_world(column, row), axis=1)
+
+    def transformed(self, angle: float, dx: float, dy: float) -> OccupancyGrid:
+        """Turn about the origin of the map frame by `angle` radians, then shift (metres)."""
+        x, y, yaw = self.origin
+        c, s = math.cos(angle), math.sin(angle)
+        return replace(self, origin=(c * x - s * y + dx, s * x + c * y + dy, yaw + angle))
 
 
 def load_map_server(yaml_path: str | Path) -> OccupancyGrid:

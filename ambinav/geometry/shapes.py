@@ -77,10 +77,11 @@ def environment_from_shapes(
     wall_list = [_line(label, "wall", k, s) for k, s in enumerate(walls)]
     opening_list = [_line(label, "opening", k, s) for k, s in enumerate(openings)]
     frontier = list(opening_list)
+    extent = None
     if room_list:
         free = shapely.union_all(room_list)
     else:
-        free = _box(label, bbox, [*solid_list, *wall_list, *opening_list])
+        free = extent = _box(label, bbox, [*solid_list, *wall_list, *opening_list])
         frontier.append(shapely.get_exterior_ring(free))
     free = shapely.difference(free, shapely.union_all(solid_list))
     parts = [p for p in _parts(free, shapely.Polygon) if p.area > SLIVER]
@@ -118,6 +119,7 @@ def environment_from_shapes(
         source=source,
         checksum=checksum,
         notes=tuple(remarks),
+        extent=extent,
     )
 
 

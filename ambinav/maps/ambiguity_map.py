@@ -26,12 +26,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ZoneShare:
-    """How much of the free floor lies in a zone.
+    """How much of the floor lies in a zone.
 
     Attributes:
         zone: Name of the zone.
         area: Square metres.
-        share: Of the whole free area, in [0, 1].
+        share: Of all the floor that counts, in [0, 1].
     """
 
     zone: str
@@ -153,6 +153,7 @@ class AmbiguityMap:
                 f"{self.source}: floor, the outline of the free space, cannot be read ({error}); "
                 "make the map again with `ambinav map`."
             ) from error
+        corners = json.loads(attrs.get("environment_extent", "[]"))
         return Environment(
             self.segments,
             free,
@@ -161,6 +162,7 @@ class AmbiguityMap:
             checksum=str(attrs.get("environment_sha256", "")),
             resolution=json.loads(attrs.get("environment_resolution", "null")),
             notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
+            extent=shapely.Polygon(corners) if corners else None,
         )
 
     @property
@@ -171,9 +173,24 @@ class AmbiguityMap:
         return np.asarray(np.nan_to_num(self.dataset["unknown"].values) >= UNEXPLORED)
 
     @property
+    def cell_area(self) -> float:
+        """Area of one cell, square metres."""
+        return self._step[0] * self._step[1]
+
+    @property
     def free_area(self) -> float:
         """Area of all free cells, square metres."""
-        return float(self._free.sum()) * self._step[0] * self._step[1]
+        return float(self._free.sum()) * self.cell_area
+
+    @property
+    def solid(self) -> NDArray[np.bool_]:
+        """Mask, shape (ny, nx): something in the cell is known to be solid, free centre or not.
+
+        Maps of older versions know of none.
+        """
+        if schema.BACKDROP not in self.dataset:
+            return np.zeros_like(self._free)
+        return np.asarray(self.dataset[schema.BACKDROP].values, dtype=np.bool_)
 
     @overload
     def sample(self, layer: str, x: float, y: float, theta: float | None = None) -> float: ...
@@ -273,18 +290,31 @@ class AmbiguityMap:
         coords = {"y": self.dataset["y"], "x": self.dataset["x"]}
         return xr.DataArray(values, coords, ("y", "x"), layer, self.dataset[layer].attrs)
 
-    def zone_shares(self, heading: str | float = "mean") -> tuple[ZoneShare, ...]:
+    def zone_shares(
+        self, heading: str | float = "mean", mask: NDArray[np.bool_] | None = None
+    ) -> tuple[ZoneShare, ...]:
         """Share and area of every zone of the free floor, in the order of ZONES.
 
+        Args:
+            heading: "mean", "best", "worst" or radians, where the heading matters.
+            mask: Cells that count, shape (ny, nx), say `FloorParts.counted`; None: all that are
+                free. Shares are of the free cells in it, 0 if there are none.
+
         Raises:
-            InputError: no such heading.
+            InputError: no such heading, or the mask has another shape.
         """
-        zone = self.floor("zone", heading).values[self._free].astype(np.intp)
+        counted = self._free
+        if mask is not None:
+            if mask.shape != self._free.shape:
+                raise InputError(
+                    f"mask has the shape {mask.shape}; the map's lattice has {self._free.shape}."
+                )
+            counted = self._free & mask
+        zone = self.floor("zone", heading).values[counted].astype(np.intp)
         counts = np.bincount(zone[zone < len(ZONES)], minlength=len(ZONES))
         total = max(int(counts.sum()), 1)
-        cell = self._step[0] * self._step[1]
         return tuple(
-            ZoneShare(name, float(count * cell), float(count / total))
+            ZoneShare(name, float(count * self.cell_area), float(count / total))
             for name, count in zip(ZONES, counts, strict=True)
         )
 
@@ -292,12 +322,15 @@ class AmbiguityMap:
         """Environment, scanner, size and shares of the zones, in a few lines."""
         ny, nx = self._free.shape
         headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
-        shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares())
+        explored = self._free & ~self.unexplored
+        area = float(explored.sum()) * self.cell_area
+        shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares(mask=explored))
         return (
             f"<AmbiguityMap of {self.dataset.attrs['environment']!r} "
             f"for {self.dataset.attrs['scanner']!r}\n"
             f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
-            f"{self.free_area:.0f} m^2 free: {shares}\n"
+            f"{self.free_area:.0f} m^2 free\n"
+            f"  of {area:.0f} m^2 explored: {shares}\n"
             f"  layers: {', '.join(self._layers)}\n"
             f"  costs read: {self.cost_layer}>"
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from ambinav.geometry.segments import Segments
-from ambinav.maps.zones import OUTSIDE_COLOUR
+from ambinav.maps.zones import UNKNOWN_COLOUR
 
 Floats = NDArray[np.float64]
 
@@ -59,9 +59,9 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
 
 
 def frame(
-    axes: Axes, bounds: tuple[float, float, float, float], outside: str = OUTSIDE_COLOUR
+    axes: Axes, bounds: tuple[float, float, float, float], outside: str = UNKNOWN_COLOUR
 ) -> None:
-    """Equal scales, no ticks, everything outside of the free space in one colour."""
+    """Equal scales, no ticks, one colour wherever nothing is drawn."""
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(bounds[0], bounds[2])
     axes.set_ylim(bounds[1], bounds[3])

@@ -7,16 +7,26 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize, to_hex, to_rgba
+from matplotlib.colors import LogNorm, Normalize, to_rgba
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps import drawing, schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, OUTSIDE_COLOUR, ZONES
+from ambinav.maps.backdrop import (
+    area_text,
+    colour_patch,
+    draw_backdrop,
+    outside_patches,
+    paint_parts,
+    part_patches,
+)
+from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.zones import COLOURS, NOT_FREE, UNKNOWN_COLOUR, ZONES
 
 Heading = str | float
 
@@ -26,11 +36,10 @@ _SHARES: Final = frozenset({"ambiguity", "major", "minor", "level", "heading"})
 WIDE: Final = 1e4
 """Ratio of the highest values to the lowest from which an added layer is drawn on a log scale."""
 
-MANY: Final = 6
-"""Entries of a legend from which it takes two rows."""
-
-FADE: Final = 0.65
-"""How far the colours of unexplored floor are faded into what lies outside."""
+COLUMN: Final = 2.0
+"""Inches below a picture that a column of its legend takes."""
+UNDER_BAR: Final = 34.0
+"""Points from a floor's lower edge to a legend that stands below the scale bar."""
 
 _BELOW: Final[dict[str, Any]] = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.01)}
 _BESIDE: Final[dict[str, Any]] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)}
@@ -54,8 +63,11 @@ def plot_zones(
     strokes: bool = True,
     legend: bool = True,
     title: str | None = None,
+    parts: FloorParts | None = None,
 ) -> Axes:
     """Draw the floor in the four zones, with walls and the weak direction.
+
+    Floor that is unexplored or not reached has no zone: it is hatched or grey.
 
     Args:
         amap: The map.
@@ -64,22 +76,23 @@ def plot_zones(
         strokes: Whether to draw the weak direction.
         legend: Whether to tell the colours, with share and area of each zone.
         title: None names the environment and the scanner.
+        parts: Which floor counts; None: all that is explored. Shares in the legend are of it.
 
     Raises:
         InputError: no such heading.
     """
     axes = floor_axes(amap) if ax is None else ax
-    palette = np.array([to_rgba(colour) for colour in (*COLOURS, OUTSIDE_COLOUR)])
+    parts = FloorParts.of(amap) if parts is None else parts
+    palette = np.array([*map(to_rgba, COLOURS), (0.0, 0.0, 0.0, 0.0)])
     zone = amap.floor("zone", heading).values
     picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
-    faded = amap.unexplored
-    picture[faded] = FADE * palette[-1] + (1.0 - FADE) * picture[faded]
+    paint_parts(picture, amap, parts, view(amap))
     draw_image(axes, amap, picture)
     finish(axes, amap, title or floor_title(amap, "Zones", heading))
     if strokes:
-        _strokes(axes, amap, heading)
+        _strokes(axes, amap, heading, parts)
     if legend:
-        _legend(axes, amap, heading, strokes)
+        _legend(axes, amap, heading, strokes, parts)
     return axes
 
 
@@ -91,6 +104,7 @@ def plot_layer(
     *,
     strokes: bool = False,
     title: str | None = None,
+    parts: FloorParts | None = None,
 ) -> Axes:
     """Draw one layer on a continuous scale with a colour bar; dark is badly localized.
 
@@ -101,6 +115,8 @@ def plot_layer(
         heading: "mean", "best", "worst" or radians, where the heading matters.
         strokes: Whether to draw the weak direction too.
         title: None names the layer, the environment and the scanner.
+        parts: Which floor counts; what does not is hatched or grey, with a legend. None: the layer
+            is drawn wherever it has a value.
 
     Raises:
         InputError: no such layer or heading, or a layer of classes.
@@ -116,25 +132,34 @@ def plot_layer(
         values, units = np.degrees(values), "degrees"
         top = 180.0 if schema.is_axis(layer) else 360.0
         # The only cyclic scale that is perceptually uniform passes through a near white, hence
-        # the darker grey outside.
-        norm, colours, outside = Normalize(0.0, top), "twilight", "#A6A6A6"
+        # the darker grey of what is not known.
+        norm, colours, unknown = Normalize(0.0, top), "twilight", "#A6A6A6"
         values = np.mod(values, top)
     else:
         # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
-        # are the dark ones. cividis fades into the grey outside.
+        # are the dark ones. cividis fades into the greys.
         worse = data.attrs.get("worse", "high")
-        colours, outside = "viridis_r" if worse == "high" else "viridis", OUTSIDE_COLOUR
+        colours, unknown = "viridis_r" if worse == "high" else "viridis", UNKNOWN_COLOUR
+        if parts is not None:
+            values = np.where(parts.counted, values, np.nan)
         norm = _scale(layer, values, added="worse" in data.attrs)
         values = np.clip(values, norm.vmin, norm.vmax)
+    if parts is not None:
+        values = np.where(parts.counted, values, np.nan)
+        others = np.zeros((*values.shape, 4))
+        paint_parts(others, amap, parts, view(amap))
+        draw_image(axes, amap, others)
     image = draw_image(axes, amap, values, cmap=colours, norm=norm)
     finish(
         axes,
         amap,
         title or floor_title(amap, layer.replace("_", " ").capitalize(), heading),
-        outside,
+        unknown,
     )
     if strokes:
-        _strokes(axes, amap, heading)
+        _strokes(axes, amap, heading, FloorParts.of(amap) if parts is None else parts)
+    if parts is not None:
+        _legend_of_parts(axes, amap, parts, unknown)
     bar = axes.figure.colorbar(
         image, ax=axes, location="right", fraction=0.03, pad=0.01, aspect=30, shrink=0.8
     )
@@ -143,30 +168,23 @@ def plot_layer(
     return axes
 
 
-def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> None:
+def _legend(
+    axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool, parts: FloorParts
+) -> None:
     handles: list[Patch | Line2D] = [
-        Patch(
-            facecolor=colour,
-            edgecolor="#555555",
-            linewidth=0.6,
-            label=f"{share.zone}\n{share.share:.0%}, {area_text(share.area)}",
-        )
-        for share, colour in zip(amap.zone_shares(heading), COLOURS, strict=True)
+        colour_patch(colour, f"{share.zone}\n{share.share:.0%}, {area_text(share.area)}")
+        for share, colour in zip(amap.zone_shares(heading, parts.counted), COLOURS, strict=True)
     ]
-    faded = float(amap.unexplored.sum()) * amap.spacing**2
-    if faded:
-        handles.append(
-            Patch(
-                facecolor=unexplored_colour(),
-                edgecolor="#555555",
-                linewidth=0.6,
-                label=f"unexplored\n{area_text(faded)}",
-            )
-        )
+    handles += part_patches(amap, parts)
+    handles += outside_patches(amap, view(amap))
     if strokes:
         handles.append(
             Line2D([], [], color=drawing.WALL_COLOUR, linewidth=1.7, label="weak\ndirection")
         )
+    # A quarter of the width is the scale bar's.
+    width = 0.75 * axes.get_figure(root=True).get_figwidth()  # type: ignore[union-attr]
+    rows = -(-len(handles) // max(int(width / COLUMN), 2))
+    columns = -(-len(handles) // rows)
     axes.legend(
         handles=handles,
         frameon=False,
@@ -174,16 +192,32 @@ def _legend(axes: Axes, amap: AmbiguityMap, heading: Heading, strokes: bool) -> 
         handlelength=1.6,
         columnspacing=1.4,
         borderaxespad=0.2,
-        **_BESIDE
-        if drawing.is_tall(view(amap))
-        else {**_BELOW, "ncol": len(handles) if len(handles) < MANY else (len(handles) + 1) // 2},
+        **_BESIDE if drawing.is_tall(view(amap)) else {**_BELOW, "ncol": columns},
     )
 
 
-def unexplored_colour() -> str:
-    """What open floor is faded to where it is not explored."""
-    outside, lost = np.array(to_rgba(OUTSIDE_COLOUR)), np.array(to_rgba(COLOURS[OPEN]))
-    return to_hex(tuple((FADE * outside + (1.0 - FADE) * lost).tolist()))
+def _legend_of_parts(axes: Axes, amap: AmbiguityMap, parts: FloorParts, unknown: str) -> None:
+    """Tell what is hatched or grey, below the scale bar: the colour bar stands beside."""
+    handles = part_patches(amap, parts) + outside_patches(amap, view(amap))
+    for handle in handles:
+        if handle.get_label() == "unknown":
+            handle.set_facecolor(unknown)
+    figure = axes.get_figure(root=True)
+    if not handles or figure is None:
+        return
+    down = ScaledTranslation(0.0, -UNDER_BAR / 72.0, figure.dpi_scale_trans)
+    axes.legend(
+        handles=handles,
+        frameon=False,
+        fontsize=11,
+        handlelength=1.6,
+        columnspacing=1.4,
+        borderaxespad=0.2,
+        loc="upper left",
+        bbox_to_anchor=(0.0, 0.0),
+        bbox_transform=axes.transAxes + down,
+        ncol=2 if drawing.is_tall(view(amap)) else len(handles),
+    )
 
 
 def view(amap: AmbiguityMap) -> tuple[float, float, float, float]:
@@ -215,22 +249,24 @@ def draw_image(
     )
 
 
-def finish(axes: Axes, amap: AmbiguityMap, title: str, outside: str = OUTSIDE_COLOUR) -> None:
-    """Add what every picture of a floor has: frame, walls, scale bar and title."""
-    drawing.frame(axes, view(amap), outside)
+def finish(axes: Axes, amap: AmbiguityMap, title: str, unknown: str = UNKNOWN_COLOUR) -> None:
+    """Add what every picture of a floor has: frame, backdrop, walls, scale bar and title."""
+    drawing.frame(axes, view(amap), unknown)
+    draw_backdrop(axes, amap, unknown)
     drawing.draw_walls(axes, amap.segments)
     drawing.draw_scale_bar(axes)
     axes.set_title(title, fontsize=13, loc="left")
 
 
-def _strokes(axes: Axes, amap: AmbiguityMap, heading: Heading) -> None:
+def _strokes(axes: Axes, amap: AmbiguityMap, heading: Heading, parts: FloorParts) -> None:
     major, minor, direction = (
         amap.floor(name, heading).values.astype(np.float64)
         for name in ("major", "minor", "direction")
     )
     x, y = amap.dataset["x"].values, amap.dataset["y"].values
     depth = amap.dataset["clearance"].values.astype(np.float64)
-    drawing.draw_weak_direction(axes, x, y, direction, major - minor, depth)
+    strength = np.where(parts.counted, major - minor, np.nan)
+    drawing.draw_weak_direction(axes, x, y, direction, strength, depth)
 
 
 def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
@@ -259,8 +295,3 @@ def _scale(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize
         if most > WIDE * least:
             return LogNorm(max(float(least), 1e-9 * high), high)
     return Normalize(low, high if high > low else low + 1.0)
-
-
-def area_text(area: float) -> str:
-    """An area in square metres as a legend tells it."""
-    return f"{area:.0f} m²" if area >= 10 else f"{area:.1f} m²"

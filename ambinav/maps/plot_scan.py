@@ -10,14 +10,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, FancyArrowPatch, Patch, Polygon, Wedge
+from matplotlib.patches import Circle, FancyArrowPatch, Patch, PathPatch, Polygon, Wedge
+from matplotlib.path import Path
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 from shapely import Polygon as ShapelyPolygon
 
 from ambinav.geometry.segments import Segments
 from ambinav.maps import drawing
-from ambinav.maps.zones import OUTSIDE_COLOUR
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.backdrop import draw_backdrop
+from ambinav.maps.zones import UNKNOWN_COLOUR
 
 Floats = NDArray[np.float64]
 
@@ -76,6 +79,7 @@ def plot_scan(
     *,
     slide: tuple[float, float] | None = None,
     title: str = "",
+    amap: AmbiguityMap | None = None,
 ) -> Axes:
     """Draw a scan over the walls: beams that return, beams without echo, the robot.
 
@@ -87,12 +91,16 @@ def plot_scan(
         slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
             as a double arrow, never shorter than can be seen.
         title: Above the picture.
+        amap: A map of the building, which knows what is solid around the free space; None: all
+            around it is drawn as unknown.
     """
     reach = _reach(scan)
     bounds = (scan.x - reach, scan.y - reach, scan.x + reach, scan.y + reach)
     axes = drawing.new_axes(bounds, longest=6.4) if ax is None else ax
-    drawing.frame(axes, bounds, "white" if free is None else OUTSIDE_COLOUR)
+    drawing.frame(axes, bounds, "white" if free is None else UNKNOWN_COLOUR)
     if free is not None:
+        if amap is not None:
+            draw_backdrop(axes, amap)
         _draw_free(axes, free, bounds)
     drawing.draw_walls(axes, segments, width=1.5)
     returned = np.isfinite(scan.distance)
@@ -122,11 +130,9 @@ def _draw_free(
     shown = free.intersection(ShapelyPolygon.from_bounds(*bounds))
     for part in getattr(shown, "geoms", [shown]):
         if isinstance(part, ShapelyPolygon) and not part.is_empty:
-            axes.add_patch(Polygon(np.asarray(part.exterior.coords), color="white", zorder=1.0))
-            for hole in part.interiors:
-                axes.add_patch(
-                    Polygon(np.asarray(hole.coords), color=OUTSIDE_COLOUR, linewidth=0, zorder=1.1)
-                )
+            rings = [np.asarray(ring.coords) for ring in (part.exterior, *part.interiors)]
+            outline = Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
+            axes.add_patch(PathPatch(outline, facecolor="white", linewidth=0, zorder=1.0))
 
 
 def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:

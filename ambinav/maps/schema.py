@@ -28,13 +28,17 @@ REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 
 CORE: Final = frozenset(
     {*REQUIRED_LAYERS, "heading", "heading_radius", "unknown", "best_heading", "segments",
-     "segment_kind", "floor", "x", "y", "theta"}
+     "segment_kind", "floor", "solid", "x", "y", "theta"}
 ) - {"clearance"}  # fmt: skip
 """Names of what every map is made of: no layer that is added may take one. `clearance` may be
 asked for as a layer too, and is the same."""
 
 AGGREGATES: Final = ("mean", "best", "worst")
 """Suffixes of the two-dimensional summaries over heading: `level_mean`, `level_best` ..."""
+
+BACKDROP: Final = "solid"
+"""Cells with something in them that is known to be solid, bool, over (y, x). Pictures are drawn
+over it; it is no layer. Maps of older versions lack it."""
 
 _FLOOR: Final = ("y", "x")
 _LAYER_DIMS: Final = (_FLOOR, ("y", "x", "theta"))
@@ -66,7 +70,11 @@ def is_nearest(layer: str) -> bool:
 def layers(dataset: xr.Dataset) -> tuple[str, ...]:
     """Names of the variables over (y, x) or (y, x, theta), sorted."""
     return tuple(
-        sorted(str(name) for name, values in dataset.items() if values.dims in _LAYER_DIMS)
+        sorted(
+            str(name)
+            for name, values in dataset.items()
+            if values.dims in _LAYER_DIMS and name != BACKDROP
+        )
     )
 
 
@@ -113,6 +121,11 @@ def check(dataset: xr.Dataset, source: str) -> None:
                 f"{source}: layer {name} has the dimensions {dims}, an ambiguity map has "
                 "(y, x) or (y, x, theta); make one with `ambinav map`."
             )
+    if BACKDROP in dataset and dataset[BACKDROP].dims != _FLOOR:
+        raise InputError(
+            f"{source}: {BACKDROP} has the dimensions {dataset[BACKDROP].dims}, an ambiguity map "
+            "has (y, x); make one with `ambinav map`."
+        )
     shape = dataset["segments"].shape
     if len(shape) != 2 or shape[1] != 4 or dataset["segment_kind"].shape != shape[:1]:
         raise InputError(

@@ -24,10 +24,20 @@ COLOURS: Final = ("#5B9FCC", "#FFFFFF", "#FDB92E", "#B5172B")
 
 UNEXPLORED: Final = 0.5
 """Where this share of the beams ends in unknown space, it is the map that ends, not the building:
-the floor is drawn faded and makes no bad place."""
+the floor is drawn hatched and makes no bad place."""
 
-OUTSIDE_COLOUR: Final = "#D4D4D4"
-"""Fill of what is not free."""
+SOLID_COLOUR: Final = "#858585"
+"""Fill of what is not free and known to be solid: walls, obstacles, the inside of blocks."""
+UNREACHABLE_COLOUR: Final = "#B2B2B2"
+"""Fill of free floor that a robot cannot reach."""
+UNKNOWN_COLOUR: Final = "#E1E1E1"
+"""Fill of what is not known. The three greys differ by steps of 18 % in lightness."""
+UNEXPLORED_COLOUR: Final = "#A88FC4"
+"""Stripes, on `UNKNOWN_COLOUR`, of free floor that is not explored: a pattern, for whoever tells
+no colours apart."""
+UNEXPLORED_MEANING: Final = (
+    "half of the beams or more end in unknown space: there the map ends, not the building"
+)
 
 MEANINGS: Final = (
     "the scan changes whichever way the robot moves: position is well determined",

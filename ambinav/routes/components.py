@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import area_text, draw_image, finish, floor_axes
-from ambinav.maps.zones import OUTSIDE_COLOUR
+from ambinav.maps.backdrop import area_text, colour_patch, outside_patches
+from ambinav.maps.plot import draw_image, finish, floor_axes, view
+from ambinav.maps.zones import UNREACHABLE_COLOUR
 from ambinav.routes.drawing import GOAL, START, draw_ends, root_figure
-from ambinav.routes.legends import colour_patch, floor_legend
+from ambinav.routes.legends import floor_legend
 
 FROM_START: Final = "#5B3A8E"
 FROM_GOAL: Final = "#8FD694"
 FROM_NEITHER: Final = "#FFFFFF"
-NO_ROOM: Final = "#B9B9B9"
+NO_ROOM: Final = UNREACHABLE_COLOUR
 """Fill of floor by what it can be reached from; dark and light, none a colour of the zones."""
 
 
@@ -66,8 +67,7 @@ def plot_components(
         (FROM_NEITHER, "reachable from neither", fits & ~from_start & ~from_goal),
         (NO_ROOM, "no room for the robot", free & (labels < 0)),
     ]
-    picture = np.empty((*free.shape, 4))
-    picture[:] = to_rgba(OUTSIDE_COLOUR)
+    picture = np.zeros((*free.shape, 4))
     for colour, _, cells in entries:
         picture[cells] = to_rgba(colour)
     axes = floor_axes(amap) if ax is None else ax
@@ -81,6 +81,7 @@ def plot_components(
             colour_patch(colour, f"{text}\n{area_text(float(cells.sum()) * amap.spacing**2)}")
             for colour, text, cells in entries
             if cells.any()
-        ],
+        ]
+        + outside_patches(amap, view(amap)),
     )
     return root_figure(axes)

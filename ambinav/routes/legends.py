@@ -20,19 +20,16 @@ from ambinav.routes.drawing import root_figure
 FONT_SIZE: Final = 11
 _DROP: Final = 34.0
 """Points from the floor's lower edge to the routes' legend: scale bar and colours lie between."""
-_DROP_BESIDE: Final = 110.0
+_DROP_BESIDE: Final = 150.0
 """Points from the floor's upper edge to the routes' legend, where they stand beside the floor."""
+_SHORT: Final = 1.36
+"""Inches that a column of colours takes below a wide floor."""
 _WIDE: Final = 3.4
 _BESIDE: Final = 1.6
 _CAPTION: Final = 0.5
 _ROW: Final = 0.62
 """Inches: of a column of routes; what routes need beside a tall building more than colours; what
 their caption and each row of them need below a wide one."""
-
-
-def colour_patch(colour: str, label: str) -> Patch:
-    """Entry of a legend for a colour of the floor."""
-    return Patch(facecolor=colour, edgecolor="#555555", linewidth=0.6, label=label)
 
 
 def make_room(axes: Axes, amap: AmbiguityMap, entries: int) -> None:
@@ -57,8 +54,13 @@ def floor_legend(axes: Axes, amap: AmbiguityMap, patches: Sequence[Patch]) -> No
     if drawing.is_tall(view(amap)):
         legend = _legend(axes, patches, 0.0, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     else:
-        # Entries of two lines are long ones: two columns leave room for the scale bar.
-        columns = 2 if any("\n" in str(patch.get_label()) for patch in patches) else len(patches)
+        # Entries of two lines are long ones: two columns leave room for the scale bar, whose the
+        # left quarter is.
+        most = int(0.75 * root_figure(axes).get_figwidth() / _SHORT)
+        if any("\n" in str(patch.get_label()) for patch in patches):
+            most = 2
+        rows = -(-len(patches) // max(most, 2))
+        columns = -(-len(patches) // rows)
         place = {"loc": "upper right", "bbox_to_anchor": (1.0, -0.005), "ncol": columns}
         legend = _legend(axes, patches, 0.0, **place)
     _add(axes, legend)

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import Heading, floor_axes, floor_title, plot_zones, unexplored_colour, view
+from ambinav.maps.backdrop import colour_patch, outside_patches, unexplored_patch
+from ambinav.maps.plot import Heading, floor_axes, floor_title, plot_zones, view
 from ambinav.maps.zones import COLOURS, ZONES
 from ambinav.routes.drawing import (
     GOAL,
@@ -26,7 +27,7 @@ from ambinav.routes.drawing import (
     style,
     widths,
 )
-from ambinav.routes.legends import colour_patch, floor_legend, lower_legend, make_room
+from ambinav.routes.legends import floor_legend, lower_legend, make_room
 from ambinav.routes.route import BAD_ZONES, Route
 
 LINE: Final = 40
@@ -85,7 +86,8 @@ def plot_routes(
     if legend:
         zones = [colour_patch(*entry) for entry in zip(COLOURS, ZONES, strict=True)]
         if amap.unexplored.any():
-            zones.append(colour_patch(unexplored_colour(), "unexplored"))
+            zones.append(unexplored_patch("unexplored"))
+        zones += outside_patches(amap, view(amap))
         floor_legend(axes, amap, zones)
         handles = [route_line(look, width) for look, width in looks]
         for handle, group in zip(handles, groups, strict=True):

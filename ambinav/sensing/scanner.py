@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -44,21 +44,30 @@ class RangeScanner:
         name: What reports call it.
         description: One line on what it is.
         source: Where its figures come from.
+        robot_radius: Metres, of the disc that covers the robot which carries it; None if nobody
+            said.
 
     Raises:
-        InputError: there is no part.
+        InputError: there is no part, or the radius is not above zero.
     """
 
     parts: tuple[Part, ...]
     name: str = "scanner"
     description: str = ""
     source: str = ""
+    robot_radius: float | None = None
 
     def __post_init__(self) -> None:
         """Check that there is something to scan with."""
         object.__setattr__(self, "parts", tuple(self.parts))
         if not self.parts:
             raise InputError(f"scanner {self.name!r} has no beams; give it at least one part.")
+        radius = self.robot_radius
+        if radius is not None and not (math.isfinite(radius) and radius > 0.0):
+            raise InputError(
+                f"scanner {self.name!r}: robot_radius is {radius:g}; give metres above zero, "
+                "e.g. 0.2."
+            )
 
     # -- making one --------------------------------------------------------------------------
 
@@ -116,7 +125,9 @@ class RangeScanner:
         """Put several scanners on one robot; the beams follow in the order given."""
         sources = dict.fromkeys(s.source for s in scanners if s.source)
         parts = tuple(part for s in scanners for part in s.parts)
-        return cls(parts, name, source="; ".join(sources))
+        # One robot carries them all: the largest disc covers it.
+        radius = max((s.robot_radius for s in scanners if s.robot_radius is not None), default=None)
+        return cls(parts, name, source="; ".join(sources), robot_radius=radius)
 
     @classmethod
     def from_mounts(
@@ -186,7 +197,7 @@ class RangeScanner:
     ) -> RangeScanner:
         """Read a scanner from YAML text, as `to_yaml` gives it; `file` names it in messages."""
         said = parse_scanner(text, file, default_name)
-        return cls(said.parts, said.name, said.description, said.source)
+        return cls(said.parts, said.name, said.description, said.source, said.robot_radius)
 
     @classmethod
     def load(cls, preset_or_path: str | Path) -> RangeScanner:
@@ -208,7 +219,9 @@ class RangeScanner:
         Reading it back gives an equal scanner; an angle that no number of degrees stands for
         exactly comes back within 1e-15 of itself.
         """
-        text = render_scanner(self.name, self.description, self.source, self.parts)
+        text = render_scanner(
+            self.name, self.description, self.source, self.parts, self.robot_radius
+        )
         if path is not None:
             with replacing(Path(path)) as fresh:
                 fresh.write_text(text, encoding="utf-8")
@@ -316,7 +329,7 @@ class RangeScanner:
             parts[i] = Part(parts[i].sensor, layout)
             left -= len(layout.mounts())
         name = f"{self.name} ({max_beams - left} of {self.beams} beams)"
-        return RangeScanner(tuple(parts), name, self.description, self.source)
+        return replace(self, parts=tuple(parts), name=name)
 
     # -- using it ----------------------------------------------------------------------------
 

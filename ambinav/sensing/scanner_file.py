@@ -3,6 +3,7 @@
 name: my-robot
 description: two lasers and a sonar ring
 source: where the figures come from
+robot_radius: 0.2                       # optional: of the disc that covers the robot, metres
 parts:
   - sensor: sick-lms200                 # the sensor of a preset, or a mapping of its fields
     planar: {beams: 181, aperture_deg: 180, mount: [0.1, 0, 0]}     # x, y, yaw_deg
@@ -34,6 +35,7 @@ class ScannerText(NamedTuple):
     description: str
     source: str
     parts: tuple[Part, ...]
+    robot_radius: float | None
 
 
 def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
@@ -54,7 +56,19 @@ def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
         description=given.text("description", ""),
         source=given.text("source", ""),
         parts=tuple(_part(plain, f"{where}: parts[{i}]") for i, plain in enumerate(parts)),
+        robot_radius=_robot_radius(given),
     )
+
+
+def _robot_radius(given: Fields) -> float | None:
+    if "robot_radius" not in given:
+        return None
+    radius = given.number("robot_radius")
+    if radius <= 0.0:
+        raise InputError(
+            f"{given.place('robot_radius')} is {radius:g}; give metres above zero, e.g. 0.2."
+        )
+    return radius
 
 
 def _part(plain: object, where: str) -> Part:
@@ -76,10 +90,18 @@ def _part(plain: object, where: str) -> Part:
     return Part(kinds.pop(), layout_from_plain(given))
 
 
-def render_scanner(name: str, description: str, source: str, parts: Sequence[Part]) -> str:
+def render_scanner(
+    name: str,
+    description: str,
+    source: str,
+    parts: Sequence[Part],
+    robot_radius: float | None = None,
+) -> str:
     """Return the YAML text of a scanner; sensors are written out."""
     plain: dict[str, object] = {"name": name, "description": description, "source": source}
     plain = {key: value for key, value in plain.items() if value}
+    if robot_radius is not None:
+        plain["robot_radius"] = robot_radius
     plain["parts"] = [
         {"sensor": part.sensor.to_plain(), **part.layout.to_plain()} for part in parts
     ]

@@ -65,7 +65,7 @@ def test_html_stands_alone(folder):
     for expected in (
         "synthetic <building>",  # escaped in the source, so that it arrives as text
         "test laser",
-        "can tell its position well on 23 %",
+        "can tell its position well on 21 % of the 125 m² of explored floor that it reaches",
         "one ring was not closed",
         "ab" * 32,
         "None of the 60 beams returns an echo",
@@ -79,21 +79,31 @@ def test_markdown_points_at_files_that_exist(folder):
     text = (folder / "report.md").read_text()
     linked = re.findall(r"\]\(([^)]+)\)", text)
     assert set(linked) == {name for name in FILES if name.endswith(".png")}
-    assert "| corridor | 50 % | 70 m² |" in text
+    assert "| corridor | 61 m² | 49 % | |" in text
+    assert "| all explored, reachable floor | 125 m² | 100 % | 89 % |" in text
+    assert "| unexplored | 0.0 m² | | 0 % | half of the beams" in text
+    assert "| not reachable by a robot of 0.20 m | 15 m² | | 11 % | 0.0 m² where it" in text
+    assert "| all free floor | 140 m² | | 100 % | |" in text
     assert "{{" not in text
 
 
 def test_json_follows_its_schema_and_is_rounded(folder, examined):
     data = json.loads((folder / "report.json").read_text())
     assert Document.model_validate(data) == document(examined)
-    assert data["format"] == "ambinav-audit/1"
+    assert data["format"] == "ambinav-audit/2"
     assert data["places_in_all"] == 6
     assert len(data["places"]) == 4
     worst = data["places"][0]
     assert (worst["zone"], worst["area_m2"], worst["direction_deg"]) == ("open", 36.0, None)
     assert worst["x_m"] == 20.95
     assert worst["sees"]["without_echo"] == 60
-    assert {zone["zone"]: zone["area_m2"] for zone in data["zones"]}["corridor"] == 70.0
+    assert {zone["zone"]: zone["area_m2"] for zone in data["zones"]}["corridor"] == 60.97
+    assert data["floor"] == {
+        "robot_radius_m": 0.2, "from_m": None, "counted_area_m2": 125.0, "unexplored_area_m2": 0.0,
+        "unreachable_area_m2": 15.0, "beside_walls_area_m2": 15.0, "cut_off_area_m2": 0.0,
+        "free_area_m2": 140.0, "counted_share": 0.8929, "unexplored_share": 0.0,
+        "unreachable_share": 0.1071,
+    }  # fmt: skip
     assert sum(zone["share"] for zone in data["zones"]) == pytest.approx(1.0, abs=1e-3)
     assert data["parameters"]["radius"] == 0.5
     assert data["environment"]["sha256"] == "ab" * 32
@@ -108,10 +118,13 @@ def test_the_scanner_in_the_report_can_be_used_again(folder, laser):
 
 def test_summary_in_words(examined):
     assert examined.summary == (
-        "With test laser a robot can tell its position well on 23 % of the 140 m² of free floor "
-        "of synthetic <building>. On 50 % (70 m²) it can slide along a wall or corridor without "
-        "noticing. On 26 % (36 m²) it has nothing to hold on to in any direction. The worst of 6 "
-        "places is an open area over 36 m² around x = 20.9 m, y = 5.0 m."
+        # Of the cells at least 0.2 m from all walls: 2 643, 6 097 and 3 600 of 12 500.
+        "With test laser a robot of radius 0.20 m can tell its position well on 21 % of the "
+        "125 m² of explored floor that it reaches in synthetic <building>. On 49 % (61 m²) it can "
+        "slide along a wall or corridor without noticing. On 29 % (36 m²) it has nothing to hold "
+        "on to in any direction. Of the 140 m² of free floor, 15 m² are nearer to a wall than its "
+        "centre comes: they do not count. The worst of 6 places is an open area over 36 m² around "
+        "x = 20.9 m, y = 5.0 m."
     )
 
 
@@ -134,7 +147,7 @@ def test_headings_are_told(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
     report = write_report(found, tmp_path / "out")
     assert report.headings == "mean over all headings"
-    assert [zone.share_best_heading for zone in report.zones][2] == pytest.approx(0.5)
+    assert [zone.share_best_heading for zone in report.zones][2] == pytest.approx(0.4878)
     assert (report.places[0].best_heading_deg, report.places[0].worst_heading_deg) == (0.0, 180.0)
     assert report.places[0].sees.heading_deg == 180.0
     level = {row.heading_deg: row.level for row in report.by_heading}
@@ -173,6 +186,12 @@ def test_a_failed_report_leaves_the_earlier_one(examined, tmp_path, monkeypatch)
     assert {item.name for item in (tmp_path / "out").iterdir()} == FILES
     assert (tmp_path / "out" / "report.json").stat().st_mtime_ns == before
     assert [item.name for item in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_report_of_an_older_version_is_replaced(examined, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')
+    assert write_report(examined, tmp_path / "out").format == "ambinav-audit/2"
 
 
 def test_other_folders_are_never_replaced(tmp_path):

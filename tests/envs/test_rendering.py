@@ -28,7 +28,7 @@ from tests.envs.cases import equal, room
 
 gym.register_envs(ambinav_envs)
 PLACE: dict[str, Any] = {"start": (2.0, 6.0, 0.0), "goal": (12.0, 6.0)}
-GREY, DARK = (212, 212, 212), (17, 17, 17)
+GREY, DARK = (133, 133, 133), (17, 17, 17)
 
 
 @pytest.fixture(autouse=True)

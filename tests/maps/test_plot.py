@@ -16,7 +16,7 @@ from ambinav.errors import InputError
 from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.plot import plot_layer, plot_zones
-from ambinav.maps.zones import COLOURS, OUTSIDE_COLOUR, ZONES
+from ambinav.maps.zones import COLOURS, UNKNOWN_COLOUR, ZONES
 from tests.maps import synthetic
 
 
@@ -51,7 +51,7 @@ def test_zones_have_their_colours_where_they_lie(amap):
     places = {"localizable": (2, 2), "transition": (4.2, 2), "corridor": (10, 2), "open": (21, 5)}
     for zone, (x, y) in places.items():
         assert colour_at(axes, x, y) == byte(COLOURS[ZONES.index(zone)]), zone
-    assert colour_at(axes, 10.0, 7.0) == byte(OUTSIDE_COLOUR)
+    assert colour_at(axes, 10.0, 7.0) == byte(UNKNOWN_COLOUR)
 
 
 def test_colours_stay_apart_in_grey():

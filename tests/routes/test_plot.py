@@ -110,9 +110,9 @@ def test_routes_run_through_their_poses_and_keep_apart(amap, routes):
 
 def test_legend_tells_length_cost_and_bad_metres(amap, routes):
     told = texts(plot_routes(amap, routes))
-    assert told[:4] == ["localizable", "transition", "corridor", "open"]
+    assert told[:5] == ["localizable", "transition", "corridor", "open", "unknown"]
     route = routes["shortest"]
-    assert told[4] == (
+    assert told[5] == (
         f"shortest\n{route.length:.1f} m, cost {route.cost:.1f} (weight 5)\n"
         f"{route.bad_metres:.1f} m ({route.bad_metres / route.length:.0%}) in corridor or open"
     )
@@ -129,12 +129,12 @@ def test_the_same_way_is_one_line(amap):
     ways["other"] = route_through(amap, (1, 2), (9, 2.5))
     figure = plot_routes(amap, ways)
     assert len(cased(figure.axes[0])) == 2
-    assert texts(figure)[4].startswith("weight 1, weight 3\n8.0 m\n")
+    assert texts(figure)[5].startswith("weight 1, weight 3\n8.0 m\n")
 
 
 def test_unnamed_routes_are_named_after_their_planner(amap, routes):
     figure = plot_routes(amap, list(routes.values()))
-    assert [text.split("\n")[0] for text in texts(figure)[4:]] == [
+    assert [text.split("\n")[0] for text in texts(figure)[5:]] == [
         "by hand, weight 5 (1)", "by hand, weight 5 (2)"
     ]  # fmt: skip
     with pytest.raises(InputError, match="routes is empty"):

@@ -33,6 +33,7 @@ Array = NDArray[Any]
 
 
 SENSOR_TEXT = "{max_range: 4, std: 0.03, resolution: 0.001}"
+ROUND = f"{{sensor: {SENSOR_TEXT}, planar: {{beams: 36, aperture_deg: 360}}}}"
 
 
 def test_yaml_of_every_layout(tmp_path: Path) -> None:
@@ -159,3 +160,26 @@ def test_nothing_is_written_to_a_bad_place(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="choose another output"):
         RangeScanner.planar(LASER, 3, 1.0).to_yaml(tmp_path / "file" / "robot.yaml")
+
+
+def test_the_radius_of_the_robot_comes_back(tmp_path: Path) -> None:
+    text = f"robot_radius: 0.35\nparts: [{ROUND}]"
+    scanner = RangeScanner.from_yaml_text(text)
+    assert scanner.robot_radius == 0.35
+    scanner.to_yaml(tmp_path / "robot.yaml")
+    assert RangeScanner.from_yaml(tmp_path / "robot.yaml") == scanner
+    assert scanner.thinned(12).robot_radius == 0.35
+    bare = RangeScanner.planar(LASER, 12, math.tau)
+    assert bare.robot_radius is None and "robot_radius" not in bare.to_yaml()
+    # One robot carries both: the larger disc covers it.
+    assert RangeScanner.mixed(scanner, bare).robot_radius == 0.35
+    assert RangeScanner.mixed(bare, bare).robot_radius is None
+
+
+@pytest.mark.parametrize("value", ["0", "-0.2", "wide", ".inf", "[0.2]", "null"])
+def test_a_radius_that_no_robot_has(value: str) -> None:
+    text = f"robot_radius: {value}\nparts: [{ROUND}]"
+    with pytest.raises(InputError, match=r"robot\.yaml: robot_radius is"):
+        RangeScanner.from_yaml_text(text, file="robot.yaml")
+    with pytest.raises(InputError, match="robot_radius is 0"):
+        RangeScanner(RangeScanner.planar(LASER, 12, math.tau).parts, robot_radius=0.0)

@@ -12,7 +12,7 @@ from shapely import get_parts
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.drawing import FRONTIER_COLOUR, WALL_COLOUR
-from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, OUTSIDE_COLOUR, ZONES
+from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, SOLID_COLOUR, UNKNOWN_COLOUR, ZONES
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.rendering.camera import Camera
 
@@ -29,7 +29,7 @@ def _rgb(colour: str) -> NDArray[np.float64]:
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
 
 
-_OUTSIDE = _rgb(OUTSIDE_COLOUR)
+_UNKNOWN, _SOLID = _rgb(UNKNOWN_COLOUR), _rgb(SOLID_COLOUR)
 _ZONES = np.array([(1.0 - PALE) * _rgb(colour) + PALE * 255.0 for colour in COLOURS])
 
 ZONE_COLOURS: Final = {
@@ -38,14 +38,14 @@ ZONE_COLOURS: Final = {
 """Red, green and blue, 0 to 255, of each zone as it is drawn here."""
 
 UNEXPLORED_COLOUR: Final = tuple(
-    int(part) for part in EXPLORED * _ZONES[OPEN] + (1.0 - EXPLORED) * _OUTSIDE
+    int(part) for part in EXPLORED * _ZONES[OPEN] + (1.0 - EXPLORED) * _UNKNOWN
 )
 
 
 def floor_picture(building: Building, camera: Camera) -> pygame.Surface:
     """The floor and the walls, as much as the camera shows."""
     picture = pygame.Surface(camera.size)
-    picture.fill(_OUTSIDE.astype(int).tolist())
+    picture.fill(_UNKNOWN.astype(int).tolist())
     _cells(picture, building.amap, camera)
     _outside(picture, building, camera)
     _walls(picture, building, camera)
@@ -61,33 +61,47 @@ def _cells(picture: pygame.Surface, amap: AmbiguityMap, camera: Camera) -> None:
         )
         colours = _ZONES[zone[rows, columns]]
         faded = amap.unexplored[rows, columns]
-        colours[faded] = EXPLORED * colours[faded] + (1.0 - EXPLORED) * _OUTSIDE
-        left, low, right, high = camera.bounds
-        x, y = (amap.dataset[axis].values for axis in ("x", "y"))
-        half = 0.5 * amap.spacing
-        across = np.flatnonzero((x > left - half) & (x < right + half))
-        up = np.flatnonzero((y > low - half) & (y < high + half))
-        if across.size and up.size:
-            part = colours[up[0] : up[-1] + 1, across[0] : across[-1] + 1]
-            small = pygame.surfarray.make_surface(part[::-1].transpose(1, 0, 2).astype(np.uint8))
-            corner = camera.pixels((x[across[0]] - half, y[up[-1]] + half))
-            far = camera.pixels((x[across[-1]] + half, y[up[0]] - half))
-            size = np.maximum(np.rint(far) - np.rint(corner), 1.0).astype(int)
-            picture.blit(pygame.transform.scale(small, size.tolist()), np.rint(corner).tolist())
+        colours[faded] = EXPLORED * colours[faded] + (1.0 - EXPLORED) * _UNKNOWN
+        _lay(picture, colours, amap, camera)
+
+
+def _lay(
+    picture: pygame.Surface, colours: NDArray[np.float64], amap: AmbiguityMap, camera: Camera
+) -> None:
+    """Draw the cells of the map, colours of shape (ny, nx, 3), as far as they are shown."""
+    left, low, right, high = camera.bounds
+    x, y = (amap.dataset[axis].values for axis in ("x", "y"))
+    half = 0.5 * amap.spacing
+    across = np.flatnonzero((x > left - half) & (x < right + half))
+    up = np.flatnonzero((y > low - half) & (y < high + half))
+    if across.size and up.size:
+        part = colours[up[0] : up[-1] + 1, across[0] : across[-1] + 1]
+        small = pygame.surfarray.make_surface(part[::-1].transpose(1, 0, 2).astype(np.uint8))
+        corner = camera.pixels((x[across[0]] - half, y[up[-1]] + half))
+        far = camera.pixels((x[across[-1]] + half, y[up[0]] - half))
+        size = np.maximum(np.rint(far) - np.rint(corner), 1.0).astype(int)
+        picture.blit(pygame.transform.scale(small, size.tolist()), np.rint(corner).tolist())
 
 
 def _outside(picture: pygame.Surface, building: Building, camera: Camera) -> None:
-    """Cover what is not free."""
+    """Cover what is not free: solid, or unknown."""
     cover = pygame.Surface(camera.size)
-    cover.fill(_OUTSIDE.astype(int).tolist())
-    cover.set_colorkey(_HOLE)
+    cover.fill(_UNKNOWN.astype(int).tolist())
+    solid = building.amap.solid[..., np.newaxis]
+    _lay(cover, np.where(solid, _SOLID, _UNKNOWN), building.amap, camera)
+    # Drawn apart, so that the holes of a piece show what is in them.
+    free = pygame.Surface(camera.size)
     parts: list[Any] = [p for p in get_parts(building.environment.free) if p.area > 0.0]
     # A room inside the hole of another one is the smaller of the two.
     for part in sorted(parts, key=lambda p: -p.area):
-        pygame.draw.polygon(cover, _HOLE, camera.pixels(np.array(part.exterior.coords)).tolist())
+        pygame.draw.polygon(free, _HOLE, camera.pixels(np.array(part.exterior.coords)).tolist())
         for hole in part.interiors:
             outline = camera.pixels(np.array(hole.coords)).tolist()
-            pygame.draw.polygon(cover, _OUTSIDE.astype(int).tolist(), outline)
+            pygame.draw.polygon(free, (0, 0, 0), outline)
+    shown = pygame.surfarray.array3d(cover)
+    shown[pygame.surfarray.array3d(free).any(axis=2)] = _HOLE
+    cover = pygame.surfarray.make_surface(shown)
+    cover.set_colorkey(_HOLE)
     picture.blit(cover, (0, 0))
 
 
