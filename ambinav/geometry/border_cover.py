@@ -24,7 +24,7 @@ def longest_bare(
     Returns:
         x and y of its middle and its length, metres; None if none reaches `SHORTEST_BARE`.
     """
-    xy, ring = shapely.get_coordinates(free), _ring_of(free)
+    xy, ring = shapely.get_coordinates(_rings(free), return_index=True)
     edges = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
     edges = edges[~_repeated(edges, segments)]
     if not len(edges):
@@ -47,14 +47,15 @@ def longest_bare(
     return float(middle.x), float(middle.y), float(lengths[k])
 
 
-def _ring_of(free: BaseGeometry) -> NDArray[np.int64]:
-    """Number of the ring of each coordinate of `free`, in the order of its coordinates."""
-    rings = [
+def _rings(free: BaseGeometry) -> list[BaseGeometry]:
+    """The rings of all polygons; an intersection may have left lines and points among them."""
+    parts = shapely.get_parts(shapely.get_parts(free))
+    return [
         ring
-        for part in shapely.get_parts(free)
-        for ring in (shapely.get_exterior_ring(part), *part.interiors)
+        for part in parts
+        if part.geom_type == "Polygon"
+        for ring in (part.exterior, *part.interiors)
     ]
-    return np.repeat(np.arange(len(rings)), shapely.get_num_coordinates(rings))
 
 
 def _repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:

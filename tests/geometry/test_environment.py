@@ -140,6 +140,8 @@ def test_a_border_without_a_segment_is_refused_with_the_place() -> None:
         bounded_by(ROOM, pillar)
     with pytest.raises(InputError, match=r"for 4 m around \(8, 2\)"):
         bounded_by(np.vstack([ROOM[[0, 2, 3]], [[7.0, 2.0, 9.0, 2.0]]]))
+    # What an intersection leaves over is no border.
+    bounded_by(ROOM, shapely.GeometryCollection([HALL, shapely.LineString([(9, 0), (9, 4)])]))
     # A centimetre beside the border is not on it.
     with pytest.raises(InputError, match=r"for 4 m around \(8, 2\)"):
         bounded_by(np.vstack([ROOM[[0, 2, 3]], [[7.99, 0.0, 7.99, 4.0]]]))

@@ -223,5 +223,5 @@ def test_the_walls_of_every_map_stand(data_dir: Path) -> None:
         away = raw_cells.from_segments(grid, env, raw_cells.beside(wall, floor))
         assert away.max() <= NEAREST + 1e-9, path
         near, rng = raw_cells.close_to(wall, floor), np.random.default_rng(1)
-        _, through = raw_cells.rays_through_walls(grid, env, wall, floor, 10_000, rng, near)
+        _, through = raw_cells.rays_through_walls(grid, env, wall, floor, 5000, rng, near)
         assert len(through) == 0, (path, through[:3])
