@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.contour import Contours, trace
+from ambinav.geometry.edge_fit import furthest, strays
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy import OccupancyGrid
+from ambinav.geometry.ring_checks import crossing, enclosures
 from ambinav.geometry.segments import FRONTIER, WALL, Segments
-from ambinav.geometry.simplify import furthest, simplify_ring
+from ambinav.geometry.simplify import simplify_ring
 
 TOLERANCE_CELLS: Final = 2.0
+# Unknown cells may lie this much further from the frontier than a wall's cells from the wall.
+FRONTIER_SLACK: Final = 1.25
 GAP_CELLS: Final = 1
 # On a coarse grid a single cell is a passage, not a crack in a wall.
 LARGEST_DEFAULT_GAP: Final = 0.1
@@ -85,6 +89,9 @@ def environment_from_grid(
         rings = _Rings(contours, steps)
         rings.untangle()
         free, edges, kind = rings.assemble(grid)
+        while not free.is_valid and rings.unnest():
+            rings.untangle()
+            free, edges, kind = rings.assemble(grid)
         if free.is_valid:
             break
         if steps == 0.0:
@@ -112,6 +119,9 @@ class _Rings:
     """The simplified rings of a grid, in cells, while they are being made."""
 
     def __init__(self, contours: Contours, tolerance: float) -> None:
+        # A cell's centre lies half a cell behind the contour: it cannot come any nearer.
+        nearest = max(tolerance, 0.75 * tolerance + 0.5) if tolerance > 0.0 else math.inf
+        self.limit = np.array([nearest, FRONTIER_SLACK * nearest])
         self.component: list[int] = []
         self.outer: list[bool] = []
         self.points: list[NDArray[np.float64]] = []
@@ -134,15 +144,35 @@ class _Rings:
             self.place.append(place)
 
     def untangle(self) -> None:
-        """Go back towards the contour's own points wherever simplified edges cross or touch."""
-        while True:
+        """Go back towards the contour's own points wherever edges cross, touch, or lie too far."""
+        fresh = set(range(len(self.place)))
+        while fresh:
+            for k in fresh:
+                self._follow(k)
             owner, number, edges = self._edges()
             bad = crossing(edges, owner)
-            if not bad.any():
-                return
-            touched = {int(k) for k in owner[bad]}
-            for k in touched:
+            fresh = {int(k) for k in owner[bad]}
+            for k in fresh:
                 self._refine(k, number[bad & (owner == k)])
+
+    def unnest(self) -> bool:
+        """Take apart rings that lie within each other where the contours do not, or the reverse.
+
+        A pillar beside a wall can end up behind the wall's edge. Returns whether there were any.
+        """
+        wrong = sorted(enclosures(self.points) ^ enclosures(self.place))
+        for pair in wrong:
+            moved = False
+            for k, other in (pair, pair[::-1]):
+                place = self.place[k]
+                lines = shapely.linestrings(np.stack([place, np.roll(place, -1, axis=0)], axis=1))
+                away = shapely.distance(lines, shapely.linearrings(self.place[other]))
+                moved |= self._refine(k, np.flatnonzero(away <= away.min()))
+            if not moved:
+                for k in pair:
+                    self.index[k] = np.arange(len(self.points[k]))
+                    self.place[k] = self.points[k].copy()
+        return bool(wrong)
 
     def assemble(
         self, grid: OccupancyGrid
@@ -151,22 +181,16 @@ class _Rings:
         world = [np.stack(grid.to_world(p[:, 0], p[:, 1]), axis=1) for p in self.place]
         linear = [shapely.linearrings(p) for p in world]
         shells = {c: k for k, c in enumerate(self.component) if self.outer[k]}
-        solid = {c: shapely.Polygon(linear[k]) for c, k in shells.items()}
         holes: dict[int, list[int]] = {c: [] for c in shells}
         for k, c in enumerate(self.component):
             if not self.outer[k]:
                 holes[c].append(k)
-        polygons, used = [], []
-        for c, shell in shells.items():
-            # A pillar beside a wall can end up within the wall's tolerance: it is part of it.
-            mine = np.array(holes[c], dtype=np.int64)
-            if len(mine):
-                shapely.prepare(solid[c])
-                mine = mine[[bool(solid[c].contains(linear[k])) for k in mine]]
-            polygons.append(shapely.Polygon(linear[shell], [linear[k] for k in mine]))
-            used += [shell, *mine.tolist()]
-        edges = [np.hstack([world[k], np.roll(world[k], -1, axis=0)]) for k in used]
-        kinds = [self.kind[k][self.index[k]] for k in used]
+        polygons = [
+            shapely.Polygon(linear[k], [linear[hole] for hole in holes[c]])
+            for c, k in shells.items()
+        ]
+        edges = [np.hstack([xy, np.roll(xy, -1, axis=0)]) for xy in world]
+        kinds = [kind[index] for kind, index in zip(self.kind, self.index, strict=True)]
         free = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
         return free, np.concatenate(edges), np.concatenate(kinds)
 
@@ -178,8 +202,52 @@ class _Rings:
         edges = [np.hstack([place, np.roll(place, -1, axis=0)]) for place in self.place]
         return owner, number, np.concatenate(edges)
 
-    def _refine(self, k: int, edges: NDArray[np.int64]) -> None:
-        """Put the ends of these edges of ring k back on the contour; if there, add a point."""
+    def _follow(self, k: int) -> None:
+        """Give ring k more vertices until all its points are near it.
+
+        The edge stays on its line up to where the points leave it, and from where they are back.
+        """
+        xy, n = self.points[k], len(self.points[k])
+        while True:
+            index, place = self.index[k], self.place[k]
+            found = strays(xy[:, 0], xy[:, 1], self.kind[k], index, place, self.limit)
+            if len(found) == 0:
+                return
+            added: list[int] = []
+            there: list[NDArray[np.float64]] = []
+            for j, before, after, far in found:
+                start, end = place[j], place[(j + 1) % len(place)]
+                a, b = int(index[j]), int(index[(j + 1) % len(index)])
+                b += n if b <= a else 0
+                if far == a:
+                    place[j] = xy[a]
+                    continue
+                run = end - start
+                square = max(float(run @ run), 1e-18)
+                t = [float((xy[i % n] - start) @ run) / square for i in (before, far, after)]
+                if a < before and 0.0 < t[0] < min(t[1], 1.0):
+                    added.append(before % n)
+                    there.append(start + t[0] * run)
+                if after < b and max(t[1], 0.0) < t[2] < 1.0:
+                    added.append(after % n)
+                    there.append(start + t[2] * run)
+                added.append(far % n)
+                there.append(xy[far % n])
+            if added:
+                self._insert(k, added, there)
+
+    def _insert(self, k: int, added: list[int], there: list[NDArray[np.float64]]) -> None:
+        """Add vertices to ring k: their points' numbers, and their places."""
+        index = np.append(self.index[k], added)
+        order = np.argsort(index)
+        self.index[k] = index[order]
+        self.place[k] = np.concatenate([self.place[k], np.array(there)])[order]
+
+    def _refine(self, k: int, edges: NDArray[np.int64]) -> bool:
+        """Put the ends of these edges of ring k back on the contour; if there, add a point.
+
+        Returns whether anything was left to do.
+        """
         xy, index, place = self.points[k], self.index[k], self.place[k]
         n, m = len(xy), len(index)
         ends = np.union1d(edges, (edges + 1) % m)
@@ -196,10 +264,8 @@ class _Rings:
                     added.append(int(between[i]))
         place[ends] = xy[index[ends]]
         if added:
-            index = np.append(index, added)
-            order = np.argsort(index)
-            self.index[k] = index[order]
-            self.place[k] = np.concatenate([place, xy[added]])[order]
+            self._insert(k, added, [xy[i] for i in added])
+        return len(moved) > 0 or len(added) > 0
 
 
 def without_short_frontiers(
@@ -215,32 +281,3 @@ def without_short_frontiers(
         if kind[first] == FRONTIER and count < shortest:
             kind[np.arange(first, first + count) % len(kind)] = WALL
     return kind
-
-
-def crossing(edges: NDArray[np.float64], owner: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Edges that cross or touch another one, other than at the end that neighbours share.
-
-    Args:
-        edges: shape (N, 4), end points; the edges of a ring follow one another.
-        owner: shape (N,), the ring of each edge, ascending.
-    """
-    n = len(edges)
-    following = np.arange(1, n + 1)
-    first = np.searchsorted(owner, owner)
-    last = np.searchsorted(owner, owner, side="right") - 1
-    following[last] = first[last]
-    lines = shapely.linestrings(edges.reshape(n, 2, 2))
-    tree = shapely.STRtree(lines)
-    a, b = tree.query(lines, predicate="intersects")
-    real = (a < b) & (following[a] != b) & (following[b] != a)
-    bad = np.zeros(n, dtype=np.bool_)
-    bad[a[real]] = bad[b[real]] = True
-    # Neighbours share an end; they overlap if they run back on each other.
-    run = edges[:, 2:] - edges[:, :2]
-    after = run[following]
-    turn = run[:, 0] * after[:, 1] - run[:, 1] * after[:, 0]
-    along = (run * after).sum(axis=1)
-    size = np.hypot(run[:, 0], run[:, 1]) * np.hypot(after[:, 0], after[:, 1])
-    back = ((along < 0.0) & (np.abs(turn) <= 1e-9 * size)) | (size < 1e-9)
-    bad[back] = bad[following[back]] = True
-    return bad

@@ -66,7 +66,7 @@ def trace(state: NDArray[np.uint8], *, gap: int, min_cells: float, reach: int = 
         row0:row1, column0:column1
     ]
     if gap > 0:
-        _fill_specks(padded, gap * gap, 9 * gap * gap)
+        _fill_specks(padded, gap, 9 * gap * gap)
     free = opened(padded == FREE, gap)
     labels, _ = ndimage.label(free)
     cells = np.bincount(labels.ravel())
@@ -114,13 +114,15 @@ def _empty() -> Contours:
 
 
 @njit(cache=True, nogil=True)
-def _fill_specks(state, most_occupied, most_unknown):
+def _fill_specks(state, widest, most_unknown):
     """Make small islands that are not free free, in place.
 
-    An island (connected over edges and corners) with an occupied cell may have up to
-    `most_occupied` cells, one of unknown cells alone up to `most_unknown`.
+    An island (connected over edges and corners) with an occupied cell may be up to `widest` rows
+    high and columns wide, so that no thin wall goes; one of unknown cells alone may have up to
+    `most_unknown` cells.
     """
     rows, columns = state.shape
+    most_occupied = widest * widest
     limit = max(most_occupied, most_unknown)
     queue = np.empty((limit + 9, 2), dtype=np.int64)
     for row in range(1, rows - 1):
@@ -155,6 +157,11 @@ def _fill_specks(state, most_occupied, most_unknown):
                         size += 1
                 if hard and size > most_occupied:
                     break
+            if hard:
+                left, right = queue[:size, 1].min(), queue[:size, 1].max()
+                high = queue[:size, 0].max() - row + 1
+                if high > widest or right - left + 1 > widest:
+                    continue
             if head == size and size <= (most_occupied if hard else most_unknown):
                 for k in range(size):
                     state[queue[k, 0], queue[k, 1]] = FREE

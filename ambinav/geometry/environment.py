@@ -14,6 +14,7 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
+from ambinav.geometry.border_cover import longest_bare
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import cast_rays, clearances
 from ambinav.geometry.segments import Segments
@@ -37,7 +38,8 @@ class Environment:
     """Static surroundings of a robot: free space bounded by segments, in the map frame.
 
     Args:
-        segments: Walls and frontiers. Those inside `free` are walls without thickness.
+        segments: Walls and frontiers, on all of the border of `free`. Those inside `free` are
+            walls without thickness.
         free: Polygon or MultiPolygon of the free space, metres.
         name: What reports call it.
         source: The file that it came from.
@@ -49,7 +51,8 @@ class Environment:
         occupancy: The grid that it came from, if it came from one.
 
     Raises:
-        InputError: no free space, or no segment.
+        InputError: no free space, no segment, or a stretch of the border of the free space
+            without one.
     """
 
     def __init__(
@@ -70,6 +73,12 @@ class Environment:
             raise InputError(f"{origin}: there is no free space in it; give a map with free cells.")
         if len(segments) == 0:
             raise InputError(f"{origin}: nothing bounds its free space; give a map with walls.")
+        bare = longest_bare(free, segments.xy, ON_BORDER)
+        if bare is not None:
+            raise InputError(
+                f"{origin}: no segment lies on the border of its free space for {bare[2]:.3g} m "
+                f"around ({bare[0]:.6g}, {bare[1]:.6g}); give it a wall or a frontier there."
+            )
         self.segments = segments
         self.free = free
         self.name = name

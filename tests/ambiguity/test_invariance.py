@@ -13,8 +13,10 @@ from PIL import Image
 
 from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.segments import Segments
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner
+from tests.geometry import scenes
 
 MEDIAN, PERCENTILE_95 = 0.05, 0.10
 SHIFT = (0.037, 0.061)
@@ -78,10 +80,12 @@ def test_direction_turns_with_the_building(
 
 
 def test_half_the_spacing(demo: Environment, laser: RangeScanner, points: Points) -> None:
-    # A quarter of the building; the walls around it stay.
+    # A quarter of the building; walls stand along the cut.
     xmin, ymin, xmax, ymax = demo.bounds
     quarter = shapely.box(xmin, ymin, (xmin + xmax) / 2, (ymin + ymax) / 2)
-    part = Environment(demo.segments, demo.free & quarter)
+    xy = np.vstack([demo.segments.xy, scenes.rings(quarter)])
+    kind = np.concatenate([demo.segments.kind, np.zeros(4, dtype=np.uint8)])
+    part = Environment(Segments(xy, kind), demo.free & quarter)
     inside = points[:, np.asarray(part.is_free(*points, 0.05))]
     assert inside.shape[1] > 500
     one, other = (build_map(part, laser, spacing=spacing) for spacing in (0.1, 0.05))

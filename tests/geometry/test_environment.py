@@ -57,15 +57,16 @@ def test_a_disc_touching_a_wall_is_free() -> None:
 
 
 def test_bounds_take_in_segments_and_free_space() -> None:
-    segments = Segments(np.array([[-1.0, 0, 7, 0]]), np.zeros(1))
-    env = Environment(segments, shapely.box(0, 0, 5, 3))
-    assert env.bounds == (-1.0, 0.0, 7.0, 3.0)
+    box = shapely.box(0, 0, 5, 3)
+    xy = np.vstack([scenes.rings(box), [[-1.0, 0, 7, 0]]])
+    assert Environment(Segments(xy, np.zeros(5)), box).bounds == (-1.0, 0.0, 7.0, 3.0)
 
 
 def test_walls_are_as_sure_as_the_map() -> None:
-    box, wall = shapely.box(0, 0, 5, 3), Segments(np.array([[0.0, 0, 5, 0]]), np.zeros(1))
-    assert Environment(wall, box).map_std == DRAWING_STD
-    assert Environment(wall, box, resolution=0.05).map_std == 0.05
+    box = shapely.box(0, 0, 5, 3)
+    walls = Segments(scenes.rings(box), np.zeros(4))
+    assert Environment(walls, box).map_std == DRAWING_STD
+    assert Environment(walls, box, resolution=0.05).map_std == 0.05
 
 
 def test_turning_changes_nothing_that_a_robot_sees(hall: Environment) -> None:
@@ -111,3 +112,56 @@ def test_unknown_suffix_and_options_that_do_not_fit(tmp_path: Path) -> None:
 def test_the_demo_tells_its_size_in_its_repr() -> None:
     env = load_environment(DEMO)
     assert env.name in repr(env) and f"{len(env.segments)} segments" in repr(env)
+
+
+ROOM = np.array([[0.0, 0, 8, 0], [8, 0, 8, 4], [8, 4, 0, 4], [0, 4, 0, 0]])
+HALL = shapely.box(0, 0, 8, 4)
+
+
+def bounded_by(xy: np.ndarray, free: shapely.Geometry = HALL) -> Environment:
+    return Environment(Segments(xy, np.zeros(len(xy))), free, name="hall")
+
+
+def test_a_border_without_a_segment_is_refused_with_the_place() -> None:
+    with pytest.raises(InputError, match=r"hall: no segment .* for 4 m around \(8, 2\); "):
+        bounded_by(ROOM[[0, 2, 3]])
+    # 1.5 m are open in the lower wall; 0.3 m in the upper one are no longer the worst.
+    open_walls = np.array(
+        [[0, 0, 3, 0], [4.5, 0, 8, 0], [8, 0, 8, 4], [8, 4, 5, 4], [4.7, 4, 0, 4], [0, 4, 0, 0.0]]
+    )
+    with pytest.raises(InputError, match=r"for 1.5 m around \(3.75, 0\)"):
+        bounded_by(open_walls)
+    # Around a corner: two sides are one stretch, its middle 2 m from the corner.
+    with pytest.raises(InputError, match=r"for 12 m around \(6, 4\)"):
+        bounded_by(ROOM[[0, 3]])
+    # A pillar that nothing stands on, and a segment that only crosses the border.
+    pillar = HALL - shapely.box(2, 2, 3, 3)
+    with pytest.raises(InputError, match="for 4 m around"):
+        bounded_by(ROOM, pillar)
+    with pytest.raises(InputError, match=r"for 4 m around \(8, 2\)"):
+        bounded_by(np.vstack([ROOM[[0, 2, 3]], [[7.0, 2.0, 9.0, 2.0]]]))
+    # What an intersection leaves over is no border.
+    bounded_by(ROOM, shapely.GeometryCollection([HALL, shapely.LineString([(9, 0), (9, 4)])]))
+    # A centimetre beside the border is not on it.
+    with pytest.raises(InputError, match=r"for 4 m around \(8, 2\)"):
+        bounded_by(np.vstack([ROOM[[0, 2, 3]], [[7.99, 0.0, 7.99, 4.0]]]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_border_that_is_covered_piece_by_piece_is_taken(seed: int) -> None:
+    # Any pieces, overlapping, either way round, longer than the wall, off by rounding.
+    rng = np.random.default_rng(seed)
+    pieces = []
+    for a, b in zip(ROOM[:, :2], ROOM[:, 2:], strict=True):
+        cuts = np.concatenate([[-0.1], np.sort(rng.uniform(0, 1, 6)), [1.1]])
+        for low, high in zip(cuts, cuts[1:] + 0.02 * rng.random(7)[: len(cuts) - 1], strict=False):
+            ends = np.array([a + low * (b - a), a + high * (b - a)])
+            pieces.append(ends[:: rng.choice([-1, 1])].ravel())
+    xy = np.array(pieces) + rng.uniform(-1e-9, 1e-9, (len(pieces), 4))
+    env = bounded_by(xy)
+    # Far from the origin, turned, coordinates are rounded to a hundredth of a micrometre.
+    env.transformed(0.7, 5e5, -4e6)
+    # One piece less leaves its stretch bare, if the others do not cover it.
+    lengths = np.hypot(xy[:, 2] - xy[:, 0], xy[:, 3] - xy[:, 1])
+    with pytest.raises(InputError, match="no segment lies on the border"):
+        bounded_by(np.delete(xy, int(np.argmax(lengths)), axis=0))

@@ -12,7 +12,6 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import cast_rays, clearances
-from ambinav.geometry.segments import Segments
 from ambinav.geometry.walk import walk_rays
 from tests.geometry import scenes
 
@@ -199,11 +198,11 @@ def test_clearance_is_shapelys_distance(env: Environment) -> None:
 
 
 def test_clearance_of_plain_numbers() -> None:
-    env = Environment(Segments(np.array([[0.0, 0, 10, 0]]), np.zeros(1)), shapely.box(0, 0, 10, 5))
+    env = scenes.room(10.0, 5.0)
     assert env.clearance(3.0, 2.0) == pytest.approx(2.0)
     assert isinstance(env.clearance(3.0, 2.0), float)
     assert np.isnan(
         np.asarray(env.clearance([math.nan, 1.0, 1.0], [0.0, math.inf, -math.inf]))
     ).all()
-    assert env.clearance(-3.0, 4.0) == pytest.approx(5.0)
-    assert np.asarray(env.clearance([[1.0]], [1.0, 2.0])) == pytest.approx(np.array([[1.0, 2.0]]))
+    assert env.clearance(-3.0, 9.0) == pytest.approx(5.0)
+    assert np.asarray(env.clearance([[5.0]], [1.0, 2.0])) == pytest.approx(np.array([[1.0, 2.0]]))

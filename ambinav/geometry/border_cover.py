@@ -1,0 +1,111 @@
+"""Whether segments lie all along the border of a free space: where none does, rays would go on."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+# Metres. What is left bare for less than this is rounding.
+SHORTEST_BARE = 1e-3
+
+
+def longest_bare(
+    free: BaseGeometry, segments: NDArray[np.float64], near: float
+) -> tuple[float, float, float] | None:
+    """The longest stretch of the border of `free` on which no segment lies.
+
+    Args:
+        free: Polygon or MultiPolygon, metres.
+        segments: End points, shape (N, 4), metres.
+        near: How far a segment may be from the border that it lies on, metres.
+
+    Returns:
+        x and y of its middle and its length, metres; None if none reaches `SHORTEST_BARE`.
+    """
+    xy, ring = shapely.get_coordinates(_rings(free), return_index=True)
+    edges = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
+    edges = edges[~_repeated(edges, segments)]
+    if not len(edges):
+        return None
+    owner, start, end = _bare(edges, segments, near)
+    run = edges[owner, 2:] - edges[owner, :2]
+    a = edges[owner, :2] + start[:, None] * run
+    b = edges[owner, :2] + end[:, None] * run
+    # Pieces shorter than what rounding makes of a point are no stretch, but may join others.
+    long = (end - start) * np.hypot(*run.T) > 2.0 * near
+    if not long.any():
+        return None
+    lines = shapely.linestrings(np.stack([a[long], b[long]], axis=1))
+    stretches = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(lines)))
+    lengths = shapely.length(stretches)
+    k = int(np.argmax(lengths))
+    if lengths[k] < SHORTEST_BARE:
+        return None
+    middle = shapely.line_interpolate_point(stretches[k], 0.5, normalized=True)
+    return float(middle.x), float(middle.y), float(lengths[k])
+
+
+def _rings(free: BaseGeometry) -> list[BaseGeometry]:
+    """The rings of all polygons; an intersection may have left lines and points among them."""
+    parts = shapely.get_parts(shapely.get_parts(free))
+    return [
+        ring
+        for part in parts
+        if part.geom_type == "Polygon"
+        for ring in (part.exterior, *part.interiors)
+    ]
+
+
+def _repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Edges that are segments, to the last bit, in the one or the other direction."""
+
+    def keys(lines: NDArray[np.float64]) -> NDArray[np.void]:
+        swap = (lines[:, 0] > lines[:, 2]) | (
+            (lines[:, 0] == lines[:, 2]) & (lines[:, 1] > lines[:, 3])
+        )
+        # + 0.0 makes one zero of the two.
+        rows = np.where(swap[:, None], lines[:, [2, 3, 0, 1]], lines) + 0.0
+        return np.ascontiguousarray(rows).view(np.dtype((np.void, 32))).ravel()
+
+    return np.asarray(np.isin(keys(edges), keys(segments)))
+
+
+def _bare(
+    edges: NDArray[np.float64], segments: NDArray[np.float64], near: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Pieces of the edges that no segment lies on: edge, and from where to where, 0 to 1."""
+    tree = shapely.STRtree(shapely.linestrings(segments.reshape(-1, 2, 2)))
+    lines = shapely.linestrings(edges.reshape(-1, 2, 2))
+    edge, segment = tree.query(lines, predicate="dwithin", distance=near)
+    origin, run = edges[edge, :2], edges[edge, 2:] - edges[edge, :2]
+    length = np.maximum(np.hypot(*run.T), 1e-300)
+    along, across = run / length[:, None], (run / length[:, None])[:, ::-1] * [-1.0, 1.0]
+    place, off = [], []
+    for k in (0, 2):
+        away = segments[segment, k : k + 2] - origin
+        place.append((away * along).sum(axis=1))
+        off.append((away * across).sum(axis=1))
+    # The part of the segment that is within `near` of the edge's line.
+    rise = off[1] - off[0]
+    flat = np.abs(rise) < 1e-300
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = (-near - off[0]) / rise, (near - off[0]) / rise
+    low = np.where(flat, 0.0, np.clip(np.minimum(one, other), 0.0, 1.0))
+    high = np.where(flat, 1.0, np.clip(np.maximum(one, other), 0.0, 1.0))
+    at_low, at_high = (place[0] + t * (place[1] - place[0]) for t in (low, high))
+    first, last = np.minimum(at_low, at_high), np.maximum(at_low, at_high)
+    # From covered pieces to bare ones, each edge on a stretch of its own of one long line.
+    size = np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1])
+    first = np.concatenate([np.clip(first / length, 0.0, 1.0), np.zeros(len(edges))])
+    last = np.concatenate([np.clip(last / length, 0.0, 1.0), np.zeros(len(edges))])
+    edge = np.concatenate([edge, np.arange(len(edges))])
+    order = np.lexsort([first, edge])
+    edge, first, last = edge[order], first[order], last[order]
+    reached = np.maximum.accumulate(2.0 * edge + last) - 2.0 * edge
+    begins = np.append(True, edge[1:] != edge[:-1])
+    ends = np.append(begins[1:], True)
+    following = np.where(ends, 1.0, np.append(first[1:], 1.0))
+    bare = (following > reached) & (size[edge] > 0.0)
+    return edge[bare], reached[bare], following[bare]
