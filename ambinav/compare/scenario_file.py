@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.compare.scenario import Scenario
 from ambinav.errors import InputError
+from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 from ambinav.sensing.fields import parse_yaml, read_text
 
 if TYPE_CHECKING:
@@ -51,7 +52,9 @@ def load_scenario(path: str | Path, *, runs: int | None = None) -> Loaded:
         InputError: a file is missing or cannot be used; the message names file, key and value.
     """
     path = Path(path)
+    refuse(str(path), kind_of_path(path), "a scenario")
     plain = parse_yaml(read_text(path), str(path), "docs/compare.md has every key")
+    refuse(str(path), kind_of(plain), "a scenario", SCENARIO)
     scenario = parse_scenario(plain, str(path), path.stem, runs=runs)
     scanner = _scanner(scenario, path)
     if scenario.map.layer is None:

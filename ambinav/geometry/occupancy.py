@@ -18,6 +18,7 @@ from PIL import Image
 
 from ambinav.errors import InputError
 from ambinav.files import sha256
+from ambinav.mistaken import MAP, kind_of, refuse
 
 FREE: Final = 0
 OCCUPIED: Final = 1
@@ -91,6 +92,7 @@ def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
     """
     path = Path(yaml_path)
     header = _read_yaml(path)
+    refuse(f"{path}", kind_of(header), "a map", MAP)
     name = _value(path, header, "image")
     if not isinstance(name, str) or not name.strip():
         raise _wrong(path, "image", name, "the name of a PGM or PNG file")
