@@ -28,6 +28,8 @@ def audit(
             show_default=False,
         ),
     ],
+    level: options.Level = None,
+    unit: options.Unit = None,
     spacing: options.Spacing = 0.1,
     radius: options.Radius = 0.5,
     headings: options.Headings = None,
@@ -81,7 +83,7 @@ def audit(
                     "another place for the map."
                 )
         names = options.layer_names(layers, scanner)
-        environment, chosen = options.load(map_file, scanner, spacing)
+        environment, chosen = options.load(map_file, scanner, spacing, level, unit)
         with progress_bars(as_json) as bars:
             amap = options.make_map(
                 environment,

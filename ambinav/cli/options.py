@@ -33,6 +33,24 @@ Scanner = Annotated[
         show_default=False,
     ),
 ]
+Level = Annotated[
+    str | None,
+    typer.Option(
+        "--level",
+        metavar="NAME|INDEX",
+        help="The floor of a plan whose features have several levels.",
+        show_default="the only one",
+    ),
+]
+Unit = Annotated[
+    str | None,
+    typer.Option(
+        "--unit",
+        metavar="m|cm|mm",
+        help="What a drawn plan's coordinates are in.",
+        show_default="metres, where they make a building",
+    ),
+]
 Spacing = Annotated[
     float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
 ]
@@ -74,6 +92,17 @@ AsJson = Annotated[
 ]
 
 
+def check_plan_options(map_file: object, level: str | None, unit: str | None) -> None:
+    """Check that --level and --unit come with a building.
+
+    Raises:
+        InputError: they come without.
+    """
+    for option, value in (("--level", level), ("--unit", unit)):
+        if value is not None and not map_file:
+            raise InputError(f"{option}: {value!r} says something of a plan; give it with --map.")
+
+
 def check_numbers(
     spacing: float, radius: float, headings: int | None, map_std: float | None
 ) -> None:
@@ -104,7 +133,13 @@ def layer_names(layers: str | None, scanner: str) -> tuple[str, ...]:
     return tuple(layer.name for layer in chosen_layers(names, RangeScanner.load(scanner)))
 
 
-def load(map_file: Path, scanner: str, spacing: float) -> tuple[Environment, RangeScanner]:
+def load(
+    map_file: Path,
+    scanner: str,
+    spacing: float,
+    level: str | None = None,
+    unit: str | None = None,
+) -> tuple[Environment, RangeScanner]:
     """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
 
     Raises:
@@ -114,7 +149,7 @@ def load(map_file: Path, scanner: str, spacing: float) -> tuple[Environment, Ran
     from ambinav.sensing.scanner import RangeScanner
 
     chosen = RangeScanner.load(scanner)
-    environment = load_environment(map_file)
+    environment = load_environment(map_file, level=level, unit=unit)
     xmin, ymin, xmax, ymax = environment.bounds
     if spacing > max(xmax - xmin, ymax - ymin):
         raise InputError(

@@ -118,7 +118,15 @@ def _environment(scenario: Scenario, path: Path) -> Environment:
             f"{path}: environment: there is no file {building}; give a path relative to the "
             "scenario."
         )
-    return load_environment(building)
+    try:
+        return load_environment(building, level=scenario.level, unit=scenario.unit)
+    except InputError as error:
+        raise InputError(f"{path}: environment: {_keys_for(str(error))}") from error
+
+
+def _keys_for(message: str) -> str:
+    """The message with a scenario's keys in the place of the options of other commands."""
+    return message.replace("--level NAME", "the key level").replace("--unit", "the key unit")
 
 
 def _scanner(scenario: Scenario, path: Path) -> RangeScanner:

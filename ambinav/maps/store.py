@@ -6,17 +6,18 @@ import importlib.metadata
 import json
 import warnings
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import xarray as xr
 import yaml
-import zarr
-from zarr.codecs import ZstdCodec
 
 from ambinav.errors import InputError
 from ambinav.files import holding_interrupts, replacing
 from ambinav.mistaken import kind_of, kind_of_path, refuse
+
+if TYPE_CHECKING:
+    import zarr
 
 FORMAT: Final = 2
 """Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held
@@ -35,6 +36,8 @@ def write(dataset: xr.Dataset, path: Path) -> None:
     Raises:
         InputError: the place is not writable, or something that is not a store is there.
     """
+    from zarr.codecs import ZstdCodec  # takes half a second: only when a map is written or read
+
     path = path.absolute()
     check_target(path)
     fresh = dataset.drop_encoding().assign_attrs({FORMAT_ATTR: FORMAT})
@@ -98,6 +101,8 @@ def read(path: Path) -> xr.Dataset:
             f"{path}: not an ambiguity map, it lacks zarr.json; make one with `ambinav map`."
         )
     checked = _check_format(path, root)
+    import zarr  # see `write`
+
     try:
         # Not from the consolidated metadata: locally that saves nothing, and stores that another
         # program wrote without are read as well.
@@ -159,10 +164,6 @@ def _check_format(path: Path, root: Path) -> bool:
     return told >= 2
 
 
-def _arrays(group: zarr.Group) -> list[tuple[str, zarr.Array[Any]]]:
-    return [(name, array) for name, array in group.arrays()]
-
-
 def _chunk_file(path: Path, name: str, array: zarr.Array[Any], index: tuple[int, ...]) -> Path:
     return path / name / array.metadata.encode_chunk_key(index)
 
@@ -173,7 +174,7 @@ def _check_chunks(path: Path, group: zarr.Group) -> None:
     Raises:
         InputError: one is missing.
     """
-    for name, array in _arrays(group):
+    for name, array in group.arrays():
         for index in np.ndindex(array.cdata_shape):
             file = _chunk_file(path, name, array, index)
             if not file.is_file():
@@ -185,6 +186,8 @@ def _check_chunks(path: Path, group: zarr.Group) -> None:
 
 def _culprit(path: Path) -> Path | None:
     """The file of a store that cannot be read, if it can be told."""
+    import zarr  # see `write`
+
     for metadata in sorted(path.glob("*/zarr.json")):
         name = metadata.parent.name
         try:
