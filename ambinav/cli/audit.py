@@ -84,6 +84,9 @@ def audit(
                 )
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing, level, unit)
+        options.announce(
+            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
+        )
         with progress_bars(as_json) as bars:
             amap = options.make_map(
                 environment,

@@ -48,6 +48,9 @@ def build(
         check_target(output)
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing, level, unit)
+        options.announce(
+            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
+        )
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             amap = options.make_map(

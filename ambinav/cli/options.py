@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ambinav.cli.running import Progress, above_zero, not_negative
+from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
+
+LONG_SECONDS = 60.0
+"""A map that takes longer is announced."""
+LARGE_BYTES = 4e9
+"""A map that takes more memory is announced."""
 
 MapFile = Annotated[
     Path,
@@ -157,6 +163,38 @@ def load(
             f"({xmax - xmin:.3g} x {ymax - ymin:.3g} m); give less, e.g. 0.1."
         )
     return environment, chosen
+
+
+def announce(
+    environment: Environment,
+    scanner: RangeScanner,
+    *,
+    spacing: float,
+    radius: float,
+    headings: int | None,
+    layers: tuple[str, ...] = (),
+) -> None:
+    """Say on stderr, before a map that takes long is begun, how long and how much memory.
+
+    And what a wider spacing would make of it.
+    """
+    from ambinav.ambiguity.estimate import coarser, estimate
+
+    if not 0.0 < spacing <= radius:
+        return  # which `build_map` refuses
+    told = estimate(environment, scanner, spacing, radius, headings)
+    if told.seconds < LONG_SECONDS and told.bytes < LARGE_BYTES:
+        return
+    wider = coarser(environment, scanner, spacing, radius, headings, LONG_SECONDS)
+    remedy = "" if wider is None else f"; with --spacing {wider.spacing:g} {wider}"
+    if told.bytes > os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
+        remedy = f", more than this computer has{remedy}"
+    besides = ", the further layers not counted" if layers else ""
+    headed = "" if told.headings == 1 else f" with {told.headings} headings"
+    note(
+        f"this map takes {told} ({told.poses / 1e6:.2g} million poses{headed}, each compared with "
+        f"{told.neighbours:.0f} others by {told.beams} beams{besides}){remedy}."
+    )
 
 
 def make_map(
