@@ -152,9 +152,14 @@ def load(
         InputError: one cannot be used, or the spacing exceeds the building.
     """
     from ambinav.geometry.environment import load_environment
+    from ambinav.sensing.presets import preset_names
     from ambinav.sensing.scanner import RangeScanner
 
     chosen = RangeScanner.load(scanner)
+    if str(map_file) in preset_names():
+        raise InputError(
+            f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
+        )
     environment = load_environment(map_file, level=level, unit=unit)
     xmin, ymin, xmax, ymax = environment.bounds
     if spacing > max(xmax - xmin, ymax - ymin):
