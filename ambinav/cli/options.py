@@ -196,8 +196,10 @@ def announce(
         remedy = f", more than this computer has{remedy}"
     besides = ", the further layers not counted" if layers else ""
     headed = "" if told.headings == 1 else f" with {told.headings} headings"
+    millions = told.poses / 1e6
+    poses = f"{millions:.0f}" if millions >= 10.0 else f"{millions:.2g}"
     note(
-        f"this map takes {told} ({told.poses / 1e6:.2g} million poses{headed}, each compared with "
+        f"this map takes {told} ({poses} million poses{headed}, each compared with "
         f"{told.neighbours:.0f} others by {told.beams} beams{besides}){remedy}."
     )
 
