@@ -143,6 +143,10 @@ def test_summaries() -> None:
     assert summaries["hokuyo-urg-04lx"].row()[:5] == (
         *("hokuyo-urg-04lx", "laser", "682", "239°", "4.095 m"),
     )
+    # Cones count with their own width.
+    assert summaries["hc-sr04"].row()[1:4] == ("cone", "1", "21°")
+    assert summaries["vl53l5cx"].row()[1:4] == ("cone", "8", "45°")
+    assert summaries["polaroid-6500-ring"].row()[3] == "360°"
 
 
 def test_the_page_of_scanners_is_that_of_the_presets() -> None:
