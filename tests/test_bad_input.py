@@ -7,8 +7,9 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +55,12 @@ def cells(value: int = 254) -> np.ndarray:
     return np.pad(np.full((20, 30), value, dtype=np.uint8), 1)
 
 
-def plan(*geometries: object) -> str:
-    features = [{"type": "Feature", "properties": {}, "geometry": g} for g in geometries]
-    return json.dumps({"type": "FeatureCollection", "features": features})
+def plan(*geometries: object, level: Sequence[object] = (), **members: object) -> str:
+    features = [
+        {"type": "Feature", "properties": {"level": told} if level else {}, "geometry": geometry}
+        for geometry, told in zip_longest(geometries, level)
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features, **members})
 
 
 def polygon(ring: list[list[float]]) -> dict[str, object]:
@@ -115,6 +119,13 @@ def case(arguments: tuple[str, ...], change: Change, *named: str) -> Case:
 
 def nothing(folder: Path) -> None:
     """The input is as it should be; the arguments are not."""
+
+
+SCENARIO_FILE = text(
+    "scenario.yaml",
+    "environment: plan.geojson\nscanner: scanner.yaml\n"
+    "pairs: [{start: [1, 1], goal: [2, 1]}]\nroutes: [{kind: shortest}]\n",
+)
 
 
 def scanner_option(name: str) -> tuple[str, ...]:
@@ -190,6 +201,60 @@ CASES = {
                                   "plan.geojson", plan(polygon([[8.5, 47.37], [8.5004, 47.37],
                                                        [8.5004, 47.3703], [8.5, 47.37]])))(f),
                               "plan.geojson", "0.0004 by 0.0003 m", "degrees"),
+    "a plan in degrees by its name": case(
+        FROM_PLAN, text("plan.geojson", plan(polygon(ROOM), crs={
+            "type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::4326"}})),
+        "plan.geojson", "EPSG::4326", "degrees", "project"),
+    "a plan in millimetres": case(
+        FROM_PLAN, text("plan.geojson", plan(polygon([[1000 * v for v in p] for p in ROOM]))),
+        "plan.geojson", "3000 by 2000 m", "--unit", "mm"),
+    "no such unit": case((*FROM_PLAN, "--unit", "feet"), nothing, "plan.geojson", "'feet'", "mm"),
+    "several levels": case(
+        FROM_PLAN, text("plan.geojson", plan(polygon(ROOM), polygon(ROOM), level=["EG", "OG"])),
+        "plan.geojson", "2 levels (EG, OG)", "--level"),
+    "no such level": case(
+        (*FROM_PLAN, "--level", "OK"),
+        text("plan.geojson", plan(polygon(ROOM), polygon(ROOM), level=["EG", "OG"])),
+        "plan.geojson", "'OK'", "OG"),
+    "a level of a plan without": case((*FROM_PLAN, "--level", "EG"), nothing, "plan.geojson",
+                                      "'EG'", "leave it out"),
+    "a level of an occupancy map": case((*FROM_MAP, "--level", "EG"), nothing, "map.yaml",
+                                        "level", "leave them out"),
+    "a unit without a plan": case(("benchmark", "--unit", "mm"), nothing, "--unit", "--map"),
+    "a map's image": case(("map", "map.pgm", *FROM_MAP[2:]), nothing, "map.pgm", "map.yaml"),
+    "a map's image of another name": case(
+        ("map", "map.pgm", *FROM_MAP[2:]), lambda f: (f / "map.yaml").rename(f / "other.yaml"),
+        "map.pgm", "give other.yaml"),
+    "an image alone": case(("map", "map.pgm", *FROM_MAP[2:]), lambda f: (f / "map.yaml").unlink(),
+                           "map.pgm", "write map.yaml", "resolution"),
+    "no such image": case(("map", "no.png", *FROM_MAP[2:]), nothing, "no.png", ".yaml"),
+    "a scenario for a map": case(("audit", "scenario.yaml", *FROM_PLAN[2:]), SCENARIO_FILE,
+                                 "scenario.yaml", "a scenario", "`ambinav compare`"),
+    "a scenario for a scanner": case(scanner_option("scenario.yaml"), SCENARIO_FILE,
+                                     "scenario.yaml", "a scenario", "`ambinav compare`"),
+    "a scanner for a map": case(("audit", "scanner.yaml", *FROM_PLAN[2:]), nothing,
+                                "scanner.yaml", "a scanner, not a map", "--scanner"),
+    "a preset for a map": case(("audit", "rplidar-a1", *FROM_PLAN[2:]), nothing,
+                               "rplidar-a1", "a scanner preset", "--scanner"),
+    "a map for a scanner": case(scanner_option("map.yaml"), nothing, "map.yaml",
+                                "an occupancy map, not a scanner", "`ambinav audit`"),
+    "an image for a scanner": case(scanner_option("map.pgm"), nothing, "map.pgm",
+                                   "not a scanner"),
+    "a plan for a scanner": case(scanner_option("plan.geojson"), nothing, "plan.geojson",
+                                 "a floor plan, not a scanner"),
+    "a sensor for a scanner": case(
+        scanner_option("sensor.yaml"),
+        text("sensor.yaml", yaml.safe_dump(SCANNER["parts"][0]["sensor"])),
+        "sensor.yaml", "a sensor, not a scanner", "parts"),
+    "a plan for a scenario": case(("compare", "plan.geojson", "-o", "new"), nothing,
+                                  "plan.geojson", "a floor plan, not a scenario"),
+    "a scanner for a scenario": case(("compare", "scanner.yaml", "-o", "new"), nothing,
+                                     "scanner.yaml", "a scanner, not a scenario"),
+    "a scenario for a configuration": case(("train", "scenario.yaml", "-o", "new"), SCENARIO_FILE,
+                                           "scenario.yaml", "not a training configuration"),
+    "a plan for a stored map": case(
+        ("plan", "plan.geojson", "--start", "1", "1", "--goal", "2", "1", "-o", "r.csv"), nothing,
+        "plan.geojson", "a floor plan, not an ambiguity map", "`ambinav map`"),
     "a folder that cannot be written": case((*FROM_PLAN, "-o", "/proc/ambinav/out"), nothing,
                                             "/proc"),
     "a map that cannot be written": case((*FROM_MAP, "-o", "/proc/out.zarr"), nothing, "/proc"),

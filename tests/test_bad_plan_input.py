@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -97,3 +98,27 @@ def test_maps_that_are_none(runner: CliRunner, plan_folder: Path) -> None:
         assert result.exit_code == 2
         assert name in result.stderr
     assert files(plan_folder) == {"map.zarr", "notes.txt"}
+
+
+def test_a_lost_chunk_is_named(runner, plan_folder):
+    chunk = plan_folder / "map.zarr" / "level" / "c" / "0" / "0"
+    chunk.unlink()
+    before = files(plan_folder)
+    result = runner.invoke(app, [*PLAN, "-o", "r.csv"])
+    assert result.exit_code == 2, result.output
+    (error,) = result.stderr.splitlines()
+    assert error.startswith(
+        "ambinav: error: map.zarr/level/c/0/0: this part of the map is missing;"
+    )
+    assert files(plan_folder) == before
+
+
+def test_a_map_of_a_newer_version_is_refused(runner, plan_folder):
+    root = plan_folder / "map.zarr" / "zarr.json"
+    told = json.loads(root.read_text())
+    told["attributes"] |= {"map_format": 1000, "ambinav_version": "9.9.9"}
+    root.write_text(json.dumps(told))
+    result = runner.invoke(app, [*PLAN, "-o", "r.csv"])
+    assert result.exit_code == 2, result.output
+    (error,) = result.stderr.splitlines()
+    assert "format 1000 (of ambinav 9.9.9)" in error and "install a newer ambinav" in error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -343,3 +344,43 @@ def test_help_computes_nothing():
     heavy = ("numpy", "numba", "xarray", "matplotlib", "shapely", "scipy", "torch", "ompl")
     code = f"import ambinav.cli, sys; print([m for m in {heavy} if m in sys.modules])"
     assert run("-c", code).stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("arguments", [AUDIT, MAP])
+def test_a_giant_map_says_what_it_costs_before_it_starts(runner, folder, monkeypatch, arguments):
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(options, "make_map", interrupted)
+    campus = {"type": "Polygon", "coordinates": [[[0, 0], [900, 0], [900, 800], [0, 0]]]}
+    (folder / "plan.geojson").write_text(json.dumps(campus))
+    small = [*arguments, "--spacing", "0.05", "--json"]
+    result = runner.invoke(app, small)
+    assert result.exit_code == 130 and result.stdout == ""
+    (note,) = [line for line in result.stderr.splitlines() if "note" in line]
+    # 900 * 800 / 2 / 0.05^2 poses.
+    assert "144" in note and "million poses" in note
+    assert re.search(r"this map takes about \d+ (minute|hour)s? and [\d.]+ GB", note)
+    assert re.search(r"with --spacing 0\.\d+ .* GB\.$", note)
+    coarse = runner.invoke(app, [*arguments, "--spacing", "0.5"])
+    assert "note" not in coarse.stderr
+
+
+def test_floors_and_units(runner, folder):
+    """A house of two floors in millimetres."""
+    ring = [[0, 0], [3000, 0], [3000, 2000], [0, 2000], [0, 0]]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"level": name},
+            "geometry": {"type": "Polygon", "coordinates": [[[x * k, y] for x, y in ring]]},
+        }
+        for k, name in ((1, "EG"), (2, "OG"))
+    ]
+    house = {"type": "FeatureCollection", "features": features}
+    (folder / "plan.geojson").write_text(json.dumps(house))
+    for level, area in (("EG", 6.0), ("1", 12.0)):
+        told = runner.invoke(app, [*MAP, "--json", "--unit", "mm", "--level", level])
+        assert told.exit_code == 0, told.output
+        assert json.loads(told.stdout)["free_area_m2"] == pytest.approx(area, rel=0.2)
+    assert "plan OG" in AmbiguityMap.open("plan.zarr").dataset.attrs["title"]

@@ -28,6 +28,8 @@ def audit(
             show_default=False,
         ),
     ],
+    level: options.Level = None,
+    unit: options.Unit = None,
     spacing: options.Spacing = 0.1,
     radius: options.Radius = 0.5,
     headings: options.Headings = None,
@@ -86,12 +88,15 @@ def audit(
                     "another place for the map."
                 )
         names = options.layer_names(layers, scanner)
-        environment, chosen = options.load(map_file, scanner, spacing)
+        environment, chosen = options.load(map_file, scanner, spacing, level, unit)
         from ambinav.audit.audit import robot_radius as radius_of
         from ambinav.geometry.reach import find_reach
 
         # Before the long work: a start inside a wall is told at once.
         reach = find_reach(environment, robot_radius or radius_of(chosen), start)
+        options.announce(
+            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
+        )
         with progress_bars(as_json) as bars:
             amap = options.make_map(
                 environment,

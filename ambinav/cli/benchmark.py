@@ -100,6 +100,8 @@ def benchmark(
             show_default=False,
         ),
     ] = None,
+    level: options.Level = None,
+    unit: options.Unit = None,
     quick: Annotated[
         bool,
         typer.Option(
@@ -122,6 +124,7 @@ def benchmark(
             raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
         if seed < 0:
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        options.check_plan_options(map_file, level, unit)
         common = arguments_of(values or [])
         check_writable(output)
         # The shipped policies, which take part, are trained ones.
@@ -133,9 +136,10 @@ def benchmark(
 
         check_output(output)
         count = episodes or (QUICK_EPISODES if quick else EPISODES)
+        buildings = QUICK_BUILDINGS if quick else BUILDINGS
         board = Board(
             all_methods(planner or [], policy or []),
-            settings_for(map_file or [], QUICK_BUILDINGS if quick else BUILDINGS, suite or []),
+            settings_for(map_file or [], buildings, suite or [], level=level, unit=unit),
             count,
             seed,
             common,

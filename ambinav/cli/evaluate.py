@@ -43,6 +43,8 @@ def evaluate(
         Path | None,
         typer.Option("--map", metavar="FILE", help="One building instead.", show_default=False),
     ] = None,
+    level: options.Level = None,
+    unit: options.Unit = None,
     episodes: Annotated[
         int, typer.Option("--episodes", "-n", metavar="N", help="How many episodes.")
     ] = 200,
@@ -77,6 +79,7 @@ def evaluate(
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         if suite is not None and map_file is not None:
             raise InputError("--suite and --map are both given; give one of the two.")
+        options.check_plan_options(map_file, level, unit)
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
@@ -88,6 +91,10 @@ def evaluate(
             changed["suite"] = suite
         if map_file is not None:
             changed["map"] = map_file
+            if level is not None or unit is not None:
+                from ambinav.geometry.environment import load_environment
+
+                changed["map"] = load_environment(map_file, level=level, unit=unit)
         with progress_bars(as_json) as bars:
             found = evaluate_policy(policy, changed, episodes, seed, bars("episodes"), force=force)
         if output is not None:

@@ -26,6 +26,8 @@ def build(
             show_default=False,
         ),
     ],
+    level: options.Level = None,
+    unit: options.Unit = None,
     spacing: options.Spacing = 0.1,
     radius: options.Radius = 0.5,
     headings: options.Headings = None,
@@ -45,7 +47,10 @@ def build(
         check_writable(output)
         check_target(output)
         names = options.layer_names(layers, scanner)
-        environment, chosen = options.load(map_file, scanner, spacing)
+        environment, chosen = options.load(map_file, scanner, spacing, level, unit)
+        options.announce(
+            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
+        )
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             amap = options.make_map(

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ambinav.cli.running import Progress, above_zero, not_negative
+from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
+
+LONG_SECONDS = 60.0
+"""A map that takes longer is announced."""
+LARGE_BYTES = 4e9
+"""A map that takes more memory is announced."""
 
 MapFile = Annotated[
     Path,
@@ -31,6 +37,24 @@ Scanner = Annotated[
         metavar="PRESET|FILE",
         help="A preset (see `ambinav presets`) or a scanner .yaml file.",
         show_default=False,
+    ),
+]
+Level = Annotated[
+    str | None,
+    typer.Option(
+        "--level",
+        metavar="NAME|INDEX",
+        help="The floor of a plan whose features have several levels.",
+        show_default="the only one",
+    ),
+]
+Unit = Annotated[
+    str | None,
+    typer.Option(
+        "--unit",
+        metavar="m|cm|mm",
+        help="What a drawn plan's coordinates are in.",
+        show_default="metres, where they make a building",
     ),
 ]
 Spacing = Annotated[
@@ -103,6 +127,17 @@ Force = Annotated[
 ]
 
 
+def check_plan_options(map_file: object, level: str | None, unit: str | None) -> None:
+    """Check that --level and --unit come with a building.
+
+    Raises:
+        InputError: they come without.
+    """
+    for option, value in (("--level", level), ("--unit", unit)):
+        if value is not None and not map_file:
+            raise InputError(f"{option}: {value!r} says something of a plan; give it with --map.")
+
+
 def check_numbers(
     spacing: float, radius: float, headings: int | None, map_std: float | None
 ) -> None:
@@ -133,17 +168,28 @@ def layer_names(layers: str | None, scanner: str) -> tuple[str, ...]:
     return tuple(layer.name for layer in chosen_layers(names, RangeScanner.load(scanner)))
 
 
-def load(map_file: Path, scanner: str, spacing: float) -> tuple[Environment, RangeScanner]:
+def load(
+    map_file: Path,
+    scanner: str,
+    spacing: float,
+    level: str | None = None,
+    unit: str | None = None,
+) -> tuple[Environment, RangeScanner]:
     """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
 
     Raises:
         InputError: one cannot be used, or the spacing exceeds the building.
     """
     from ambinav.geometry.environment import load_environment
+    from ambinav.sensing.presets import preset_names
     from ambinav.sensing.scanner import RangeScanner
 
     chosen = RangeScanner.load(scanner)
-    environment = load_environment(map_file)
+    if str(map_file) in preset_names():
+        raise InputError(
+            f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
+        )
+    environment = load_environment(map_file, level=level, unit=unit)
     xmin, ymin, xmax, ymax = environment.bounds
     if spacing > max(xmax - xmin, ymax - ymin):
         raise InputError(
@@ -151,6 +197,40 @@ def load(map_file: Path, scanner: str, spacing: float) -> tuple[Environment, Ran
             f"({xmax - xmin:.3g} x {ymax - ymin:.3g} m); give less, e.g. 0.1."
         )
     return environment, chosen
+
+
+def announce(
+    environment: Environment,
+    scanner: RangeScanner,
+    *,
+    spacing: float,
+    radius: float,
+    headings: int | None,
+    layers: tuple[str, ...] = (),
+) -> None:
+    """Say on stderr, before a map that takes long is begun, how long and how much memory.
+
+    And what a wider spacing would make of it.
+    """
+    from ambinav.ambiguity.estimate import coarser, estimate
+
+    if not 0.0 < spacing <= radius:
+        return  # which `build_map` refuses
+    told = estimate(environment, scanner, spacing, radius, headings)
+    if told.seconds < LONG_SECONDS and told.bytes < LARGE_BYTES:
+        return
+    wider = coarser(environment, scanner, spacing, radius, headings, LONG_SECONDS)
+    remedy = "" if wider is None else f"; with --spacing {wider.spacing:g} {wider}"
+    if told.bytes > os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
+        remedy = f", more than this computer has{remedy}"
+    besides = ", the further layers not counted" if layers else ""
+    headed = "" if told.headings == 1 else f" with {told.headings} headings"
+    millions = told.poses / 1e6
+    poses = f"{millions:.0f}" if millions >= 10.0 else f"{millions:.2g}"
+    note(
+        f"this map takes {told} ({poses} million poses{headed}, each compared with "
+        f"{told.neighbours:.0f} others by {told.beams} beams{besides}){remedy}."
+    )
 
 
 def make_map(

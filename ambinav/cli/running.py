@@ -150,5 +150,10 @@ def not_negative(value: float | None, option: str, example: str, unit: str = "me
         raise InputError(f"{option}: {value:g} is not zero or above; give {unit}, e.g. {example}.")
 
 
+def note(text: str) -> None:
+    """Print a note on stderr, as `reporting` does with warnings."""
+    _say(f"ambinav: note: {text}")
+
+
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)

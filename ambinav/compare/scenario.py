@@ -34,6 +34,8 @@ class Scenario(Part):
 
     name: str = Field(min_length=1)
     environment: str
+    level: str | int | None = None
+    unit: str | None = None
     scanner: str | dict[str, Any]
     map: MapPart = MapPart()
     robot: Annotated[InstanceOf[Robot], BeforeValidator(making(Robot))] = Robot()

@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.compare.scenario import Scenario
 from ambinav.errors import InputError
+from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 from ambinav.sensing.fields import parse_yaml, read_text
 
 if TYPE_CHECKING:
@@ -54,7 +55,9 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
         InputError: a file is missing or cannot be used; the message names file, key and value.
     """
     path = Path(path)
+    refuse(str(path), kind_of_path(path), "a scenario")
     plain = parse_yaml(read_text(path), str(path), "docs/compare.md has every key")
+    refuse(str(path), kind_of(plain), "a scenario", SCENARIO)
     scenario = parse_scenario(plain, str(path), path.stem, runs=runs)
     scanner = _scanner(scenario, path)
     if scenario.map.layer is None:
@@ -118,7 +121,15 @@ def _environment(scenario: Scenario, path: Path) -> Environment:
             f"{path}: environment: there is no file {building}; give a path relative to the "
             "scenario."
         )
-    return load_environment(building)
+    try:
+        return load_environment(building, level=scenario.level, unit=scenario.unit)
+    except InputError as error:
+        raise InputError(f"{path}: environment: {_keys_for(str(error))}") from error
+
+
+def _keys_for(message: str) -> str:
+    """The message with a scenario's keys in the place of the options of other commands."""
+    return message.replace("--level NAME", "the key level").replace("--unit", "the key unit")
 
 
 def _scanner(scenario: Scenario, path: Path) -> RangeScanner:

@@ -20,6 +20,7 @@ from ambinav.geometry.raycast import cast_rays, clearances
 from ambinav.geometry.segments import Segments
 from ambinav.geometry.triangulation import Triangulation
 from ambinav.geometry.walk import walk_rays
+from ambinav.mistaken import kind_of_path, refuse, refuse_image
 
 if TYPE_CHECKING:
     from ambinav.geometry.occupancy import OccupancyGrid
@@ -270,12 +271,21 @@ def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def load_environment(
-    path: str | Path, *, tolerance: float | None = None, gap: float | None = None
+    path: str | Path,
+    *,
+    level: str | int | None = None,
+    unit: str | None = None,
+    tolerance: float | None = None,
+    gap: float | None = None,
 ) -> Environment:
     """Read an environment: map_server YAML, GeoJSON or WKT, told apart by the file's suffix.
 
     Args:
         path: .yaml or .yml with its image beside it; .geojson or .json; .wkt.
+        level: The floor of a plan that holds several, by name or by position from 0 on (plans
+            only).
+        unit: What a plan's coordinates are in: "m", "cm" or "mm" (plans only; metres if None,
+            where that makes a building).
         tolerance: How far a wall may move when a map is simplified, metres (maps only; two cells
             if None).
         gap: Gaps in walls and specks up to this size are closed, metres (maps only; one cell if
@@ -286,10 +296,17 @@ def load_environment(
     """
     path = Path(path)
     suffix = path.suffix.lower()
+    refuse_image(path)
+    if path.is_dir():
+        refuse(f"{path}", kind_of_path(path), "a building")
     if suffix in (".yaml", ".yml"):
         from ambinav.geometry.boundary import environment_from_grid
         from ambinav.geometry.occupancy import load_map_server
 
+        if level is not None or unit is not None:
+            raise InputError(
+                f"{path}: level and unit are for drawn plans; leave them out for an occupancy map."
+            )
         return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
     if suffix in (".geojson", ".json", ".wkt"):
         from ambinav.geometry.polygons import load_polygons
@@ -298,7 +315,7 @@ def load_environment(
             raise InputError(
                 f"{path}: tolerance and gap are for occupancy maps; leave them out for polygons."
             )
-        return load_polygons(path)
+        return load_polygons(path, level=level, unit=unit)
     raise InputError(
         f"{path}: the suffix {suffix or '(none)'} names no known format; "
         "give a map_server .yaml, a .geojson or a .wkt file."

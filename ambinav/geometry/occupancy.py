@@ -18,6 +18,7 @@ from PIL import Image
 
 from ambinav.errors import InputError
 from ambinav.files import sha256
+from ambinav.mistaken import MAP, kind_of, refuse
 
 FREE: Final = 0
 OCCUPIED: Final = 1
@@ -25,9 +26,10 @@ UNKNOWN: Final = 2
 
 MODES: Final = ("trinary", "scale", "raw")
 FORMATS: Final = ("PPM", "PNG", "BMP")
-# Metres. Nothing that a robot drives in is mapped outside of these limits.
+# Metres. Nothing that a robot drives in is mapped outside of these limits: a cell of 5 or 50 is
+# meant in centimetres or millimetres.
 FINEST: Final = 1e-4
-COARSEST: Final = 1e3
+COARSEST: Final = 2.0
 FURTHEST: Final = 1e8
 # Pillow itself refuses more than twice its MAX_IMAGE_PIXELS; between one and two times it warns.
 MAX_CELLS: Final = 178_956_970
@@ -120,12 +122,13 @@ def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
     """
     path = Path(yaml_path)
     header = _read_yaml(path)
+    refuse(f"{path}", kind_of(header), "a map", MAP)
     name = _value(path, header, "image")
     if not isinstance(name, str) or not name.strip():
         raise _wrong(path, "image", name, "the name of a PGM or PNG file")
     resolution = _number(path, "resolution", _value(path, header, "resolution"))
     if not FINEST <= resolution <= COARSEST:
-        wanted = f"the edge of a cell in metres, from {FINEST:g} to {COARSEST:g}"
+        wanted = f"the edge of a cell in metres, from {FINEST:g} to {COARSEST:g}, e.g. 0.05"
         raise _wrong(path, "resolution", resolution, wanted)
     origin = _origin(path, _value(path, header, "origin"))
     negate = _value(path, header, "negate")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import reprlib
 from typing import Final
 
 import numpy as np
@@ -105,6 +106,7 @@ def check(dataset: xr.Dataset, source: str) -> None:
             f"{source}: not an ambiguity map, it lacks {', '.join(missing)}; "
             "make one with `ambinav map`."
         )
+    _check_parameters(dataset.attrs["parameters"], source)
     for name in ("x", "y", "theta"):
         if name in dataset.coords:
             _check_even(np.asarray(dataset[name].values, dtype=np.float64), name, source)
@@ -155,6 +157,18 @@ def spacings(dataset: xr.Dataset, source: str) -> tuple[float, float]:
             )
         steps = [float(told) if math.isnan(step) else step for step in steps]
     return steps[0], steps[1]
+
+
+def _check_parameters(told: object, source: str) -> None:
+    try:
+        sound = isinstance(told, str) and isinstance(json.loads(told), dict)
+    except ValueError:
+        sound = False
+    if not sound:
+        raise InputError(
+            f"{source}: attribute parameters is {reprlib.repr(told)}, not a JSON object; make the "
+            "map with `ambinav map`."
+        )
 
 
 def _check_even(values: np.ndarray, name: str, source: str) -> None:

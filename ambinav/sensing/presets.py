@@ -18,9 +18,9 @@ class PresetSummary:
 
     Attributes:
         name: What `RangeScanner.from_preset` takes.
-        kind: "laser", "sonar" or "mixed".
+        kind: "laser", "cone" (sonars, and the zones of time-of-flight chips) or "mixed".
         beams: Number of beams.
-        aperture: Field of view in radians.
+        aperture: Field of view in radians, cones included.
         max_range: Farthest range in metres.
         description: What it is.
         source: Where its figures come from.
@@ -69,6 +69,15 @@ def preset_summaries() -> tuple[PresetSummary, ...]:
 
     scanners = [RangeScanner.from_preset(name) for name in preset_names()]
     return tuple(
-        PresetSummary(s.name, s.kind, s.beams, s.aperture, s.max_range, s.description, s.source)
+        PresetSummary(
+            name=s.name,
+            kind="cone" if s.kind == "sonar" else s.kind,
+            beams=s.beams,
+            # From the edge of the first cone to that of the last.
+            aperture=min(s.aperture + max(sensor.aperture for sensor in s.sensors), math.tau),
+            max_range=s.max_range,
+            description=s.description,
+            source=s.source,
+        )
         for s in scanners
     )

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.mistaken import kind_of_path, refuse
 from ambinav.sensing.casting import cast_beams
 from ambinav.sensing.fields import as_count, read_text
 from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring
@@ -209,6 +210,7 @@ class RangeScanner:
         text, path = str(preset_or_path), Path(preset_or_path)
         if text in preset_names():
             return cls.from_preset(text)
+        refuse(text, kind_of_path(path), "a scanner")
         if path.exists() or path.suffix.lower() in (".yaml", ".yml") or len(path.parts) > 1:
             return cls.from_yaml(path)
         return cls.from_preset(text)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import yaml
 
 from ambinav.errors import InputError
+from ambinav.mistaken import SCANNER, kind_of, refuse
 from ambinav.sensing.fields import Fields, parse_yaml, read_text
 from ambinav.sensing.layout import KINDS, Part, layout_from_plain
 from ambinav.sensing.presets import preset_path
@@ -44,7 +45,9 @@ def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
     Raises:
         InputError: the text or a field cannot be used.
     """
-    given = Fields(parse_yaml(text, where, EXAMPLE), where, ScannerText._fields)
+    plain = parse_yaml(text, where, EXAMPLE)
+    refuse(where, kind_of(plain), "a scanner", SCANNER)
+    given = Fields(plain, where, ScannerText._fields)
     parts = given.raw("parts")
     if not isinstance(parts, list) or not parts:
         raise InputError(

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.mistaken import SENSOR, kind_of, refuse
 from ambinav.sensing import curves
 from ambinav.sensing.calibration import CalibrationFit, StdModel
 from ambinav.sensing.curves import Curve
@@ -236,7 +237,9 @@ class RangeSensor:
         """
         path = Path(path)
         example = "`ambinav calibrate` writes one"
-        return cls.from_plain(parse_yaml(read_text(path), str(path), example), str(path))
+        plain = parse_yaml(read_text(path), str(path), example)
+        refuse(str(path), kind_of(plain), "a sensor", SENSOR)
+        return cls.from_plain(plain, str(path))
 
     @classmethod
     def from_plain(cls, plain: object, where: str) -> RangeSensor:

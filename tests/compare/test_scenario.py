@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from ambinav.compare.guides import EkfParameters
-from ambinav.compare.scenario_file import load_scenario, parse_scenario
+from ambinav.compare.scenario_file import Loaded, load_scenario, parse_scenario
 from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
 from tests.compare.conftest import write
@@ -205,3 +207,26 @@ def test_angles_are_degrees_in_the_file(scenario: dict[str, Any], tmp_path: Path
     scenario["drive"] |= {"start_std": [0.1, 0.2], "start_heading_std_deg": 180}
     read = load_scenario(write(tmp_path, scenario)).scenario
     assert read.drive.start_deviations == (0.1, 0.2, math.pi)
+
+
+def test_floor_and_unit_of_the_building(scenario: Plain, tmp_path: Path) -> None:
+    """Keys of the scenario; what is asked for names them, and not the options of commands."""
+    path = write(tmp_path, scenario)
+    plan = tmp_path / "flat.geojson"
+    document = json.loads(plan.read_text())
+    for part, level in zip(document["features"], ("EG", "OG"), strict=True):
+        part["properties"] = {"level": level}
+        corners = part["geometry"]["coordinates"][0]
+        part["geometry"]["coordinates"] = [[[1000 * x, 1000 * y] for x, y in corners]]
+
+    def load(**keys: object) -> Loaded:
+        path.write_text(yaml.safe_dump({**scenario, **keys}))
+        plan.write_text(json.dumps(document))
+        return load_scenario(path)
+
+    with pytest.raises(InputError, match=r"flat\.yaml: environment: .*say with the key unit"):
+        load()
+    with pytest.raises(InputError, match=r"2 levels \(EG, OG\).*choose one with the key level\.$"):
+        load(unit="mm")
+    assert load(unit="mm", level="EG").environment.free.area == pytest.approx(24.0)
+    assert load(unit="mm", level=1).environment.free.area == pytest.approx(0.8)

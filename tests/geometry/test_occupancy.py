@@ -163,6 +163,8 @@ def test_missing_key_is_named(tmp_path: Path, key: str) -> None:
         ("image", '"a\\0b"'),
         ("resolution", "0"),
         ("resolution", "-0.05"),
+        ("resolution", "5"),  # centimetres
+        ("resolution", "50"),  # millimetres
         ("resolution", ".nan"),
         ("resolution", ".inf"),
         ("resolution", "fine"),

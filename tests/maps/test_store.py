@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.store import FORMAT, FORMAT_ATTR
 from tests.maps import synthetic
 
 
@@ -110,3 +115,102 @@ def test_large_maps_are_stored_in_tiles(tmp_path):
     chunks = [item for item in (tmp_path / "a.zarr" / "level" / "c").rglob("*") if item.is_file()]
     assert len(chunks) == 2
     assert AmbiguityMap.open(tmp_path / "a.zarr").dataset["level"].equals(wide["level"])
+
+
+def chunks(path):
+    return sorted(item for item in path.glob("*/c/**/*") if item.is_file())
+
+
+def damaged(path, name, change):
+    """The map with one file of it changed."""
+    shutil.rmtree(path, ignore_errors=True)
+    AmbiguityMap(synthetic.dataset()).save(path)
+    change(path / name)
+    return path
+
+
+def flipped(file):
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+
+
+def test_every_chunk_is_there(tmp_path):
+    """An empty one too: zarr takes a missing one for the fill value, here NaN or 0."""
+    dataset = synthetic.dataset()
+    dataset["zone"][:] = 0
+    dataset["level"][:] = np.nan
+    AmbiguityMap(dataset).save(tmp_path / "a.zarr")
+    parts = [
+        chunk.relative_to(tmp_path / "a.zarr").parts[0] for chunk in chunks(tmp_path / "a.zarr")
+    ]
+    assert set(parts) == {str(name) for name in dataset.variables}
+    assert AmbiguityMap.open(tmp_path / "a.zarr").dataset.identical(dataset)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [Path.unlink, flipped, lambda f: f.write_bytes(b""), lambda f: f.write_bytes(b"hello")],
+    ids=["missing", "a bit flipped", "empty", "something else"],
+)
+def test_a_missing_or_damaged_chunk_is_named(tmp_path, change):
+    AmbiguityMap(synthetic.dataset()).save(tmp_path / "whole.zarr")
+    for chunk in chunks(tmp_path / "whole.zarr"):
+        name = chunk.relative_to(tmp_path / "whole.zarr")
+        path = damaged(tmp_path / "a.zarr", name, change)
+        with pytest.raises(InputError, match=rf"a\.zarr/{name}: .*; .*make") as caught:
+            AmbiguityMap.open(path)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("told", [FORMAT + 1, 99])
+def test_a_map_of_a_newer_format_is_refused(tmp_path, told):
+    path = tmp_path / "a.zarr"
+    AmbiguityMap(synthetic.dataset()).save(path)
+    root = json.loads((path / "zarr.json").read_text())
+    root["attributes"] |= {FORMAT_ATTR: told, "ambinav_version": "7.8.9"}
+    (path / "zarr.json").write_text(json.dumps(root))
+    with pytest.raises(InputError) as caught:
+        AmbiguityMap.open(path)
+    words = (f"format {told} (of ambinav 7.8.9)", f"up to {FORMAT}", "install a newer ambinav")
+    assert all(word in str(caught.value) for word in words)
+
+
+def test_a_map_of_an_older_format_is_read(tmp_path):
+    """Stores without the attribute left empty chunks out."""
+    dataset = synthetic.dataset()
+    dataset.to_zarr(tmp_path / "a.zarr", zarr_format=3, consolidated=False)
+    amap = AmbiguityMap.open(tmp_path / "a.zarr")
+    assert amap.dataset.identical(dataset)
+    assert FORMAT_ATTR not in amap.dataset.attrs
+
+
+@pytest.mark.parametrize("told", ["new", 0, None, 1.5])
+def test_a_format_that_is_none(tmp_path, told):
+    path = tmp_path / "a.zarr"
+    AmbiguityMap(synthetic.dataset()).save(path)
+    root = json.loads((path / "zarr.json").read_text())
+    root["attributes"][FORMAT_ATTR] = told
+    (path / "zarr.json").write_text(json.dumps(root))
+    with pytest.raises(InputError, match="map_format is"):
+        AmbiguityMap.open(path)
+
+
+def test_parameters_must_be_json(tmp_path):
+    for told in ("{", "[]", 7):
+        dataset = synthetic.dataset().assign_attrs(parameters=told)
+        with pytest.raises(InputError, match=r"attribute parameters is .*, not a JSON object"):
+            AmbiguityMap(dataset)
+
+
+def test_a_building_is_no_map(tmp_path):
+    (tmp_path / "office.yaml").write_text("image: office.pgm\nresolution: 0.05\n")
+    (tmp_path / "plan.geojson").write_text("{}")
+    (tmp_path / "scanner.yaml").write_text("parts: []")
+    for name, words in (
+        ("office.yaml", "an occupancy map, not an ambiguity map; make one of it with"),
+        ("plan.geojson", "a floor plan, not an ambiguity map; make one of it with"),
+        ("scanner.yaml", "a scanner, not an ambiguity map; give it with --scanner"),
+    ):
+        with pytest.raises(InputError, match=words):
+            AmbiguityMap.open(tmp_path / name)

@@ -120,20 +120,29 @@ class Board:
         )
 
 
-def settings_for(maps: Sequence[Path], buildings: int, suites: Sequence[str] = ()) -> list[Setting]:
+def settings_for(
+    maps: Sequence[Path],
+    buildings: int,
+    suites: Sequence[str] = (),
+    *,
+    level: str | None = None,
+    unit: str | None = None,
+) -> list[Setting]:
     """Every place under every condition.
 
     Args:
         maps: Environment files.
         buildings: How many of each suite.
         suites: Names of suites; none: `SUITES`.
+        level: Which floor of the environment files, as in `load_environment`.
+        unit: What the environment files are drawn in, as there.
 
     Raises:
         InputError: there is no such suite, a map cannot be read, or two have the same name.
     """
     places = [Place(suite(name).name, name, buildings) for name in suites or SUITES]
     for path in maps:
-        environment = load_environment(path)
+        environment = load_environment(path, level=level, unit=unit)
         places.append(Place(environment.name, environment, None))
     names = [place.name for place in places]
     for name in names:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from ambinav.compare.scenario_file import complaint
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.mistaken import TRAINING, kind_of, kind_of_path, refuse
 from ambinav.sensing.fields import parse_yaml, read_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
@@ -40,7 +41,9 @@ def load_config(
         InputError: the file is missing or cannot be used; the message names file, key and value.
     """
     path = Path(path)
+    refuse(str(path), kind_of_path(path), "a training configuration")
     plain = parse_yaml(read_text(path), str(path), "docs/training.md has every key")
+    refuse(str(path), kind_of(plain), "a training configuration", TRAINING)
     if not isinstance(plain, Mapping):
         raise InputError(f"{path} holds {type(plain).__name__}; give a mapping of keys.")
     whole = {**plain, **(limits or {})}
