@@ -24,6 +24,8 @@ FRONTIER_SLACK: Final = 1.25
 GAP_CELLS: Final = 1
 # On a coarse grid a single cell is a passage, not a crack in a wall.
 LARGEST_DEFAULT_GAP: Final = 0.1
+# Above this a single occupied cell is a post, not noise of a scanner, metres.
+LARGEST_DEFAULT_SPECK: Final = 0.06
 MIN_AREA: Final = 0.25
 # In a rough map the cells of a wall lie this far apart from the cells that were seen free.
 LARGEST_REACH_CELLS: Final = 3
@@ -49,7 +51,8 @@ def environment_from_grid(
         gap: Openings in walls up to this width in metres are closed; one cell by default, but
             none where a cell is larger than 0.1 m. Islands in the free space of up to gap x gap
             (3 gap x 3 gap where nothing in them is known to be occupied) are taken for noise;
-            with `gap=0` the leg of a chair that fills a single cell stays.
+            by default none where a cell is larger than 0.06 m: that is a post. With `gap=0` the
+            leg of a chair that fills a single cell stays.
         min_area: Separate pieces of free space below this area in square metres are left out.
 
     Returns:
@@ -64,6 +67,7 @@ def environment_from_grid(
     cell = grid.resolution
     if tolerance is None:
         tolerance = TOLERANCE_CELLS * cell
+    specks_stay = gap is None and cell > LARGEST_DEFAULT_SPECK * (1 + 1e-6)
     if gap is None:
         gap = GAP_CELLS * cell if cell <= LARGEST_DEFAULT_GAP else 0.0
     for key, value in (("tolerance", tolerance), ("gap", gap), ("min_area", min_area)):
@@ -78,6 +82,7 @@ def environment_from_grid(
         gap=gap_cells,
         min_cells=max(min_area / cell**2, 1.0),
         reach=min(max(round(steps), 1), LARGEST_REACH_CELLS),
+        speck=0 if specks_stay else None,
     )
     if len(contours.component) == 0:
         raise InputError(

@@ -39,7 +39,14 @@ class Contours:
     area: NDArray[np.int64]
 
 
-def trace(state: NDArray[np.uint8], *, gap: int, min_cells: float, reach: int = 1) -> Contours:
+def trace(
+    state: NDArray[np.uint8],
+    *,
+    gap: int,
+    min_cells: float,
+    reach: int = 1,
+    speck: int | None = None,
+) -> Contours:
     """Outline of the free cells of `state`, shape (rows, columns).
 
     What lies outside the grid is unknown. Free cells connect through their edges only, so that
@@ -47,10 +54,11 @@ def trace(state: NDArray[np.uint8], *, gap: int, min_cells: float, reach: int = 
 
     Args:
         state: `FREE`, `OCCUPIED` or `UNKNOWN` of each cell.
-        gap: Widest opening that is closed, in cells; see `without_specks` and `opened`.
+        gap: Widest opening that is closed, in cells; see `opened`.
         min_cells: Free components of fewer cells are left out.
         reach: A point is a wall's if an occupied cell lies within this many rows and columns of
             the cell beyond it.
+        speck: Widest occupied island that is taken for noise, in cells; `gap` if None.
     """
     rows, columns = np.flatnonzero((state == FREE).any(1)), np.flatnonzero((state == FREE).any(0))
     if len(rows) == 0:
@@ -66,7 +74,7 @@ def trace(state: NDArray[np.uint8], *, gap: int, min_cells: float, reach: int = 
         row0:row1, column0:column1
     ]
     if gap > 0:
-        _fill_specks(padded, gap, 9 * gap * gap)
+        _fill_specks(padded, gap if speck is None else speck, 9 * gap * gap)
     free = opened(padded == FREE, gap)
     labels, _ = ndimage.label(free)
     cells = np.bincount(labels.ravel())

@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError
-from ambinav.geometry.environment import DRAWING_STD, Environment, load_environment
+from ambinav.geometry.environment import DRAWING_STD, MAPPING_STD, Environment, load_environment
 from ambinav.geometry.segments import Segments
 from tests.geometry import scenes
 
@@ -66,7 +66,8 @@ def test_walls_are_as_sure_as_the_map() -> None:
     box = shapely.box(0, 0, 5, 3)
     walls = Segments(scenes.rings(box), np.zeros(4))
     assert Environment(walls, box).map_std == DRAWING_STD
-    assert Environment(walls, box, resolution=0.05).map_std == 0.05
+    for cell in (0.025, 0.05, 0.1):
+        assert Environment(walls, box, resolution=cell).map_std == MAPPING_STD
 
 
 def test_turning_changes_nothing_that_a_robot_sees(hall: Environment) -> None:
