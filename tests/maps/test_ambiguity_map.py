@@ -7,9 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
+from ambinav.geometry.boundary import environment_from_grid
+from ambinav.geometry.occupancy import OccupancyGrid
+from ambinav.localization.expected import expected_covariance
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
+from ambinav.sensing import RangeScanner, RangeSensor
 from tests.maps import synthetic
 
 RNG_SEED = 7
@@ -258,3 +263,20 @@ def test_damaged_outline_is_refused() -> None:
     dataset["floor"] = (("byte",), dataset["floor"].values[:20])
     with pytest.raises(InputError, match="floor, the outline of the free space"):
         _ = AmbiguityMap(dataset).environment
+
+
+def test_the_map_knows_how_sure_its_walls_are() -> None:
+    """What is computed from a map is what comes of the building that it was computed from."""
+    state = np.zeros((60, 80), dtype=np.uint8)
+    state[[0, -1]] = state[:, [0, -1]] = 1
+    building = environment_from_grid(OccupancyGrid(state, 0.05))
+    scanner = RangeScanner.planar(
+        sensor=RangeSensor(max_range=4.0, std=0.02, resolution=0.01), beams=24, aperture=math.tau
+    )
+    amap = build_map(building, scanner, spacing=0.2)
+    kept = amap.environment
+    assert kept.resolution == building.resolution and kept.map_std == building.map_std
+    poses = [[1.0, 1.0, 0.0], [2.0, 1.5, 0.3]]
+    there = expected_covariance(amap, poses, source="fisher")
+    here = expected_covariance(building, poses, source="fisher", scanner=scanner)
+    np.testing.assert_allclose(here, there, rtol=1e-9)

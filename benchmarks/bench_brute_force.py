@@ -1,0 +1,107 @@
+"""The kernel's `level` against brute force on a lattice of 2 cm, in all kinds of clutter."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+from brute_force import level
+from harness import ROOT, add_out, report, table
+from numpy.typing import NDArray
+
+import ambinav as an
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+SCANNERS = {"4 m, 3 cm": (4.0, 0.03), "8 m, 1 cm": (8.0, 0.01), "30 m, 1 cm": (30.0, 0.01)}
+SPACINGS = (0.1, 0.05)
+CLEAR = 0.3
+GREATEST = 2000.0
+"""Square metres of floor; greater maps are left out, for the time that their maps take."""
+
+Floats = NDArray[np.float64]
+
+
+def main() -> None:
+    """Compare at random places of every map."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--places", type=int, default=60, help="in each map (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1)
+    add_out(parser)
+    args = parser.parse_args()
+    folder = Path(os.environ.get("AMBINAV_DATA", ""))
+    if not (folder / "maps").is_dir():
+        sys.exit("bench_brute_force.py: AMBINAV_DATA must name the folder that holds maps/.")
+    paths = [ROOT / "configs" / "demo.geojson"]
+    for group in ("maps", "maps_from_logs", "maps_research_only"):
+        paths += sorted((folder / group).glob("*.yaml"))
+    parts = []
+    for name, (reach, std) in SCANNERS.items():
+        scanner = an.RangeScanner.planar(
+            sensor=an.RangeSensor(max_range=reach, std=std, resolution=0.001),
+            beams=60,
+            aperture=2 * math.pi,
+        )
+        rows, whole = [], []
+        for path in paths:
+            env = an.load_environment(path)
+            if env.free.area > GREATEST:
+                continue
+            found = differences(env, scanner, args.places, np.random.default_rng(args.seed))
+            whole.append(found)
+            rows.append((path.stem, *described(found)))
+            print(name, *rows[-1], file=sys.stderr, flush=True)
+        rows.append(("all", *described(np.concatenate(whole))))
+        parts += [f"## Laser of {name}", table(HEADER, rows)]
+    report("The kernel against brute force", ["numba", "numpy"], "\n\n".join(parts), args.out)
+
+
+HEADER = (
+    "map", "places", "median", "95 %", "lowest", "highest", "lowest, clear of walls",
+    "at half the spacing: median", "95 %", "lowest, clear of walls",
+)  # fmt: skip
+
+
+def differences(
+    env: an.Environment, scanner: an.RangeScanner, count: int, rng: np.random.Generator
+) -> Floats:
+    """Rows of kernel less brute force at both spacings, and the clearance, shape (N, 3)."""
+    coarse, fine = (an.build_map(env, scanner, spacing) for spacing in SPACINGS)
+    model = json.loads(coarse.dataset.attrs["parameters"])
+    known = coarse.dataset["free"].values & (coarse.dataset["unknown"].values < 0.5)
+    cells = rng.permutation(np.argwhere(known))[:count]
+    rows = []
+    for row, column in cells:
+        x, y = float(coarse.dataset["x"][column]), float(coarse.dataset["y"][row])
+        true = level(env, scanner, x, y, map_std=model["map_std"], tau=model["tau"])
+        kernel = [nearest(coarse, x, y), nearest(fine, x, y)]
+        clearance = float(coarse.dataset["clearance"].values[row, column])
+        rows.append([kernel[0] - true, kernel[1] - true, clearance])
+    return np.array(rows)
+
+
+def nearest(amap: AmbiguityMap, x: float, y: float) -> float:
+    """`level` there; between the cells of a lattice, the mean of those around."""
+    return float(np.asarray(amap.sample("level", x, y)))
+
+
+def described(found: Floats) -> list[str]:
+    """Cells of a row of the table."""
+    coarse, fine, clearance = found.T
+    clear = clearance >= CLEAR
+    fine = fine[np.isfinite(fine) & clear]
+    sizes = np.quantile(np.abs(coarse), (0.5, 0.95))
+    halves = np.quantile(np.abs(fine), (0.5, 0.95)) if len(fine) else (math.nan, math.nan)
+    numbers = [
+        *sizes, coarse.min(), coarse.max(), coarse[clear].min(initial=0.0), *halves,
+        fine.min(initial=0.0),
+    ]  # fmt: skip
+    return [str(len(found)), *(f"{value:.3f}" for value in numbers)]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,121 @@
+"""What `level` owes to the model's parameters, and which of their values localizers back.
+
+The places and drives are those of `bench_truth.py --folder` (Monte Carlo localization wanders about
+each place): how far off the localizer is does not depend on the ambiguity model, so one set of
+drives judges every choice. One parameter at a time is changed. Given for each: how far `level`
+moves at these places, the area under the curve (AUC) of telling the places where the localizer is
+off by more than 0.3 m, and the rank correlation of `level` with its error; for the AUC the mean
+over the environments that have five places of both kinds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_truth import BAD, auc
+from harness import add_out, environment_path, report, table
+from numpy.typing import NDArray
+from scipy.stats import spearmanr
+from truth_case import scanner_of
+
+import ambinav as an
+
+FACTORS = {
+    "tau": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "outlier_share": (0.1, 0.4, 1.0, 2.0, 4.0),
+    "map_std": (0.0, 0.5, 1.0, 2.0, 4.0),
+    "sigma_theta": (0.5, 1.0, 2.0),
+}
+"""Times the default."""
+
+Floats = NDArray[np.float64]
+
+
+def main() -> None:
+    """Recompute the levels of all places for each choice, and print the tables."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=Path("out/truth"))
+    add_out(parser)
+    args = parser.parse_args()
+    paths = sorted(args.folder.glob("*_drives.jsonl"))
+    if not paths:
+        sys.exit(f"bench_sensitivity.py: {args.folder} holds no drives; run bench_truth.py first.")
+    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for path in paths:
+        name, scanner = next(
+            (path.name.split(f"_{s}_")[0], s)
+            for s in ("laser-30m", "laser-8m", "laser-4m", "sonar-ring", "mixed")
+            if f"_{s}_" in path.name
+        )
+        places = [json.loads(line) for line in path.read_text().splitlines()]
+        found[scanner].append(levels(name, scanner, places))
+        print(path.stem, file=sys.stderr, flush=True)
+    parts = [str(__doc__).split("\n\n", 1)[1].strip()]
+    for scanner, cases in found.items():
+        names = ", ".join(f"{case['name']} ({len(case['error'])} places)" for case in cases)
+        parts += [f"## {scanner}", f"Buildings: {names}.", table(HEADER, rows(cases), words=2)]
+    report("Sensitivity of the ambiguity level", ["numba", "numpy"], "\n\n".join(parts), args.out)
+
+
+HEADER = (
+    "parameter", "value", "change of level: median", "95 %", "mean, signed", "AUC",
+    "rank correlation",
+)  # fmt: skip
+
+
+def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict[str, Any]:
+    """Errors at the places, and their levels for each choice."""
+    env = an.load_environment(environment_path(name))
+    scanner = scanner_of(scanner_name)
+    x, y = (np.array([place[key] for place in places]) for key in ("x", "y"))
+
+    def level(**changed: float) -> tuple[Floats, dict[str, float]]:
+        amap = an.build_map(env, scanner, **changed)
+        layer = "level_mean" if amap.has_theta else "level"
+        model = json.loads(amap.dataset.attrs["parameters"])
+        return np.asarray(amap.sample(layer, x, y)), model
+
+    plain, model = level()
+    case: dict[str, Any] = {"name": name, "error": np.array([p["error"] for p in places])}
+    case["levels"] = {("default", ""): plain}
+    for key, factors in FACTORS.items():
+        for factor in factors:
+            value = max(factor * model[key], 1.0) if key == "tau" else factor * model[key]
+            shown = f"{factor:g} x" if key == "tau" else f"{value:g}"
+            case["levels"][key, shown] = plain if factor == 1.0 else level(**{key: value})[0]
+    return case
+
+
+def rows(cases: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """One for each choice; the buildings' mapping may differ, so choices go by their order."""
+    lines = []
+    for k, (key, shown) in enumerate(cases[0]["levels"]):
+        change, scores, ranks = [], [], []
+        for case in cases:
+            plain, level = case["levels"]["default", ""], list(case["levels"].values())[k]
+            error = case["error"]
+            known = np.isfinite(level)
+            change.append((level - plain)[known])
+            scores.append(auc(level[known], error[known] > BAD))
+            ranks.append(float(spearmanr(level[known], error[known]).statistic))
+        moved = np.concatenate(change)
+        shown = shown if len({list(c["levels"])[k] for c in cases}) == 1 else f"{shown} and like"
+        lines.append(
+            (
+                key, shown, f"{np.median(np.abs(moved)):.3f}",
+                f"{np.quantile(np.abs(moved), 0.95):.3f}", f"{moved.mean():+.3f}",
+                f"{np.nanmean(scores):.3f}" if np.isfinite(scores).any() else "",
+                f"{np.mean(ranks):.3f}",
+            )
+        )  # fmt: skip
+    return lines
+
+
+if __name__ == "__main__":
+    main()

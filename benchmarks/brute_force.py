@@ -1,0 +1,93 @@
+"""The ambiguity level by brute force, to hold the kernel against; it shares no code with it.
+
+Every pose of a fine lattice of neighbours and headings is scanned and compared as it stands: no
+cell, no derivative, no offset. Slow, and right but for the lattice's own step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import FRONTIER
+from ambinav.sensing.scanner import RangeScanner
+
+STEP = 0.02
+HEADINGS = 7
+WIDEST = 2.5
+
+Floats = NDArray[np.float64]
+
+
+def level(
+    env: Environment,
+    scanner: RangeScanner,
+    x: float,
+    y: float,
+    *,
+    map_std: float,
+    tau: float,
+    outlier_share: float = 0.05,
+    sigma_theta: float = 0.05,
+    radius: float = 0.5,
+) -> float:
+    """`level` at (x, y) for a scanner of lasers in the robot's centre, all of one kind.
+
+    Args:
+        env: The environment; it has no wall without thickness.
+        scanner: The scanner, all of its beams.
+        x: Metres, map frame.
+        y: Metres.
+        map_std: As for `build_map`, and so are the others.
+        tau: Beams per independent piece of evidence.
+        outlier_share: Of beams that meet what is not on the map.
+        sigma_theta: Radians.
+        radius: Of the neighbourhood, metres.
+    """
+    half = int(radius / STEP)
+    steps = STEP * np.arange(-half, half + 1)
+    dx, dy = np.meshgrid(steps, steps)
+    free = np.asarray(env.is_free(x + dx, y + dy)) & (dx**2 + dy**2 <= radius**2)
+    pieces, _ = ndimage.label(free, structure=np.ones((3, 3)))
+    near = free & (pieces == pieces[half, half])
+    dx, dy = dx[near], dy[near]
+    here, hidden = _scan(env, scanner, np.array([x]), np.array([y]), 0.0)
+    turns = sigma_theta * np.linspace(-WIDEST, WIDEST, HEADINGS)
+    weights = np.exp(-0.5 * (turns / sigma_theta) ** 2)
+    alike = np.zeros(len(dx))
+    for turn, weight in zip(turns, weights / weights.sum(), strict=True):
+        there, unknown = _scan(env, scanner, x + dx, y + dy, turn)
+        pooled = (_variance(scanner, here, map_std) + _variance(scanner, there, map_std)) / 2
+        evidence = np.where(hidden | unknown, 0.0, (there - here) ** 2 / (4 * pooled))
+        evidence /= np.sqrt(1 + (evidence / -math.log(outlier_share)) ** 2)
+        alike += weight * np.exp(-evidence.sum(axis=1) / tau)
+    M = _moment(dx, dy, alike / alike.sum())
+    F = _moment(dx, dy, np.full(len(dx), 1 / len(dx)))
+    values, axes = np.linalg.eigh(M)
+    along = np.einsum("ik,ij,jk->k", axes, F, axes)
+    return float(np.minimum(np.sqrt(values / along), 1.0).mean())
+
+
+def _moment(dx: Floats, dy: Floats, weight: Floats) -> Floats:
+    step = np.stack([dx, dy])
+    return np.asarray((step * weight) @ step.T)
+
+
+def _variance(scanner: RangeScanner, ranges: Floats, map_std: float) -> Floats:
+    sensor = scanner.sensors[0]
+    return np.asarray(sensor.std_at(ranges)) ** 2 + sensor.resolution**2 / 12 + map_std**2
+
+
+def _scan(
+    env: Environment, scanner: RangeScanner, x: Floats, y: Floats, theta: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """True ranges, at most the largest, and whether each ends in unknown space; shape (N, B)."""
+    limit = scanner.sensors[0].max_range
+    angle = theta + scanner.mounts[:, 2]
+    distance, segment = env.cast_hits(x[:, None], y[:, None], angle, limit)
+    unknown = (segment >= 0) & (env.segments.kind[segment] == FRONTIER) & (distance < limit)
+    return np.minimum(distance, limit), unknown
