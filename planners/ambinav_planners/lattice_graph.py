@@ -1,4 +1,8 @@
-"""The lattice of a map as a graph of free straight motions, in 32 directions."""
+"""The lattice of a map as a graph of free straight motions, in 32 directions.
+
+Where the robot fits but no lattice point does, points of their own are added: along the middle of
+channels that are hardly wider than the robot, and beside forbidden cells.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.channels import channel_poses, edge_poses
 from ambinav_planners.graph import MotionGraph
 
 # Half of the 32 steps to neighbours, columns and rows; the others are their opposites. The
@@ -25,7 +31,9 @@ STEPS = np.array(
     ],
     dtype=np.int32,
 )
-# The ends of a way are joined to what they see within this distance, metres; if there is nothing,
+# Added points are joined to what they see within so many spacings.
+CHANNEL_REACH = 2.5
+# The ends of a route are joined to what they see within this distance, metres; if there is nothing,
 # within the next.
 REACH = (0.5, 1.0, 2.0, 4.0)
 
@@ -35,7 +43,7 @@ class LatticeGraph:
     """The free cells of a map and the motions between them.
 
     Attributes:
-        graph: Its first `cells` nodes are the free cells.
+        graph: Its first nodes are the free cells, its last ones the points added to them.
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
         service: What a metre costs.
     """
@@ -50,7 +58,8 @@ class LatticeGraph:
 
         Args:
             service: Its map gives the lattice.
-            checker: For straight motions (r2).
+            checker: For straight motions (r2). Channels are found for the disc around the
+                footprint.
         """
         dataset = service.map.dataset
         x, y = np.meshgrid(dataset["x"].values, dataset["y"].values)
@@ -67,7 +76,11 @@ class LatticeGraph:
             other = margin[rows + 3 + row, columns + 3 + column]
             there = np.flatnonzero(other >= 0).astype(np.int32)
             pairs.append(np.stack([there, other[there]], axis=-1))
-        graph = MotionGraph.of_motions(poses, np.concatenate(pairs), service, checker)
+        added = _added_poses(service, checker)
+        pairs.append(_pairs_near(poses, added, CHANNEL_REACH * service.map.spacing))
+        graph = MotionGraph.of_motions(
+            np.concatenate([poses, added]), np.concatenate(pairs), service, checker
+        )
         return cls(graph, cell, service)
 
     def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
@@ -102,6 +115,36 @@ class LatticeGraph:
     def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
         """Component of every cell, int32, shape (rows, columns); -1 where nothing fits."""
         return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
+
+
+def _added_poses(service: AmbiguityService, checker: CollisionChecker) -> NDArray[np.float64]:
+    """Free poses between the lattice's points that it takes to get through everywhere, (K, 3)."""
+    dataset = service.map.dataset
+    cells = (
+        dataset["x"].values.astype(np.float64),
+        dataset["y"].values.astype(np.float64),
+        dataset["free"].values,
+        service.map.spacing,
+    )
+    added = channel_poses(*cells, checker)
+    if not checker.has_forbidden:
+        return added
+    return np.concatenate([added, edge_poses(*cells, checker)])
+
+
+def _pairs_near(
+    poses: NDArray[np.float64], added: NDArray[np.float64], reach: float
+) -> NDArray[np.int32]:
+    """Pairs of added points with each other and with the poses before them, no pair twice."""
+    if not len(added):
+        return np.empty((0, 2), dtype=np.int32)
+    tree, count = cKDTree(added[:, :2]), len(poses)
+    among = tree.query_pairs(reach, output_type="ndarray") + count
+    near = cKDTree(poses[:, :2]).query_ball_point(added[:, :2], reach, return_sorted=False)
+    counts = np.array([len(each) for each in near], dtype=np.intp)
+    source = np.repeat(np.arange(len(added)) + count, counts)
+    target = np.array([node for each in near for node in each], dtype=np.intp)
+    return np.concatenate([among, np.stack([source, target], axis=-1)]).astype(np.int32)
 
 
 def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
