@@ -34,6 +34,8 @@ ROOM = 1.5
 FALL = 1.5
 # As FALL, at a point of the search lattice, which is beside the ridge by up to half a step.
 FALL_BESIDE = 0.5
+# Where there is less room than this share of a step, points stand closer by this factor.
+TIGHT, CLOSER = 0.1, 8
 # The search for the ridge narrows its bracket so often, by the golden ratio: to 1e-5 of the step.
 NARROWINGS = 24
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -77,11 +79,22 @@ def channel_poses(
     fall, direction = _fall(points, here, clearance, step)
     beside = fall > FALL_BESIDE * step
     points, here = _ridge(points[beside], direction[beside], clearance, step)
-    fall, _ = _fall(points, here, clearance, step)
-    points = points[(fall > FALL * step) & (here >= radius)]
+    fall, direction = _fall(points, here, clearance, step)
+    middle = (fall > FALL * step) & (here >= radius - TIGHT * step)
     # Neighbours on the search lattice find the same points of a ridge.
-    _, first = np.unique(np.round(points / (0.25 * step)), axis=0, return_index=True)
-    points = points[np.sort(first)]
+    points, kept = _distinct(points[middle], 0.25 * step)
+    here, direction = here[middle][kept], direction[middle][kept]
+    # A channel bends: a motion between points of its middle needs some room, or points that stand
+    # closer.
+    tight = here < radius + TIGHT * step
+    along = np.column_stack([-direction[tight, 1], direction[tight, 0]])
+    offsets = np.linspace(-step, step, 2 * CLOSER + 1)
+    between = points[tight][:, np.newaxis] + offsets[:, np.newaxis] * along[:, np.newaxis]
+    across = np.repeat(direction[tight], len(offsets), axis=0)
+    between, _ = _ridge(between.reshape(-1, 2), across, clearance, step)
+    between, _ = _distinct(between, 0.5 * step / CLOSER)
+    points, _ = _distinct(np.concatenate([points, between]), 1e-4 * step)
+    points = points[clearance(points) >= radius]
     poses = np.column_stack([points, np.zeros(len(points))])
     return poses[checker.poses_free(poses)]
 
@@ -118,6 +131,13 @@ def edge_poses(
     best = room.argmax(axis=1)
     each = np.arange(len(centres))
     return inside[each, best][room[each, best] > -math.inf]
+
+
+def _distinct(points: Floats, apart: float) -> tuple[Floats, NDArray[np.intp]]:
+    """One of the points in each square of a grid, shape (K, 2), and which ones they are."""
+    _, first = np.unique(np.round(points / apart), axis=0, return_index=True)
+    first = np.sort(first)
+    return points[first], first
 
 
 def _near_walls(

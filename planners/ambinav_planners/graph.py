@@ -109,7 +109,7 @@ class MotionGraph:
         return np.asarray(labels, dtype=np.int32)
 
     def cheapest(self, start: int, goal: int, weight: float) -> NDArray[np.intp] | None:
-        """Nodes of the cheapest way from `start` to `goal`, or None if there is no way."""
+        """Nodes of the cheapest path from `start` to `goal`, or None if there is none."""
         costs = np.maximum(self.cost(weight), 1e-12)  # scipy takes an explicit zero for no edge
         distance, before = dijkstra(self.matrix(costs), indices=start, return_predecessors=True)
         if not np.isfinite(distance[goal]):

@@ -1,66 +1,83 @@
-"""The yardstick: the cheapest way over the map's lattice, finished at any angle."""
+"""The yardstick: the cheapest paths over the map's lattice, finished at any angle."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav_planners.alternatives import alternative_paths
+from ambinav_planners.cheapest import cheapest_within
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.lattice_graph import lattice_of
-from ambinav_planners.limited_search import limited_search
+from ambinav_planners.limited_improve import improve_within
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Found, Planner, register
-from ambinav_planners.stretches import bad_stretches
 
-
-def cheapest_within(graph: MotionGraph, problem: Problem) -> NDArray[np.intp] | None:
-    """Nodes of the cheapest way that keeps the problem's limit on bad metres in a row.
-
-    Start and goal are the graph's last two nodes.
-    """
-    limit = problem.limit
-    if limit is None:
-        raise ValueError("the problem has no limit")
-    stretches = bad_stretches(graph, problem.service.ambiguity, limit.level)
-    count = len(graph.poses)
-    way = limited_search(
-        graph, graph.cost(problem.service.weight), stretches, limit.metres, count - 2, count - 1
-    )
-    return None if way is None else way.nodes
-
-
-def cheapest_on(graph: MotionGraph, problem: Problem) -> NDArray[np.float64] | None:
-    """Way points of the cheapest way between the graph's last two nodes, shape (N, 3), or None.
-
-    It keeps the problem's limit, if there is one.
-    """
-    count = len(graph.poses)
-    nodes = (
-        graph.cheapest(count - 2, count - 1, problem.service.weight)
-        if problem.limit is None
-        else cheapest_within(graph, problem)
-    )
-    return None if nodes is None else graph.steering.oriented(graph.poses[nodes])
+# A path over the lattice is longer than the route that it becomes, by up to this share and so many
+# spacings at its ends: its stretches on bad floor may be longer than the limit by as much.
+LONGER, ENDS = 0.02, 2.0
 
 
 def solve_reference(problem: Problem, budget: Budget) -> Found:
-    """Dijkstra on the lattice, whatever time it takes."""
+    """Search the lattice for paths, whatever time it takes."""
     started = time.perf_counter()
     lattice = lattice_of(problem.service, problem.checker)
-    poses = cheapest_on(lattice.with_ends(problem.ends, problem.checker), problem)
-    if poses is None:
+    return found_on(lattice.with_ends(problem.ends, problem.checker), problem, started)
+
+
+def found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
+    """The cheapest path over a lattice and those that may become cheaper, start and goal last.
+
+    Args:
+        graph: The lattice with start and goal as its last two nodes.
+        problem: What is planned.
+        started: When the clock was started, of `time.perf_counter`.
+    """
+    paths = _alternatives(graph, problem) if problem.limit is None else _within(graph, problem)
+    if not paths:
         return Found(None)
-    cost = problem.service.route_cost(poses, problem.steering)
-    return Found(poses, ((time.perf_counter() - started, cost),))
+    cost = problem.service.route_cost(paths[0], problem.steering)
+    return Found(paths[0], ((time.perf_counter() - started, cost),), alternatives=tuple(paths[1:]))
+
+
+def _alternatives(graph: MotionGraph, problem: Problem) -> list[NDArray[np.float64]]:
+    count, weight = len(graph.poses), problem.service.weight
+    width = 2.0 * problem.checker.footprint.outer
+    found = alternative_paths(graph, count - 2, count - 1, weight, width)
+    return [graph.steering.oriented(graph.poses[nodes]) for nodes in found]
+
+
+def _within(graph: MotionGraph, problem: Problem) -> list[NDArray[np.float64]]:
+    """Paths that keep the limit: on the lattice, and finished from ones that nearly keep it."""
+    limit = problem.limit
+    if limit is None:
+        raise ValueError("the problem has no limit")
+    looser = replace(
+        limit, metres=limit.metres * (1.0 + LONGER) + ENDS * problem.service.map.spacing
+    )
+    paths: list[NDArray[np.float64]] = []
+    for each in (limit, looser):
+        nodes = cheapest_within(graph, problem, each)
+        if nodes is None:
+            continue
+        path = graph.steering.oriented(graph.poses[nodes])
+        if each is not limit:
+            finished = improve_within(path, problem.service, problem.checker, limit)
+            if finished is None:
+                continue
+            path = finished
+        paths.append(path)
+    return paths
 
 
 register(
     Planner(
         "reference",
         solve_reference,
-        "Dijkstra over the map's lattice in 32 directions, finished at any angle",
+        "Dijkstra over the map's lattice and its channels, finished at any angle",
         spaces=("r2",),
         uses_ompl=False,
         keeps_limit=True,
