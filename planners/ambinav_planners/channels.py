@@ -96,7 +96,7 @@ def channel_poses(
     points, _ = _distinct(np.concatenate([points, between]), 1e-4 * step)
     points = points[clearance(points) >= radius]
     poses = np.column_stack([points, np.zeros(len(points))])
-    return poses[checker.poses_free(poses)]
+    return np.asarray(poses[checker.poses_free(poses)])
 
 
 def edge_poses(
@@ -130,7 +130,7 @@ def edge_poses(
     room = room.reshape(-1, len(dx))
     best = room.argmax(axis=1)
     each = np.arange(len(centres))
-    return inside[each, best][room[each, best] > -math.inf]
+    return np.asarray(inside[each, best][room[each, best] > -math.inf])
 
 
 def _distinct(points: Floats, apart: float) -> tuple[Floats, NDArray[np.intp]]:
@@ -160,7 +160,7 @@ def _near_walls(
     offsets = (np.arange(parts) + 0.5) * (spacing / parts) - 0.5 * spacing
     dx, dy = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
     points = centres[:, np.newaxis] + np.stack([dx, dy], axis=-1)
-    return points.reshape(-1, 2)
+    return np.asarray(points.reshape(-1, 2))
 
 
 def _fall(

@@ -115,9 +115,9 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
         )
     if not chosen.iteration or not chosen.uses_ompl:
         return (
-            f"planner {chosen.name!r} found no way over the map's lattice of "
-            f"{problem.service.map.spacing:g} m; where a channel is narrower than that, another "
-            "planner, such as prmstar, may get through."
+            f"planner {chosen.name!r} found no path over the map's lattice of "
+            f"{problem.service.map.spacing:g} m and its channels; where this robot only just gets "
+            "through, another planner, such as prmstar, may."
         )
     spent = f"{budget.seconds:g} s"
     if budget.iterations is not None:

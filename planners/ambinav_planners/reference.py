@@ -51,26 +51,22 @@ def _alternatives(graph: MotionGraph, problem: Problem) -> list[NDArray[np.float
 
 
 def _within(graph: MotionGraph, problem: Problem) -> list[NDArray[np.float64]]:
-    """Paths that keep the limit: on the lattice, and finished from ones that nearly keep it."""
-    limit = problem.limit
+    """Paths that keep the limit: on the lattice, and finished from one that nearly keeps it."""
+    limit, service, steering = problem.limit, problem.service, problem.steering
     if limit is None:
         raise ValueError("the problem has no limit")
-    looser = replace(
-        limit, metres=limit.metres * (1.0 + LONGER) + ENDS * problem.service.map.spacing
-    )
-    paths: list[NDArray[np.float64]] = []
-    for each in (limit, looser):
-        nodes = cheapest_within(graph, problem, each)
-        if nodes is None:
-            continue
-        path = graph.steering.oriented(graph.poses[nodes])
-        if each is not limit:
-            finished = improve_within(path, problem.service, problem.checker, limit)
-            if finished is None:
-                continue
-            path = finished
-        paths.append(path)
-    return paths
+    metres = limit.metres * (1.0 + LONGER) + ENDS * service.map.spacing
+    nodes = cheapest_within(graph, problem, replace(limit, metres=metres))
+    if nodes is None:
+        return []
+    path = steering.oriented(graph.poses[nodes])
+    if limit.kept_by(path, service, steering):
+        return [path]
+    paths = [improve_within(path, service, problem.checker, limit)]
+    nodes = cheapest_within(graph, problem, limit)
+    if nodes is not None:
+        paths.append(steering.oriented(graph.poses[nodes]))
+    return [path for path in paths if path is not None]
 
 
 register(
