@@ -10,6 +10,8 @@ each other, and the cheapest one over all of them is taken.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
@@ -38,48 +40,83 @@ OTHER_SHARE = 0.02
 JOIN = 0.3
 
 
-def alternative_paths(
-    graph: MotionGraph, start: int, goal: int, weight: float, width: float
-) -> list[NDArray[np.intp]]:
+@dataclass(eq=False)
+class Corridors:
+    """What lies near the paths found so far, of a graph.
+
+    Attributes:
+        graph: The motions.
+        apart: So near, metres.
+        seen: Nodes near any path, bool, shape (N,).
+    """
+
+    graph: MotionGraph
+    apart: float
+    seen: NDArray[np.bool_]
+    _places: cKDTree
+
+    @classmethod
+    def of(cls, graph: MotionGraph, width: float) -> Corridors:
+        """None yet; paths that stay within half of the robot's width, metres, are one."""
+        seen = np.zeros(len(graph.poses), dtype=np.bool_)
+        return cls(graph, NEAR_SHARE * width, seen, cKDTree(graph.poses[:, :2]))
+
+    def leads_elsewhere(self, nodes: NDArray[np.intp]) -> bool:
+        """Whether a path leaves what is near the others."""
+        return bool((~self.seen[nodes]).mean() > OTHER_SHARE)
+
+    def dearer(self, cost: Floats, nodes: NDArray[np.intp]) -> Floats:
+        """Costs of the motions, shape (E,), those near a path made dearer; the path is noted."""
+        near = np.zeros(len(self.seen), dtype=np.bool_)
+        points = self.graph.steering.dense(self.graph.poses[nodes], self.apart)[0]
+        for each in self._places.query_ball_point(points[:, :2], self.apart, return_sorted=False):
+            near[each] = True
+        self.seen |= near
+        inside = near[self.graph.source] & near[self.graph.target]
+        return np.where(inside, cost * (1.0 + DEARER), cost)
+
+
+def within_cost(graph: MotionGraph, cost: Floats, most: float) -> NDArray[np.bool_]:
+    """Nodes over which a path of at most a cost leads from start to goal, the last two nodes."""
+    matrix = graph.matrix(np.maximum(cost, LEAST))
+    start, goal = len(graph.poses) - 2, len(graph.poses) - 1
+    come = dijkstra(matrix, indices=start, limit=most)
+    go = dijkstra(matrix.T, indices=goal, limit=most)
+    return np.asarray(come + go <= most)
+
+
+def alternative_paths(graph: MotionGraph, weight: float, width: float) -> list[Floats]:
     """The cheapest path over a graph, and others that cost little more, the cheapest first.
 
     Args:
-        graph: The motions.
-        start: A node.
-        goal: A node.
+        graph: The motions; start and goal are its last two nodes.
         weight: Of the cost.
         width: Of the robot, metres: paths that stay within half of it are one.
 
     Returns:
-        Nodes of each path; none if no path leads there.
+        Poses of each path, shape (N, 3); none if no path leads there.
     """
-    matrix = graph.matrix(np.maximum(graph.cost(weight), LEAST))
-    come, before = dijkstra(matrix, indices=start, return_predecessors=True)
+    cost = np.maximum(graph.cost(weight), LEAST)
+    start, goal = len(graph.poses) - 2, len(graph.poses) - 1
+    come, before = dijkstra(graph.matrix(cost), indices=start, return_predecessors=True)
     if not np.isfinite(come[goal]):
         return []
-    found = [walk_back(before, start, goal)]
+    found = [graph.poses[walk_back(before, start, goal)]]
     # What no path of little more cost leads over is left out: that is most of a building.
-    go = dijkstra(matrix.T, indices=goal, limit=(1.0 + SLACK) * come[goal] + LEAST)
-    kept = np.flatnonzero(come + go <= (1.0 + SLACK) * come[goal] + LEAST)
-    matrix = matrix[kept][:, kept]
-    first, last = np.searchsorted(kept, [start, goal])
-    source = np.repeat(np.arange(len(kept)), np.diff(matrix.indptr))
-    apart = NEAR_SHARE * width
-    places = cKDTree(graph.poses[kept, :2])
-    seen = np.zeros(len(kept), dtype=np.bool_)
-    while len(found) < PATHS:
-        corridor = np.zeros(len(kept), dtype=np.bool_)
-        points = graph.steering.dense(graph.poses[found[-1]], apart)[0]
-        for near in places.query_ball_point(points[:, :2], apart, return_sorted=False):
-            corridor[near] = True
-        seen |= corridor
-        matrix.data[corridor[source] & corridor[matrix.indices]] *= 1.0 + DEARER
-        _, before = dijkstra(matrix, indices=first, return_predecessors=True)
-        nodes = walk_back(before, first, last)
-        if not (~seen[nodes]).mean() > OTHER_SHARE:
+    most = (1.0 + SLACK) * come[goal] + LEAST
+    go = dijkstra(graph.matrix(cost).T, indices=goal, limit=most)
+    graph = graph.part(come + go <= most)
+    cost = graph.cost(weight)
+    start, goal = len(graph.poses) - 2, len(graph.poses) - 1
+    corridors = Corridors.of(graph, width)
+    nodes = graph.cheapest_at(cost, start, goal)
+    while nodes is not None and len(found) < PATHS:
+        cost = corridors.dearer(cost, nodes)
+        nodes = graph.cheapest_at(cost, start, goal)
+        if nodes is None or not corridors.leads_elsewhere(nodes):
             break
-        found.append(kept[nodes])
-    return found
+        found.append(graph.poses[nodes])
+    return [graph.steering.oriented(poses) for poses in found]
 
 
 def joined_routes(

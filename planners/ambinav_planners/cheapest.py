@@ -13,17 +13,21 @@ from ambinav_planners.stretches import bad_stretches
 
 
 def cheapest_within(
-    graph: MotionGraph, problem: Problem, limit: BadStretchLimit
+    graph: MotionGraph,
+    problem: Problem,
+    limit: BadStretchLimit,
+    cost: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp] | None:
     """Nodes of the cheapest path that keeps a limit on bad metres in a row, or None.
 
-    Start and goal are the graph's last two nodes.
+    Start and goal are the graph's last two nodes. `cost` is what each motion costs, shape (E,);
+    None for what the problem's service says.
     """
+    if cost is None:
+        cost = graph.cost(problem.service.weight)
     stretches = bad_stretches(graph, problem.service.ambiguity, limit.level)
     count = len(graph.poses)
-    found = limited_search(
-        graph, graph.cost(problem.service.weight), stretches, limit.metres, count - 2, count - 1
-    )
+    found = limited_search(graph, cost, stretches, limit.metres, count - 2, count - 1)
     return None if found is None else found.nodes
 
 

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav_planners.alternatives import alternative_paths
+from ambinav_planners.alternatives import (
+    PATHS,
+    SLACK,
+    Corridors,
+    alternative_paths,
+    within_cost,
+)
 from ambinav_planners.cheapest import cheapest_within
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.lattice_graph import lattice_of
+from ambinav_planners.limit import BadStretchLimit
 from ambinav_planners.limited_improve import improve_within
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Found, Planner, register
+
+Floats = NDArray[np.float64]
 
 # A path over the lattice is longer than the route that it becomes, by up to this share and so many
 # spacings at its ends: its stretches on bad floor may be longer than the limit by as much.
@@ -36,37 +46,59 @@ def found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
         problem: What is planned.
         started: When the clock was started, of `time.perf_counter`.
     """
-    paths = _alternatives(graph, problem) if problem.limit is None else _within(graph, problem)
+    weight, width = problem.service.weight, 2.0 * problem.checker.footprint.outer
+    paths = (
+        alternative_paths(graph, weight, width)
+        if problem.limit is None
+        else _within(graph, problem, problem.limit, width)
+    )
     if not paths:
         return Found(None)
     cost = problem.service.route_cost(paths[0], problem.steering)
     return Found(paths[0], ((time.perf_counter() - started, cost),), alternatives=tuple(paths[1:]))
 
 
-def _alternatives(graph: MotionGraph, problem: Problem) -> list[NDArray[np.float64]]:
-    count, weight = len(graph.poses), problem.service.weight
-    width = 2.0 * problem.checker.footprint.outer
-    found = alternative_paths(graph, count - 2, count - 1, weight, width)
-    return [graph.steering.oriented(graph.poses[nodes]) for nodes in found]
-
-
-def _within(graph: MotionGraph, problem: Problem) -> list[NDArray[np.float64]]:
-    """Paths that keep the limit: on the lattice, and finished from one that nearly keeps it."""
-    limit, service, steering = problem.limit, problem.service, problem.steering
-    if limit is None:
-        raise ValueError("the problem has no limit")
+def _within(
+    graph: MotionGraph, problem: Problem, limit: BadStretchLimit, width: float
+) -> list[Floats]:
+    """Paths that keep the limit: on the lattice, and finished from ones that nearly keep it."""
+    service = problem.service
     metres = limit.metres * (1.0 + LONGER) + ENDS * service.map.spacing
-    nodes = cheapest_within(graph, problem, replace(limit, metres=metres))
+    looser = replace(limit, metres=metres)
+    nodes = cheapest_within(graph, problem, looser)
     if nodes is None:
         return []
-    path = steering.oriented(graph.poses[nodes])
-    if limit.kept_by(path, service, steering):
-        return [path]
-    paths = [improve_within(path, service, problem.checker, limit)]
-    nodes = cheapest_within(graph, problem, limit)
-    if nodes is not None:
-        paths.append(steering.oriented(graph.poses[nodes]))
-    return [path for path in paths if path is not None]
+    paths = [_finished(graph, nodes, problem, limit)]
+    # What is dearer than a route known already is left out.
+    most = math.inf
+    if paths[0] is not None:
+        most = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)
+    kept = within_cost(graph, graph.cost(service.weight), most)
+    part, number = graph.part(kept), np.cumsum(kept) - 1
+    strict = cheapest_within(part, problem, limit)
+    if strict is not None:
+        paths.append(_finished(part, strict, problem, limit))
+    cost, corridors = part.cost(service.weight), Corridors.of(part, width)
+    if kept[nodes].all():
+        cost = corridors.dearer(cost, number[nodes])
+    for _ in range(PATHS - 1):
+        other = cheapest_within(part, problem, looser, cost)
+        if other is None or not corridors.leads_elsewhere(other):
+            break
+        paths.append(_finished(part, other, problem, limit))
+        cost = corridors.dearer(cost, other)
+    legal = [path for path in paths if path is not None]
+    return sorted(legal, key=lambda path: service.route_cost(path, problem.steering))
+
+
+def _finished(
+    graph: MotionGraph, nodes: NDArray[np.intp], problem: Problem, limit: BadStretchLimit
+) -> Floats | None:
+    """A path if it keeps the limit, or else what it becomes when it is made to; None if nothing."""
+    path = problem.steering.oriented(graph.poses[nodes])
+    if limit.kept_by(path, problem.service, problem.steering):
+        return path
+    return improve_within(path, problem.service, problem.checker, limit)
 
 
 register(
