@@ -15,11 +15,10 @@ from ambinav.routes.route import Route
 from ambinav_planners.cheapest import cheapest_on
 from ambinav_planners.finishing import finish, not_found
 from ambinav_planners.graph import MotionGraph
-from ambinav_planners.lattice_graph import lattice_of
 from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner
 from ambinav_planners.problem import Problem
 from ambinav_planners.reachability import check_reachable
-from ambinav_planners.reference import found_on
+from ambinav_planners.reference import found_on, reference_graph
 from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
 from ambinav_planners.seeded import call_seeded
 
@@ -149,7 +148,7 @@ def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
 
 def _graph(name: str, problem: Problem, budget: Budget) -> MotionGraph:
     if name == "reference":
-        return lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
+        return reference_graph(problem)
     from ambinav_planners.roadmap import grown_graph
 
     return call_seeded(budget.seed, grown_graph, problem, budget)

@@ -46,24 +46,29 @@ class LatticeGraph:
         graph: Its first nodes are the free cells, its last ones the points added to them.
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
         service: What a metre costs.
+        parts: Into how many cells the edge of a cell of the map is divided.
     """
 
     graph: MotionGraph
     cell: NDArray[np.int32]
     service: AmbiguityService
+    parts: int = 1
 
     @classmethod
-    def build(cls, service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
+    def build(
+        cls, service: AmbiguityService, checker: CollisionChecker, parts: int = 1
+    ) -> LatticeGraph:
         """Join the cells of the service's map where the robot fits.
 
         Args:
             service: Its map gives the lattice.
             checker: For straight motions (r2). Channels are found for the disc around the
                 footprint.
+            parts: Into how many cells the edge of a cell of the map is divided.
         """
-        dataset = service.map.dataset
-        x, y = np.meshgrid(dataset["x"].values, dataset["y"].values)
-        rows, columns = np.nonzero(dataset["free"].values)
+        xs, ys, free, spacing = _cells(service, parts)
+        x, y = np.meshgrid(xs, ys)
+        rows, columns = np.nonzero(free)
         poses = np.stack([x[rows, columns], y[rows, columns], np.zeros(len(rows))], axis=-1)
         fits = checker.poses_free(poses)
         rows, columns, poses = rows[fits], columns[fits], poses[fits]
@@ -76,12 +81,14 @@ class LatticeGraph:
             other = margin[rows + 3 + row, columns + 3 + column]
             there = np.flatnonzero(other >= 0).astype(np.int32)
             pairs.append(np.stack([there, other[there]], axis=-1))
-        added = _added_poses(service, checker)
-        pairs.append(_pairs_near(poses, added, CHANNEL_REACH * service.map.spacing))
+        added = channel_poses(xs, ys, free, spacing, checker)
+        if checker.has_forbidden:
+            added = np.concatenate([added, edge_poses(xs, ys, free, spacing, checker)])
+        pairs.append(_pairs_near(poses, added, CHANNEL_REACH * spacing))
         graph = MotionGraph.of_motions(
             np.concatenate([poses, added]), np.concatenate(pairs), service, checker
         )
-        return cls(graph, cell, service)
+        return cls(graph, cell, service, parts)
 
     def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
         """The graph with poses more, shape (K, 3), joined to the cells that they see.
@@ -117,19 +124,18 @@ class LatticeGraph:
         return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
 
 
-def _added_poses(service: AmbiguityService, checker: CollisionChecker) -> NDArray[np.float64]:
-    """Free poses between the lattice's points that it takes to get through everywhere, (K, 3)."""
+def _cells(
+    service: AmbiguityService, parts: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], float]:
+    """Columns and rows of the map's lattice divided into parts, what is free, and the spacing."""
     dataset = service.map.dataset
-    cells = (
-        dataset["x"].values.astype(np.float64),
-        dataset["y"].values.astype(np.float64),
-        dataset["free"].values,
-        service.map.spacing,
+    spacing = service.map.spacing / parts
+    offsets = (np.arange(parts) - 0.5 * (parts - 1)) * spacing
+    x, y = (
+        (dataset[axis].values.astype(np.float64)[:, np.newaxis] + offsets).ravel() for axis in "xy"
     )
-    added = channel_poses(*cells, checker)
-    if not checker.has_forbidden:
-        return added
-    return np.concatenate([added, edge_poses(*cells, checker)])
+    free = dataset["free"].values.repeat(parts, axis=0).repeat(parts, axis=1)
+    return x, y, free, spacing
 
 
 def _pairs_near(
@@ -171,13 +177,15 @@ def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
 _lattices: WeakKeyDictionary[CollisionChecker, list[LatticeGraph]] = WeakKeyDictionary()
 
 
-def lattice_of(service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
+def lattice_of(
+    service: AmbiguityService, checker: CollisionChecker, parts: int = 1
+) -> LatticeGraph:
     """The lattice graph of a service and checker, built once for all weights."""
     kept = _lattices.setdefault(checker, [])
     for lattice in kept:
-        if _same_but_weight(lattice.service, service):
+        if lattice.parts == parts and _same_but_weight(lattice.service, service):
             return lattice
-    kept.append(LatticeGraph.build(service, checker))
+    kept.append(LatticeGraph.build(service, checker, parts))
     return kept[-1]
 
 

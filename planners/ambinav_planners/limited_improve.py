@@ -7,6 +7,7 @@ Zang 1980): the least price at which the improved route keeps the limit is brack
 
 from __future__ import annotations
 
+import itertools
 from copy import copy
 from dataclasses import replace
 
@@ -24,12 +25,16 @@ Floats = NDArray[np.float64]
 # bracket between the last one that was too low and the first one that was not is halved.
 PRICES = (0.1, 0.3, 1.0, 3.0, 10.0)
 HALVINGS = 2
+# Good places on a route are looked for so many spacings apart.
+DENSE = 0.5
 
 
 def improve_within(
     poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
 ) -> Floats | None:
-    """The route improved such that it keeps a limit; None where no price of bad metres does it.
+    """The route improved such that it keeps a limit; None where nothing tried does it.
+
+    It costs no more than `poses` if that keeps the limit.
 
     Args:
         poses: A free route, shape (N, 3), N at least 2. It need not keep the limit itself.
@@ -40,6 +45,33 @@ def improve_within(
     Raises:
         InputError: see `improve`.
     """
+    whole = _cheaper(poses, _at_a_price(poses, service, checker, limit), service, checker, limit)
+    if checker.steering.turns:
+        return whole
+    parts = _in_pieces(poses if whole is None else whole, service, checker, limit)
+    return parts if whole is None else _cheaper(whole, parts, service, checker, limit)
+
+
+def _cheaper(
+    poses: Floats,
+    other: Floats | None,
+    service: AmbiguityService,
+    checker: CollisionChecker,
+    limit: BadStretchLimit,
+) -> Floats | None:
+    """The cheaper one of a route, if it keeps the limit, and of another that does."""
+    steering = checker.steering
+    if not limit.kept_by(poses, service, steering):
+        return other
+    if other is None:
+        return poses
+    return min((other, poses), key=lambda route: service.route_cost(route, steering))
+
+
+def _at_a_price(
+    poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
+) -> Floats | None:
+    """The route improved at the least price of bad metres at which it keeps the limit."""
 
     def at(price: float) -> Floats | None:
         found = improve(poses, priced(service, limit.level, price), checker)
@@ -68,6 +100,34 @@ def improve_within(
             high = middle
             found.append(route)
     return min(found, key=lambda route: service.route_cost(route, checker.steering))
+
+
+def _in_pieces(
+    poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
+) -> Floats | None:
+    """The route improved from one good place to the next, which stay where they are.
+
+    One price does not suit every bad stretch of a route that looks in at good places for a moment.
+    """
+    steering = checker.steering
+    points = steering.dense(poses, DENSE * service.map.spacing)[0]
+    points = points[np.r_[True, np.diff(points[:, :2], axis=0).any(axis=1)]]
+    level = service.ambiguity.at(*np.ascontiguousarray(points.T))
+    good = np.flatnonzero(level <= limit.level)
+    if not len(good):
+        return None
+    runs = np.split(good, np.flatnonzero(np.diff(good) > 1) + 1)
+    best = [int(run[level[run].argmin()]) for run in runs]
+    cuts = sorted({0, *best, len(points) - 1})
+    pieces = []
+    for low, high in itertools.pairwise(cuts):
+        piece = points[low : high + 1]
+        better = _cheaper(
+            piece, _at_a_price(piece, service, checker, limit), service, checker, limit
+        )
+        pieces.append((piece if better is None else better)[:-1])
+    route = steering.oriented(np.concatenate([*pieces, points[-1:]]))
+    return route if limit.kept_by(route, service, steering) else None
 
 
 def priced(service: AmbiguityService, level: float, price: float) -> AmbiguityService:

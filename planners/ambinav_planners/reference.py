@@ -29,13 +29,29 @@ Floats = NDArray[np.float64]
 # A path over the lattice is longer than the route that it becomes, by up to this share and so many
 # spacings at its ends: its stretches on bad floor may be longer than the limit by as much.
 LONGER, ENDS = 0.02, 2.0
+# A limit on bad metres is at least so many cells long: or else cells are divided, into so many
+# parts at most, and for as long as there are no more cells than this.
+LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 500_000
 
 
 def solve_reference(problem: Problem, budget: Budget) -> Found:
     """Search the lattice for paths, whatever time it takes."""
     started = time.perf_counter()
-    lattice = lattice_of(problem.service, problem.checker)
-    return found_on(lattice.with_ends(problem.ends, problem.checker), problem, started)
+    return found_on(reference_graph(problem), problem, started)
+
+
+def reference_graph(problem: Problem) -> MotionGraph:
+    """The lattice that is searched, with start and goal as its last two nodes.
+
+    It is the map's, divided where a limit on bad metres in a row is only a few cells long.
+    """
+    amap, parts = problem.service.map, 1
+    if problem.limit is not None:
+        cells = max(int(np.count_nonzero(amap.dataset["free"].values)), 1)
+        wanted = math.ceil(LIMIT_CELLS * amap.spacing / problem.limit.metres)
+        parts = max(1, min(wanted, MOST_PARTS, int(math.sqrt(MOST_CELLS / cells))))
+    lattice = lattice_of(problem.service, problem.checker, parts)
+    return lattice.with_ends(problem.ends, problem.checker)
 
 
 def found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
