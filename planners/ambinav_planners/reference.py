@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav_planners.alternatives import (
-    PATHS,
     SLACK,
     Corridors,
     alternative_paths,
@@ -31,7 +30,9 @@ Floats = NDArray[np.float64]
 LONGER, ENDS = 0.02, 2.0
 # A limit on bad metres is at least so many cells long: or else cells are divided, into so many
 # parts at most, and for as long as there are no more cells than this.
-LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 500_000
+LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 150_000
+# How many paths are found under a limit at most, which takes longer than without.
+LIMITED_PATHS = 3
 
 
 def solve_reference(problem: Problem, budget: Budget) -> Found:
@@ -97,7 +98,7 @@ def _within(
     cost, corridors = part.cost(service.weight), Corridors.of(part, width)
     if kept[nodes].all():
         cost = corridors.dearer(cost, number[nodes])
-    for _ in range(PATHS - 1):
+    for _ in range(LIMITED_PATHS - 1):
         other = cheapest_within(part, problem, looser, cost)
         if other is None or not corridors.leads_elsewhere(other):
             break
