@@ -41,7 +41,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         steering: The kind of motion, if it is known: it must be that of the space. Not together
             with `pose`.
         pose: From a state to x, y, theta (metres, radians) or to x, y alone, for any space: the
-            cost is then integrated along `space.interpolate`. Some 50 times slower.
+            cost is then integrated along `space.interpolate`. A hundred times slower.
 
     Raises:
         InputError: a weight below 0 or not a number, a space that does not tell where the robot
