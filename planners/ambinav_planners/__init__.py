@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ambinav_planners.benchmark import write_benchmark
     from ambinav_planners.fronts import pareto
+    from ambinav_planners.goal import PoseGoal
     from ambinav_planners.objective import AmbiguityObjective
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
     from ambinav_planners.reachability import NoWayError
@@ -25,6 +26,7 @@ __all__ = [
     "NoWayError",
     "NotFoundError",
     "Planner",
+    "PoseGoal",
     "Roadmap",
     "RoutePlanner",
     "pareto",
@@ -40,6 +42,7 @@ _HOME = {
     "NoWayError": "reachability",
     "NotFoundError": "planning",
     "Planner": "registry",
+    "PoseGoal": "goal",
     "Roadmap": "roadmap",
     "RoutePlanner": "planning",
     "pareto": "fronts",

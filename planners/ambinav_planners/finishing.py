@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
+from ambinav_planners.alternatives import joined_routes
+from ambinav_planners.cheapest import cheapest_on
 from ambinav_planners.improve import improve
+from ambinav_planners.limited_improve import improve_within
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Found, Planner, planners
 from ambinav_planners.warmth import warm_up
@@ -35,7 +38,7 @@ def finish(
     started = time.perf_counter()
     poses = found.poses
     if improved and not found.finished:
-        poses = _improve(poses, problem)
+        poses = _cheapest_improved([poses, *found.alternatives], problem)
     seconds = found.seconds + time.perf_counter() - started
     route = evaluate_route(
         problem.service,
@@ -67,18 +70,27 @@ def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
     return bool(checker.poses_free(poses[:1])[0] and free.all())
 
 
-def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
-    """The improved way, unless improving it breaks the limit on bad metres in a row.
+def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> NDArray[np.float64]:
+    """The cheapest of some routes improved, and of what their best parts make."""
+    improved = [_improve(poses, problem) for poses in routes]
+    if len(improved) > 1:
+        parts = cheapest_on(joined_routes(improved, problem.service, problem.checker), problem)
+        if parts is not None:
+            improved.append(_improve(parts, problem))
+    return min(improved, key=lambda poses: problem.service.route_cost(poses, problem.steering))
 
-    A way that is called free in the other direction only (see `is_free`) is left as it is.
+
+def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
+    """The improved route, which keeps the limit on bad metres in a row if `poses` does.
+
+    A route that is called free in the other direction only (see `is_free`) is left as it is.
     """
     if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
         return poses
-    better = improve(poses, problem.service, problem.checker)
-    limit = problem.limit
-    if limit is not None and not limit.kept_by(better, problem.service, problem.steering):
-        return poses
-    return better
+    if problem.limit is None:
+        return improve(poses, problem.service, problem.checker)
+    better = improve_within(poses, problem.service, problem.checker, problem.limit)
+    return poses if better is None else better
 
 
 def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
@@ -103,9 +115,9 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
         )
     if not chosen.iteration or not chosen.uses_ompl:
         return (
-            f"planner {chosen.name!r} found no way over the map's lattice of "
-            f"{problem.service.map.spacing:g} m; where a channel is narrower than that, another "
-            "planner, such as prmstar, may get through."
+            f"planner {chosen.name!r} found no path over the map's lattice of "
+            f"{problem.service.map.spacing:g} m and its channels; where this robot only just gets "
+            "through, another planner, such as prmstar, may."
         )
     spent = f"{budget.seconds:g} s"
     if budget.iterations is not None:

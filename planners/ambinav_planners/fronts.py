@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,13 +12,13 @@ from ambinav.errors import InputError
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
 from ambinav.routes.route import Route
+from ambinav_planners.cheapest import cheapest_on
 from ambinav_planners.finishing import finish, not_found
 from ambinav_planners.graph import MotionGraph
-from ambinav_planners.lattice_graph import lattice_of
 from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner
 from ambinav_planners.problem import Problem
 from ambinav_planners.reachability import check_reachable
-from ambinav_planners.reference import cheapest_on
+from ambinav_planners.reference import found_on, reference_graph
 from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
 from ambinav_planners.seeded import call_seeded
 
@@ -103,14 +104,25 @@ def _cheapest_route(
 ) -> Route:
     """The cheapest route over a graph between its last two nodes."""
     started = time.perf_counter()
-    poses = cheapest_on(graph, problem)
-    if poses is None:
+    found = (
+        found_on(graph, problem, started)
+        if chosen.name == "reference"
+        else _found_on(graph, problem, started)
+    )
+    if found.poses is None:
         check_reachable(problem)
         raise NotFoundError(not_found(chosen, problem, budget))
-    cost = problem.service.route_cost(poses, problem.steering)
-    took = time.perf_counter() - started
-    found = Found(poses, ((took, cost),), seconds=took)
+    found = replace(found, seconds=time.perf_counter() - started)
     return finish(chosen, problem, found, budget.seed, improved=improved)
+
+
+def _found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
+    """The cheapest path over a roadmap, as what a planner found."""
+    poses = cheapest_on(graph, problem)
+    if poses is None:
+        return Found(None)
+    cost = problem.service.route_cost(poses, problem.steering)
+    return Found(poses, ((time.perf_counter() - started, cost),))
 
 
 def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
@@ -136,7 +148,7 @@ def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:
 
 def _graph(name: str, problem: Problem, budget: Budget) -> MotionGraph:
     if name == "reference":
-        return lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
+        return reference_graph(problem)
     from ambinav_planners.roadmap import grown_graph
 
     return call_seeded(budget.seed, grown_graph, problem, budget)

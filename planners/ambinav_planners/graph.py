@@ -98,6 +98,24 @@ class MotionGraph:
         """Cost of every motion at a weight, shape (E,), metres-equivalent."""
         return self.fixed + weight * self.exposure
 
+    def part(self, kept: NDArray[np.bool_]) -> MotionGraph:
+        """The graph of some of the nodes, bool, shape (N,), in their order."""
+        source = self.source
+        motions = np.flatnonzero(kept[source] & kept[self.target])
+        number = np.cumsum(kept) - 1
+        count = int(kept.sum())
+        first = np.zeros(count + 1, dtype=np.int64)
+        np.cumsum(np.bincount(number[source[motions]], minlength=count), out=first[1:])
+        return MotionGraph(
+            poses=self.poses[kept],
+            first=first,
+            target=number[self.target[motions]].astype(np.int32),
+            length=self.length[motions],
+            fixed=self.fixed[motions],
+            exposure=self.exposure[motions],
+            steering=self.steering,
+        )
+
     def matrix(self, values: NDArray[np.float64]) -> csr_matrix:
         """Values of the motions, shape (E,), as a sparse matrix from node to node."""
         count = len(self.poses)
@@ -109,8 +127,14 @@ class MotionGraph:
         return np.asarray(labels, dtype=np.int32)
 
     def cheapest(self, start: int, goal: int, weight: float) -> NDArray[np.intp] | None:
-        """Nodes of the cheapest way from `start` to `goal`, or None if there is no way."""
-        costs = np.maximum(self.cost(weight), 1e-12)  # scipy takes an explicit zero for no edge
+        """Nodes of the cheapest path from `start` to `goal`, or None if there is none."""
+        return self.cheapest_at(self.cost(weight), start, goal)
+
+    def cheapest_at(
+        self, cost: NDArray[np.float64], start: int, goal: int
+    ) -> NDArray[np.intp] | None:
+        """As `cheapest`, where motion k costs `cost[k]`, shape (E,), at least 0."""
+        costs = np.maximum(cost, 1e-12)  # scipy takes an explicit zero for no edge
         distance, before = dijkstra(self.matrix(costs), indices=start, return_predecessors=True)
         if not np.isfinite(distance[goal]):
             return None

@@ -1,4 +1,8 @@
-"""The lattice of a map as a graph of free straight motions, in 32 directions."""
+"""The lattice of a map as a graph of free straight motions, in 32 directions.
+
+Where the robot fits but no lattice point does, points of their own are added: along the middle of
+channels that are hardly wider than the robot, and beside forbidden cells.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.channels import channel_poses, edge_poses
 from ambinav_planners.graph import MotionGraph
 
 # Half of the 32 steps to neighbours, columns and rows; the others are their opposites. The
@@ -25,7 +31,9 @@ STEPS = np.array(
     ],
     dtype=np.int32,
 )
-# The ends of a way are joined to what they see within this distance, metres; if there is nothing,
+# Added points are joined to what they see within so many spacings.
+CHANNEL_REACH = 2.5
+# The ends of a route are joined to what they see within this distance, metres; if there is nothing,
 # within the next.
 REACH = (0.5, 1.0, 2.0, 4.0)
 
@@ -35,26 +43,32 @@ class LatticeGraph:
     """The free cells of a map and the motions between them.
 
     Attributes:
-        graph: Its first `cells` nodes are the free cells.
+        graph: Its first nodes are the free cells, its last ones the points added to them.
         cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
         service: What a metre costs.
+        parts: Into how many cells the edge of a cell of the map is divided.
     """
 
     graph: MotionGraph
     cell: NDArray[np.int32]
     service: AmbiguityService
+    parts: int = 1
 
     @classmethod
-    def build(cls, service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
+    def build(
+        cls, service: AmbiguityService, checker: CollisionChecker, parts: int = 1
+    ) -> LatticeGraph:
         """Join the cells of the service's map where the robot fits.
 
         Args:
             service: Its map gives the lattice.
-            checker: For straight motions (r2).
+            checker: For straight motions (r2). Channels are found for the disc around the
+                footprint.
+            parts: Into how many cells the edge of a cell of the map is divided.
         """
-        dataset = service.map.dataset
-        x, y = np.meshgrid(dataset["x"].values, dataset["y"].values)
-        rows, columns = np.nonzero(dataset["free"].values)
+        xs, ys, free, spacing = _cells(service, parts)
+        x, y = np.meshgrid(xs, ys)
+        rows, columns = np.nonzero(free)
         poses = np.stack([x[rows, columns], y[rows, columns], np.zeros(len(rows))], axis=-1)
         fits = checker.poses_free(poses)
         rows, columns, poses = rows[fits], columns[fits], poses[fits]
@@ -67,8 +81,14 @@ class LatticeGraph:
             other = margin[rows + 3 + row, columns + 3 + column]
             there = np.flatnonzero(other >= 0).astype(np.int32)
             pairs.append(np.stack([there, other[there]], axis=-1))
-        graph = MotionGraph.of_motions(poses, np.concatenate(pairs), service, checker)
-        return cls(graph, cell, service)
+        added = channel_poses(xs, ys, free, spacing, checker)
+        if checker.has_forbidden:
+            added = np.concatenate([added, edge_poses(xs, ys, free, spacing, checker)])
+        pairs.append(_pairs_near(poses, added, CHANNEL_REACH * spacing))
+        graph = MotionGraph.of_motions(
+            np.concatenate([poses, added]), np.concatenate(pairs), service, checker
+        )
+        return cls(graph, cell, service, parts)
 
     def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
         """The graph with poses more, shape (K, 3), joined to the cells that they see.
@@ -104,6 +124,35 @@ class LatticeGraph:
         return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
 
 
+def _cells(
+    service: AmbiguityService, parts: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], float]:
+    """Columns and rows of the map's lattice divided into parts, what is free, and the spacing."""
+    dataset = service.map.dataset
+    spacing = service.map.spacing / parts
+    offsets = (np.arange(parts) - 0.5 * (parts - 1)) * spacing
+    x, y = (
+        (dataset[axis].values.astype(np.float64)[:, np.newaxis] + offsets).ravel() for axis in "xy"
+    )
+    free = dataset["free"].values.repeat(parts, axis=0).repeat(parts, axis=1)
+    return x, y, free, spacing
+
+
+def _pairs_near(
+    poses: NDArray[np.float64], added: NDArray[np.float64], reach: float
+) -> NDArray[np.int32]:
+    """Pairs of added points with each other and with the poses before them, no pair twice."""
+    if not len(added):
+        return np.empty((0, 2), dtype=np.int32)
+    tree, count = cKDTree(added[:, :2]), len(poses)
+    among = tree.query_pairs(reach, output_type="ndarray") + count
+    near = cKDTree(poses[:, :2]).query_ball_point(added[:, :2], reach, return_sorted=False)
+    counts = np.array([len(each) for each in near], dtype=np.intp)
+    source = np.repeat(np.arange(len(added)) + count, counts)
+    target = np.array([node for each in near for node in each], dtype=np.intp)
+    return np.concatenate([among, np.stack([source, target], axis=-1)]).astype(np.int32)
+
+
 def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
     """The motions of two graphs over the nodes of `more`, whose first ones are those of `graph`."""
     source = np.concatenate([graph.source, more.source])
@@ -128,13 +177,15 @@ def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
 _lattices: WeakKeyDictionary[CollisionChecker, list[LatticeGraph]] = WeakKeyDictionary()
 
 
-def lattice_of(service: AmbiguityService, checker: CollisionChecker) -> LatticeGraph:
+def lattice_of(
+    service: AmbiguityService, checker: CollisionChecker, parts: int = 1
+) -> LatticeGraph:
     """The lattice graph of a service and checker, built once for all weights."""
     kept = _lattices.setdefault(checker, [])
     for lattice in kept:
-        if _same_but_weight(lattice.service, service):
+        if lattice.parts == parts and _same_but_weight(lattice.service, service):
             return lattice
-    kept.append(LatticeGraph.build(service, checker))
+    kept.append(LatticeGraph.build(service, checker, parts))
     return kept[-1]
 
 

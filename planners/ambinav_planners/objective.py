@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.steering import FACING, Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
+from ambinav_planners.along_space import PoseOf, SpaceMotions
 from ambinav_planners.direct import direct
-from ambinav_planners.spaces import kind_of, steering_of
+from ambinav_planners.steering_check import check_steering, steering_of
 
 Cost = ob.Cost
 
@@ -25,25 +28,30 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
     This *is* a state cost integral, exact along straight motions. It derives from OMPL's path
     length for two reasons: a Python subclass of `StateCostIntegralObjective` is silently ignored
     by OMPL 2.0, and with c >= 1 the length is a lower bound of the cost, so that the informed
-    samplers that OMPL keeps for path length stay valid.
+    samplers that OMPL keeps for path length stay valid. The cost-to-go is OMPL's own; where the
+    space counts more than metres, `PoseGoal` makes a lower bound of it.
 
     Args:
-        si: OMPL's space information; its state space is R^2, SE(2), Dubins or Reeds-Shepp.
+        si: OMPL's space information. The motions of R^2, SE(2), Dubins and Reeds-Shepp spaces are
+            known, the turning radius is found out from the space; of every other space `pose` is
+            needed.
         service_or_map: The service whose cost counts, or a map, read at its `cost_layer`.
         weight: How many extra metres a metre at layer 1 is worth, at least 0. None takes the
             service's own.
-        steering: The kind of motion; needed for Dubins and Reeds-Shepp, which do not tell their
-            turning radius.
+        steering: The kind of motion, if it is known: it must be that of the space. Not together
+            with `pose`.
+        pose: From a state to x, y, theta (metres, radians) or to x, y alone, for any space: the
+            cost is then integrated along `space.interpolate`. A hundred times slower.
 
     Raises:
-        InputError: a weight below 0 or not a number, a space that ambiguity cannot be read in, or
-            a steering that does not suit it.
+        InputError: a weight below 0 or not a number, a space that does not tell where the robot
+            is, or a steering that does not suit it.
 
     Attributes:
         service: What a metre costs.
-        steering: The kind of motion.
-        symmetric: Whether a motion costs the same both ways. A map with headings in R^2 is read
-            along the travel, which there makes the way back another way.
+        steering: The kind of motion; None with `pose`.
+        symmetric: Whether a motion costs the same both ways. A map with headings that is read
+            along the travel makes the cost of the reverse another one.
     """
 
     def __init__(
@@ -53,31 +61,46 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         weight: float | None = None,
         *,
         steering: Steering | None = None,
+        pose: PoseOf | None = None,
     ) -> None:
         super().__init__(si)
         if isinstance(service_or_map, AmbiguityMap):
             service = AmbiguityService(service_or_map, weight=5.0 if weight is None else weight)
         else:
             service = service_or_map if weight is None else service_or_map.with_weight(weight)
-        space = si.getStateSpace()
-        kind = kind_of(space)
-        self.steering = steering_of(space) if steering is None else steering
-        if kind != self.steering.space:
-            raise InputError(
-                f"steering {self.steering.space!r} does not suit the state space "
-                f"{space.getName()!r}; give one of the space {kind!r}."
-            )
         self.service = service
-        self._with_heading = kind != "r2"
-        self.symmetric = self._with_heading or not service.has_headings
-        self._kind, self._radius = self.steering.kind, self.steering.kernel_radius
         values, _, left, low, inverse = service.density.arrays
         self._field = (values, left, low, inverse)
-        # No metre costs less, so a straight line at this price is a lower bound of any way.
+        # No metre costs less, so a straight line at this price is a lower bound of any path.
         self._least = float(np.min(values))
+        self.steering: Steering | None = None
+        self._any: SpaceMotions | None = None
+        if pose is not None:
+            if steering is not None:
+                raise InputError(
+                    "both steering and pose are given; leave one of them out: with pose the cost "
+                    "is integrated along the space's own motions."
+                )
+            self._any = SpaceMotions(si, service, pose)
+            self._with_heading = False
+            return
+        if steering is None:
+            steering = steering_of(si)
+        else:
+            check_steering(si, steering)
+        self.steering = steering
+        self._with_heading = steering.kind != FACING
+        self._kind, self._radius = steering.kind, steering.kernel_radius
         zeros = (0.0,) * 6
         self._integral = direct(motion_integral, self._kind, self._radius, *zeros, *self._field)
         self._line = direct(line_integral, *zeros[:4], *self._field)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether a motion costs the same both ways."""
+        if self._any is not None and self._any.planar:
+            return not self.service.has_headings
+        return self._with_heading or self._any is not None or not self.service.has_headings
 
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Cost per metre at a state; in walls that of the nearest free place."""
@@ -86,6 +109,8 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
         """Cost of a motion, metres-equivalent."""
+        if self._any is not None:
+            return Cost(self._any.cost(a, b))
         if self._with_heading:
             return Cost(
                 self._integral(
@@ -96,7 +121,10 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         return Cost(self._line(a[0], a[1], b[0], b[1], *self._field))
 
     def motionCostHeuristic(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
-        """Lower bound of the cost of every way from a to b: the line at the map's lowest price."""
+        """Lower bound of the cost of every path from a to b: the line at the map's lowest price."""
+        if self._any is not None:
+            (x0, y0, _), (x1, y1, _) = self._any.pose(a), self._any.pose(b)
+            return Cost(self._least * math.hypot(x1 - x0, y1 - y0))
         if self._with_heading:
             return Cost(self._least * math.hypot(b.getX() - a.getX(), b.getY() - a.getY()))
         return Cost(self._least * math.hypot(b[0] - a[0], b[1] - a[1]))
@@ -105,7 +133,17 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         """The cost itself: one kernel call is cheap."""
         return self.motionCost(a, b)
 
+    def cost_of(self, states: Iterable[Any]) -> float:
+        """Cost of the motions from state to state, metres-equivalent.
+
+        What `path.cost(objective)` gives for geometric paths. OMPL gives 0 for control paths: of
+        those, give `path.getStates()` after `path.interpolate()`.
+        """
+        return float(sum(self.motionCost(a, b).value() for a, b in itertools.pairwise(states)))
+
     def _pose(self, state: Any) -> tuple[float, float, float]:
+        if self._any is not None:
+            return self._any.pose(state)
         if self._with_heading:
             return state.getX(), state.getY(), state.getYaw()
         return state[0], state[1], 0.0

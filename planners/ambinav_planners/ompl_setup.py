@@ -14,6 +14,8 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
+from ambinav.geometry.steering import Steering
+from ambinav_planners.goal import PoseGoal
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget
@@ -33,6 +35,7 @@ class Setup:
     simple: og.SimpleSetup
     si: ob.SpaceInformation
     objective: AmbiguityObjective
+    steering: Steering
 
 
 def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None) -> Setup:
@@ -55,10 +58,11 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
     objective = AmbiguityObjective(si, problem.service, steering=problem.steering)
     simple.setOptimizationObjective(objective)
     heading = problem.steering.space != "r2"
-    simple.setStartAndGoalStates(
-        new_state(si, problem.start, heading), new_state(si, problem.goal, heading), GOAL_TOLERANCE
-    )
-    return Setup(simple, si, objective)
+    start, goal = (new_state(si, pose, heading) for pose in (problem.start, problem.goal))
+    simple.setStartAndGoalStates(start, goal, GOAL_TOLERANCE)
+    if problem.steering.space == "se2":  # whose distance counts the yaw, as the cost does not
+        simple.setGoal(PoseGoal(si, goal, GOAL_TOLERANCE))
+    return Setup(simple, si, objective, problem.steering)
 
 
 def found_poses(setup: Setup) -> NDArray[np.float64] | None:
@@ -67,11 +71,11 @@ def found_poses(setup: Setup) -> NDArray[np.float64] | None:
         return None
     # A copy at once: the path that OMPL returns dies with the next change of the setup.
     path = og.PathGeometric(setup.simple.getSolutionPath())
-    read = pose_reader(setup.objective.steering.space != "r2")
+    read = pose_reader(setup.steering.space != "r2")
     poses = np.array([read(state) for state in path.getStates()], dtype=np.float64)
     if len(poses) == 1:  # a start within the tolerance of the goal
         poses = np.concatenate([poses, poses])
-    return setup.objective.steering.oriented(poses)
+    return setup.steering.oriented(poses)
 
 
 @dataclass(eq=False)

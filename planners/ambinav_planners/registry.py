@@ -56,6 +56,7 @@ class Found:
         covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
         finished: Whether the way is final, so that improving it would spoil what it promises.
         seconds: What it took.
+        alternatives: Other routes, as `poses`, that may be cheaper once they are improved.
     """
 
     poses: NDArray[np.float64] | None
@@ -64,6 +65,7 @@ class Found:
     covariances: NDArray[np.float64] | None = None
     finished: bool = False
     seconds: float = 0.0
+    alternatives: tuple[NDArray[np.float64], ...] = ()
 
 
 def _is_whole(value: object) -> bool:

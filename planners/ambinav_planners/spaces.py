@@ -61,8 +61,9 @@ def kind_of(space: ob.StateSpace) -> str:
         if isinstance(space, kind):
             return name
     raise InputError(
-        f"state space {space.getName()!r} is none that ambiguity can be read in; give "
-        "RealVectorStateSpace(2), SE2StateSpace, DubinsStateSpace or ReedsSheppStateSpace."
+        f"state space {space.getName()!r} does not tell where the robot is; give `pose`, a "
+        "function from a state to x, y or x, y, theta, or one of RealVectorStateSpace(2), "
+        "SE2StateSpace, DubinsStateSpace and ReedsSheppStateSpace."
     )
 
 
@@ -73,21 +74,6 @@ def has_heading(space: ob.StateSpace) -> bool:
         InputError: the space is neither R^2 nor one of OMPL's spaces over SE(2).
     """
     return kind_of(space) != "r2"
-
-
-def steering_of(space: ob.StateSpace) -> Steering:
-    """The kind of motion of a space that has only one.
-
-    Raises:
-        InputError: OMPL does not tell the space's turning radius.
-    """
-    kind = kind_of(space)
-    if kind in ("dubins", "reeds-shepp"):
-        raise InputError(
-            f"state space {space.getName()!r} does not tell its turning radius; give steering, "
-            f'e.g. Steering("{kind}", radius=1.0).'
-        )
-    return Steering(kind)
 
 
 def pose_reader(with_heading: bool) -> Callable[[Any], Pose]:
@@ -105,10 +91,15 @@ def pose_reader(with_heading: bool) -> Callable[[Any], Pose]:
 def new_state(si: ob.SpaceInformation, pose: Pose, with_heading: bool) -> Any:
     """A state at a pose, allocated by `si` (the space's own allocator leaks)."""
     state = si.allocState()
+    write_pose(state, pose, with_heading)
+    return state
+
+
+def write_pose(state: Any, pose: Pose, with_heading: bool) -> None:
+    """Write a pose into a state of R^2 or of a space over SE(2)."""
     if with_heading:
         state.setX(pose[0])
         state.setY(pose[1])
         state.setYaw(pose[2])
     else:
         state[0], state[1] = pose[0], pose[1]
-    return state

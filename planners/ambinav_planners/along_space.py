@@ -1,0 +1,132 @@
+"""Motions of any OMPL space as poses, and the integral of a field along them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from ompl import base as ob
+
+from ambinav.errors import InputError
+from ambinav.geometry.curves import FACING, STRAIGHT
+from ambinav.service.motion import motion_integrals
+from ambinav.service.service import AmbiguityService
+
+Floats = NDArray[np.float64]
+PoseOf = Callable[[Any], Sequence[float]]
+"""From a state to x, y, theta in metres and radians, or to x, y alone."""
+
+# No step along a motion turns by more than this, radians.
+MOST_TURN = 0.2
+# A step is halved, so often at the most, while its two halves are longer than it by this share,
+# and by this share of the lattice's spacing: where the motion bends, or turns back on itself.
+HALVINGS, LONGER, LEAST = 8, 1e-3, 1e-6
+# A motion is divided so finely at the most: one of 100 000 steps does not end.
+MOST_STEPS = 100_000
+
+
+class SpaceMotions:
+    """Reads poses off the states of a space, and integrates the cost along its motions.
+
+    A motion is followed along `space.interpolate` in steps no longer than the lattice's spacing
+    and turning by no more than `MOST_TURN`; between them it is taken as straight, and the
+    integral of that is exact. A motion that is straight costs exactly as much as by the kernels.
+
+    Args:
+        si: OMPL's space information.
+        service: What a metre costs.
+        pose: See `PoseOf`. Without a heading the map is read along the travel.
+
+    Attributes:
+        planar: Whether poses come without a heading; known after the first one was read.
+    """
+
+    def __init__(self, si: ob.SpaceInformation, service: AmbiguityService, pose: PoseOf) -> None:
+        self._space = si.getStateSpace()
+        self._between = si.allocState()
+        self._pose = pose
+        self._step = service.map.spacing
+        values, _, left, low, inverse = service.density.arrays
+        self._field = (values, left, low, inverse)
+        self.planar = False
+
+    def pose(self, state: Any) -> tuple[float, float, float]:
+        """Pose of a state; heading 0 where states have none.
+
+        Raises:
+            InputError: what the pose function gives is not two or three finite numbers.
+        """
+        found = self._pose(state)
+        try:
+            values = tuple(float(value) for value in found)
+        except (TypeError, ValueError):
+            values = ()
+        if len(values) not in (2, 3) or not all(map(math.isfinite, values)):
+            raise InputError(
+                f"pose gives {found!r} for a state; let it return x and y in metres and, where the "
+                "robot has a heading, theta in radians."
+            )
+        self.planar = len(values) == 2
+        return values[0], values[1], 0.0 if self.planar else values[2]
+
+    def poses(self, a: Any, b: Any) -> Floats:
+        """Poses along the motion from a to b, shape (N, 3), both ends among them.
+
+        Raises:
+            InputError: the motion jumps: however finely it is divided, a step stays too long.
+        """
+        first, last = self.pose(a), self.pose(b)
+        count = max(self._steps(np.array([first, last])), 1)
+        while count <= MOST_STEPS:
+            shares = np.arange(count + 1) / count
+            inner = [self._at(a, b, share) for share in shares[1:-1].tolist()]
+            found = np.array([first, *inner, last])
+            needed = self._steps(found)
+            if needed <= 1:
+                return self._refined(a, b, shares, found)
+            count *= needed
+        raise InputError(
+            f"a motion in the state space {self._space.getName()!r} jumps from pose to pose; its "
+            "cost cannot be integrated."
+        )
+
+    def cost(self, a: Any, b: Any) -> float:
+        """Cost of the motion from a to b, metres-equivalent."""
+        poses = self.poses(a, b)
+        parts = np.empty(len(poses) - 1)
+        kind = FACING if self.planar else STRAIGHT
+        motion_integrals(kind, None, poses[:-1], poses[1:], *self._field, parts)
+        return float(parts.sum())
+
+    def _refined(self, a: Any, b: Any, shares: Floats, poses: Floats) -> Floats:
+        """The poses, and more of them where the motion bends or turns back, as a car's may."""
+        flagged = np.arange(len(poses) - 1)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (shares[flagged] + shares[flagged + 1])
+            between = np.array([self._at(a, b, share) for share in middle.tolist()])
+            first, last = poses[flagged, :2], poses[flagged + 1, :2]
+            chord = np.hypot(*(last - first).T)
+            over = np.hypot(*(between[:, :2] - first).T) + np.hypot(*(last - between[:, :2]).T)
+            longer = over - chord > LONGER * over + LEAST * self._step
+            shares = np.insert(shares, flagged + 1, middle)
+            poses = np.insert(poses, flagged + 1, between, axis=0)
+            # Each middle has moved by those inserted before it, and both its sides are in question.
+            at = (flagged + np.arange(len(flagged)))[longer]
+            flagged = np.sort(np.concatenate([at, at + 1]))
+            if not len(flagged):
+                break
+        return poses
+
+    def _at(self, a: Any, b: Any, share: float) -> tuple[float, float, float]:
+        self._space.interpolate(a, b, share, self._between)
+        return self.pose(self._between)
+
+    def _steps(self, poses: Floats) -> int:
+        """Into how many the longest step must be divided; 1 if it is short enough."""
+        moved = np.diff(poses, axis=0)
+        turn = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+        longest = float(np.hypot(moved[:, 0], moved[:, 1]).max()) / self._step
+        return math.ceil(max(longest, float(turn.max()) / MOST_TURN) * (1.0 - 1e-9))

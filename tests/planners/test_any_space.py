@@ -1,0 +1,190 @@
+"""The objective in spaces that it does not know: along the space's own motions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from ompl import base as ob
+from ompl import control as oc
+from ompl import geometric as og
+
+from ambinav.errors import InputError
+from ambinav.geometry.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.objective import AmbiguityObjective
+from ambinav_planners.spaces import make_space, new_state, pose_reader
+from tests.planners.test_objective import BOUNDS, information
+
+RNG_LOW, RNG_HIGH = [2.0, 2.0, -3.0], [40.0, 25.0, 3.0]
+
+
+def pairs_of(si: ob.SpaceInformation, count: int, with_heading: bool) -> list[tuple[Any, Any]]:
+    ends = np.random.default_rng(8).uniform(RNG_LOW, RNG_HIGH, (count, 2, 3))
+    return [
+        (new_state(si, tuple(a), with_heading), new_state(si, tuple(b), with_heading))
+        for a, b in ends.tolist()
+    ]
+
+
+@pytest.mark.parametrize(
+    ("steering", "error"),
+    [
+        (Steering(), 1e-9), (Steering("se2"), 1e-5),
+        (Steering("dubins", 0.7), 2e-3), (Steering("reeds-shepp", 0.7), 2e-3),
+    ],
+    ids=["r2", "se2", "dubins", "reeds-shepp"],
+)  # fmt: skip
+@pytest.mark.parametrize("headings", [False, True])
+def test_known_spaces_taken_for_unknown_ones_cost_the_same(
+    demo_map: AmbiguityMap,
+    heading_map: AmbiguityMap,
+    steering: Steering,
+    error: float,
+    headings: bool,
+) -> None:
+    si = information(steering)
+    service = AmbiguityService(heading_map if headings else demo_map, weight=6.0)
+    known = AmbiguityObjective(si, service)
+    with_heading = steering.space != "r2"
+    read = pose_reader(with_heading)
+    unknown = AmbiguityObjective(si, service, pose=read if with_heading else lambda s: read(s)[:2])
+    assert unknown.steering is None
+    for a, b in pairs_of(si, 12, with_heading):
+        cost = known.motionCost(a, b).value()
+        assert unknown.motionCost(a, b).value() == pytest.approx(cost, rel=error)
+        assert unknown.stateCost(a).value() == known.stateCost(a).value()
+        least = unknown.motionCostHeuristic(a, b).value()
+        assert least == known.motionCostHeuristic(a, b).value()
+    assert unknown.symmetric == known.symmetric
+
+
+def test_symmetric_dubins_costs_what_its_motion_does(demo: AmbiguityService) -> None:
+    si = ob.SpaceInformation(ob.DubinsStateSpace(0.7, True))
+    plain = information(Steering("dubins", 0.7))
+    objective = AmbiguityObjective(si, demo, 0.0, pose=pose_reader(True))
+    there_only = AmbiguityObjective(plain, demo, 0.0)
+    for a, b in pairs_of(si, 8, True):
+        either = min(there_only.motionCost(*ends).value() for ends in ((a, b), (b, a)))
+        assert objective.motionCost(a, b).value() == pytest.approx(either, rel=2e-3)
+
+
+def flat_box(low: float, high: float) -> ob.RealVectorBounds:
+    bounds = ob.RealVectorBounds(3)
+    bounds.setLow(low)
+    bounds.setHigh(high)
+    return bounds
+
+
+def test_a_real_vector_of_three(demo: AmbiguityService) -> None:
+    """x, y and the height of a mast, which costs nothing."""
+    space = ob.RealVectorStateSpace(3)
+    space.setBounds(flat_box(0.0, 28.0))
+    setup = og.SimpleSetup(space)
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(lambda state: True)
+    objective = AmbiguityObjective(si, demo, pose=lambda state: (state[0], state[1]))
+    setup.setOptimizationObjective(objective)
+    start, goal = si.allocState(), si.allocState()
+    for axis, (low, high) in enumerate(((3.0, 25.0), (3.0, 20.0), (0.0, 2.0))):
+        start[axis], goal[axis] = low, high
+    setup.setStartAndGoalStates(start, goal)
+    cost = objective.motionCost(start, goal).value()
+    assert cost == pytest.approx(demo.motion_cost(3.0, 3.0, 25.0, 20.0), rel=1e-9)
+    planner = og.RRTstar(si)
+    setup.setPlanner(planner)
+    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 200))
+    path = og.PathGeometric(setup.getSolutionPath())
+    assert path.cost(objective).value() <= cost * (1.0 + 1e-9)
+    assert objective.cost_of(path.getStates()) == pytest.approx(path.cost(objective).value())
+
+
+def test_a_compound_space(demo: AmbiguityService) -> None:
+    """A base that turns and an arm on it: the arm moves for nothing."""
+    space = ob.CompoundStateSpace()
+    space.addSubspace(make_space(Steering("se2"), BOUNDS), 1.0)
+    space.addSubspace(ob.SO2StateSpace(), 0.1)
+    space.lock()
+    si = ob.SpaceInformation(space)
+    si.setStateValidityChecker(lambda state: True)
+    si.setup()
+    objective = AmbiguityObjective(
+        si, demo, pose=lambda s: (s[0].getX(), s[0].getY(), s[0].getYaw())
+    )
+    a, b = si.allocState(), si.allocState()
+    for state, (x, y, yaw), arm in ((a, (3.0, 3.0, 0.0), 0.0), (b, (9.0, 5.0, 2.0), 3.0)):
+        state[0].setX(x)
+        state[0].setY(y)
+        state[0].setYaw(yaw)
+        state[1].value = arm
+    cost = demo.motion_cost(3.0, 3.0, 9.0, 5.0, 0.0, 2.0)
+    assert objective.motionCost(a, b).value() == pytest.approx(cost, rel=1e-6)
+
+
+def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None:
+    """What they found can be costed afterwards: that is all that 2.0.1 leaves."""
+    space = make_space(Steering("se2"), BOUNDS)
+    controls = oc.RealVectorControlSpace(space, 2)
+    limits = ob.RealVectorBounds(2)
+    limits.setLow(-1.0)
+    limits.setHigh(1.0)
+    controls.setBounds(limits)
+    setup = oc.SimpleSetup(controls)
+    si = setup.getSpaceInformation()
+    setup.setStateValidityChecker(lambda state: space.satisfiesBounds(state))
+
+    def drive(state: Any, control: Any, seconds: float, result: Any) -> None:
+        speed, turn = control[0], control[1]
+        result.setX(state.getX() + speed * math.cos(state.getYaw()) * seconds)
+        result.setY(state.getY() + speed * math.sin(state.getYaw()) * seconds)
+        result.setYaw(math.remainder(state.getYaw() + turn * seconds, 2.0 * math.pi))
+
+    setup.setStatePropagator(drive)
+    si.setPropagationStepSize(0.2)
+    asked = []
+
+    class Counting(AmbiguityObjective):
+        def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802
+            asked.append(1)
+            return super().motionCost(a, b)
+
+    objective = Counting(si, demo)
+    setup.setOptimizationObjective(objective)
+    setup.setStartAndGoalStates(
+        new_state(si, (3.0, 3.0, 0.0), True), new_state(si, (6.0, 4.0, 0.0), True), 1.0
+    )
+    setup.setPlanner(oc.RRT(si))
+    setup.solve(20.0)
+    assert not asked, "control planners ask for costs now: docs/planning.md may promise more"
+    path = setup.getSolutionPath()
+    path.interpolate()
+    states = path.getStates()
+    poses = np.array([(s.getX(), s.getY(), s.getYaw()) for s in states])
+    assert objective.cost_of(states) == pytest.approx(demo.route_cost(poses, Steering("se2")))
+
+
+@pytest.mark.parametrize("told", [None, (1.0,), (1.0, math.nan), ("a", "b"), 3.0])
+def test_poses_that_are_none(demo: AmbiguityService, told: object) -> None:
+    si = information(Steering())
+    objective = AmbiguityObjective(si, demo, pose=lambda state: told)  # type: ignore[arg-type,return-value]
+    a = new_state(si, (3.0, 3.0, 0.0), False)
+    with pytest.raises(InputError, match=r"pose gives .* for a state; let it return x and y in"):
+        objective.motionCost(a, a)
+
+
+def test_motions_that_jump(demo: AmbiguityService) -> None:
+    si = information(Steering())
+    objective = AmbiguityObjective(si, demo, pose=lambda s: (3.0 if s[0] < 5.0 else 9.0, s[1]))
+    a, b = (new_state(si, pose, False) for pose in ((3.0, 3.0, 0.0), (9.0, 3.0, 0.0)))
+    with pytest.raises(InputError, match="jumps from pose to pose; its cost cannot be integrated"):
+        objective.motionCost(a, b)
+
+
+def test_a_steering_and_a_pose_are_too_much(demo: AmbiguityService) -> None:
+    with pytest.raises(InputError, match="both steering and pose are given"):
+        AmbiguityObjective(
+            information(Steering()), demo, steering=Steering(), pose=pose_reader(False)
+        )

@@ -1,0 +1,77 @@
+"""What docs/planning.md tells an OMPL user to write is run as it stands there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ompl import base as ob
+from ompl import geometric as og
+
+from ambinav.geometry.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.objective import AmbiguityObjective
+from tests.planners.test_objective import information
+
+PAGE = Path(__file__).parents[2] / "docs" / "planning.md"
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+BOUNDS = (45.0, 28.0)
+
+
+def bounds() -> ob.RealVectorBounds:
+    limits = ob.RealVectorBounds(2)
+    for axis, high in enumerate(BOUNDS):
+        limits.setLow(axis, 0.0)
+        limits.setHigh(axis, high)
+    return limits
+
+
+def test_the_first_program_of_the_page(
+    demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    demo_map.save(tmp_path / "office.zarr")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(compile(BLOCKS[0], str(PAGE), "exec"), names)
+    environment = demo_map.environment
+    start, goal = (3.0, 3.0), (12.0, 6.0)
+    poses = names["plan"](
+        lambda state: bool(environment.is_free(state[0], state[1], 0.2)),
+        start, goal, bounds(), seconds=3.0,
+    )  # fmt: skip
+    assert poses[0] == pytest.approx(start)
+    assert poses[-1] == pytest.approx(goal)
+
+
+def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:
+    si = ob.SpaceInformation(ob.RealVectorStateSpace(3))
+    names = {"AmbiguityObjective": AmbiguityObjective, "service": demo, "si": si}
+    exec(BLOCKS[1], names)
+    objective: Any = names["mast"]
+    state = si.allocState()
+    state[0], state[1], state[2] = 3.0, 3.0, 1.0
+    assert objective.stateCost(state).value() == pytest.approx(demo.cost(3.0, 3.0))
+    compound = ob.CompoundStateSpace()
+    compound.addSubspace(ob.SE2StateSpace(), 1.0)
+    compound.addSubspace(ob.SO2StateSpace(), 1.0)
+    si = ob.SpaceInformation(compound)
+    names["si"] = si
+    exec(BLOCKS[2], names)
+    objective = names["arm"]
+    state = si.allocState()
+    state[0].setX(3.0)
+    state[0].setY(3.0)
+    state[0].setYaw(0.0)
+    assert objective.stateCost(state).value() == pytest.approx(demo.cost(3.0, 3.0))
+
+
+def test_the_lines_for_the_footprint(demo: AmbiguityService) -> None:
+    setup = og.SimpleSetup(information(Steering()))
+    exec(BLOCKS[3], {"setup": setup, "si": setup.getSpaceInformation(), "service": demo})
+    state = setup.getSpaceInformation().allocState()
+    for x, free in ((3.0, True), (0.0, False)):
+        state[0], state[1] = x, 3.0
+        assert setup.getSpaceInformation().isValid(state) == free
