@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.collision_geometry import drivable_space
 from ambinav.geometry.contour import Contours, trace
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.occupancy import OccupancyGrid
@@ -103,6 +104,7 @@ def environment_from_grid(
         checksum=grid.checksum,
         resolution=cell,
         notes=tuple(notes),
+        drivable=drivable_space(grid, free),
     )
 
 

@@ -39,6 +39,10 @@ class CollisionChecker:
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the
     footprint. A motion is free if that holds all the way.
 
+    Segments and free space are those of `Environment.collision`: in an occupancy map no footprint
+    covers any part of an occupied cell. Only a simulated world, whose walls are what rays meet,
+    is checked against the fitted segments.
+
     - A disc of radius r is free at a clearance of exactly r (as `Environment.is_free`). All its
       motions are checked exactly; they may come 1e-9 m nearer.
     - A polygon that keeps its heading is checked exactly. One that turns on its way may be called
@@ -55,13 +59,17 @@ class CollisionChecker:
             a hundredth of a cell.
         origin: x and y of the centre of forbidden[0, 0], metres.
         spacing: Edge of a forbidden cell, metres.
+        simulated: Collide with the walls that rays meet, for robots that drive in a simulation;
+            not for planning.
 
     Attributes:
+        geometry: What the footprint collides with: `environment.collision`, or `environment`.
         has_forbidden: Whether any cell is forbidden.
         arrays: What the kernels `motion_free` and `pose_free` take last.
 
     Raises:
-        InputError: the forbidden cells are not a grid in a place.
+        InputError: the forbidden cells are not a grid in a place, or the environment does not
+            know its occupied cells (`AmbiguityMap.environment`).
     """
 
     def __init__(
@@ -73,14 +81,16 @@ class CollisionChecker:
         forbidden: NDArray[np.bool_] | None = None,
         origin: tuple[float, float] = (0.0, 0.0),
         spacing: float = 1.0,
+        simulated: bool = False,
     ) -> None:
         self.environment = environment
+        self.geometry = environment if simulated else environment.collision
         self.has_forbidden = forbidden is not None and bool(forbidden.any())
         self.footprint = footprint
         self.steering = steering
         self.must_turn = steering.kind == FACING and not footprint.is_disc
         self.arrays: Arrays = pack(
-            environment, footprint, self.must_turn, forbidden, origin, spacing
+            self.geometry, footprint, self.must_turn, forbidden, origin, spacing
         )
 
     def __repr__(self) -> str:
@@ -126,7 +136,7 @@ class CollisionChecker:
         """
         rows = checked_poses(poses, "poses")
         if self.footprint.is_disc:
-            away = np.asarray(self.environment.clearance(rows[:, 0], rows[:, 1]))
+            away = np.asarray(self.geometry.clearance(rows[:, 0], rows[:, 1]))
             return np.asarray(np.maximum(away - self.footprint.radius, 0.0))
         _, distance = self._walls.query_nearest(
             self.footprint.placed(rows), all_matches=False, return_distance=True
@@ -148,7 +158,7 @@ class CollisionChecker:
         here = checked_poses([[x, y, theta]], "pose")
         if self.poses_free(here)[0]:
             return float(x), float(y), float(theta), 0.0
-        xmin, ymin, xmax, ymax = self.environment.bounds
+        xmin, ymin, xmax, ymax = self.geometry.bounds
         found = self._nearest_on(here[0], xmin, ymin, xmax, ymax, COARSE)
         if found is None:
             return None
@@ -173,9 +183,11 @@ class CollisionChecker:
         point = shapely.Point(x, y)
         nearest = int(self._walls.nearest(point))
         gap = float(self._walls.geometries[nearest].distance(point))
-        unknown = self.environment.segments.kind[nearest] == FRONTIER
+        unknown = self.geometry.segments.kind[nearest] == FRONTIER
         what = "unknown space" if unknown else "a wall"
-        if not self.environment.is_free(x, y):
+        if not self.geometry.is_free(x, y):
+            if self.environment.is_free(x, y):
+                return "over cells that the map calls occupied"
             if unknown:
                 return "in unknown space"
             if gap <= WALL_DEPTH:
@@ -194,7 +206,7 @@ class CollisionChecker:
 
     @cached_property
     def _walls(self) -> shapely.STRtree:
-        return shapely.STRtree(shapely.linestrings(self.environment.segments.xy.reshape(-1, 2, 2)))
+        return shapely.STRtree(shapely.linestrings(self.geometry.segments.xy.reshape(-1, 2, 2)))
 
     def _nearest_on(
         self, pose: Floats, xmin: float, ymin: float, xmax: float, ymax: float, step: float

@@ -36,6 +36,8 @@ class Environment:
         checksum: SHA-256 of its files.
         resolution: Edge of a cell in metres if it came from an occupancy grid.
         notes: What was repaired or left out when it was read.
+        drivable: Polygon or MultiPolygon within `free` that no footprint may leave, metres; None
+            for `free` itself. Rays do not look at it; see `collision`.
 
     Raises:
         InputError: no free space, or no segment.
@@ -51,6 +53,7 @@ class Environment:
         checksum: str = "",
         resolution: float | None = None,
         notes: tuple[str, ...] = (),
+        drivable: BaseGeometry | None = None,
     ) -> None:
         origin = str(source) if source is not None else name
         if free.is_empty or free.area <= 0.0:
@@ -64,6 +67,7 @@ class Environment:
         self.checksum = checksum
         self.resolution = resolution
         self.notes = notes
+        self._drivable = drivable
 
     def __repr__(self) -> str:
         """Name, size and counts."""
@@ -78,6 +82,38 @@ class Environment:
         """(xmin, ymin, xmax, ymax) of the free space and the segments, metres."""
         a, b = self.free.bounds, self.segments.bounds
         return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+    @property
+    def drivable(self) -> BaseGeometry | None:
+        """What no footprint may leave, metres; None where that is `free`."""
+        return self._drivable
+
+    @cached_property
+    def collision(self) -> Environment:
+        """The environment as footprints meet it: no occupied cell of the map is free in it.
+
+        A drawn plan is its own. Of an occupancy map it is `drivable`, bounded by its edges: where
+        a robot fits is asked of this, what a ray meets of the environment itself.
+        """
+        drivable = self.drivable
+        if drivable is None:
+            return self
+        from ambinav.geometry.collision_geometry import collision_segments
+
+        if drivable.is_empty:
+            raise InputError(
+                f"{self.source or self.name}: no free space is left beside its occupied cells; "
+                "give a map with more free cells."
+            )
+        return Environment(
+            collision_segments(drivable, self.segments),
+            drivable,
+            name=self.name,
+            source=self.source,
+            checksum=self.checksum,
+            resolution=self.resolution,
+            notes=self.notes,
+        )
 
     @property
     def map_std(self) -> float:
@@ -132,7 +168,10 @@ class Environment:
         return ~np.asarray(shapely.dwithin(edge, shapely.points(middle), ON_BORDER), dtype=np.bool_)
 
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
-        """Whether a disc of `radius` metres around (x, y) lies in the free space.
+        """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
+
+        A point is free if it lies in the free space that rays know. A disc is free if a robot of
+        that outline can stand there: it keeps off every occupied cell too (`collision`).
 
         Args:
             x: Metres, map frame, any shape.
@@ -149,9 +188,12 @@ class Environment:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         flat_x, flat_y = xs.flatten(), ys.flatten()
-        inside = self.triangulation.contains(flat_x, flat_y)
         if radius > 0.0:
-            inside &= self._clearance(flat_x, flat_y, radius * (1 + 1e-6) + 1e-9) >= radius
+            place, limit = self.collision, radius * (1 + 1e-6) + 1e-9
+            inside = place.triangulation.contains(flat_x, flat_y)
+            inside &= clearances(place.grid, flat_x, flat_y, limit) >= radius
+        else:
+            inside = self.triangulation.contains(flat_x, flat_y)
         return inside.reshape(xs.shape) if xs.ndim else bool(inside[0])
 
     def clearance(
@@ -214,15 +256,21 @@ class Environment:
 
     def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:
         """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
-        turned = affinity.rotate(self.free, angle, origin=(0.0, 0.0), use_radians=True)
+
+        def moved(shape: BaseGeometry) -> BaseGeometry:
+            turned = affinity.rotate(shape, angle, origin=(0.0, 0.0), use_radians=True)
+            return affinity.translate(turned, dx, dy)
+
+        drivable = self.drivable
         return Environment(
             self.segments.transformed(angle, dx, dy),
-            affinity.translate(turned, dx, dy),
+            moved(self.free),
             name=self.name,
             source=self.source,
             checksum=self.checksum,
             resolution=self.resolution,
             notes=self.notes,
+            drivable=None if drivable is None else moved(drivable),
         )
 
     def _clearance(

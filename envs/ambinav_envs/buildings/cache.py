@@ -108,6 +108,8 @@ def checksum(
     digest.update(environment.segments.xy.tobytes())
     digest.update(environment.segments.kind.tobytes())
     digest.update(shapely.to_wkb(environment.free))
+    if environment.drivable is not None:
+        digest.update(shapely.to_wkb(environment.drivable))
     return digest.hexdigest()[:32]
 
 
