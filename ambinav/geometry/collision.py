@@ -26,6 +26,8 @@ from ambinav.threads import run_rows
 COARSE, FINE = 0.1, 0.01
 # A point outside of the free space this near to its border is said to be in the wall itself.
 WALL_DEPTH = 0.3
+# A place this near to a fitted segment, metres, lies on it.
+SAME_LINE = 1e-6
 BLOCK = 20_000
 
 Bools = NDArray[np.bool_]
@@ -183,11 +185,11 @@ class CollisionChecker:
         point = shapely.Point(x, y)
         nearest = int(self._walls.nearest(point))
         gap = float(self._walls.geometries[nearest].distance(point))
-        unknown = self.geometry.segments.kind[nearest] == FRONTIER
+        unknown = self._is_unknown(shapely.shortest_line(point, self._walls.geometries[nearest]))
         what = "unknown space" if unknown else "a wall"
         if not self.geometry.is_free(x, y):
             if self.environment.is_free(x, y):
-                return "over cells that the map calls occupied"
+                return "among cells that the map calls occupied"
             if unknown:
                 return "in unknown space"
             if gap <= WALL_DEPTH:
@@ -203,6 +205,14 @@ class CollisionChecker:
             away = f"{_metres(gap, need)} from {what}"
             return f"{away}, the footprint needs {need:.3f} m to turn on the spot"
         return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
+
+    def _is_unknown(self, way: shapely.LineString) -> bool:
+        """Whether a way to what is nearest ends at the frontier to unknown space."""
+        segments = self.environment.segments
+        lines = shapely.linestrings(segments.xy.reshape(-1, 2, 2))
+        away = shapely.distance(lines, shapely.get_point(way, -1))
+        k = int(away.argmin())
+        return bool(away[k] <= SAME_LINE and segments.kind[k] == FRONTIER)
 
     @cached_property
     def _walls(self) -> shapely.STRtree:

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.occupancy import OCCUPIED, OccupancyGrid
-from ambinav.geometry.segments import WALL, Segments
 
 NOTCH_CELLS: Final = 0.5
 """How deep the notches are that are cut off, in cells."""
@@ -34,8 +33,6 @@ TOUCH: Final = 1e-6
 ROUNDING: Final = 1e-9
 # A notch ends at most so many corners after it began, and after so many that were of no use.
 LONGEST, PATIENCE = 96, 12
-# An edge this near to a fitted segment, metres, is a part of it.
-SAME_LINE: Final = 1e-6
 # Separate pieces below this area, in cells, may be left out.
 SMALL_CELLS: Final = 200.0
 
@@ -68,15 +65,12 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
     return cut_notches(shapely.multipolygons(np.delete(parts, thin)), depth)
 
 
-def collision_segments(drivable: BaseGeometry, fitted: Segments) -> Segments:
-    """The edges of `drivable`; one on a fitted segment has its kind, every other one is a wall."""
-    edges = _edges(drivable)
-    tree = shapely.STRtree(shapely.linestrings(fitted.xy.reshape(-1, 2, 2)))
-    middles = shapely.points(0.5 * (edges[:, :2] + edges[:, 2:]))
-    edge, segment = tree.query_nearest(middles, max_distance=SAME_LINE, all_matches=False)
-    kind = np.full(len(edges), WALL, dtype=np.uint8)
-    kind[edge] = fitted.kind[segment]
-    return Segments(edges, kind)
+def edges_of(shape: BaseGeometry) -> Floats:
+    """End points of the edges of polygons, shape (N, 4)."""
+    rings = shapely.get_rings(shapely.get_parts(shape))
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    edges: Floats = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
+    return edges
 
 
 def intruding_cells(
@@ -85,7 +79,7 @@ def intruding_cells(
     """Rows and columns of the occupied cells whose inside meets `free` (map frame)."""
     x0, y0, yaw = grid.origin
     c, s = math.cos(yaw), math.sin(yaw)
-    edges = (_edges(free).reshape(-1, 2) - (x0, y0)) / grid.resolution
+    edges = (edges_of(free).reshape(-1, 2) - (x0, y0)) / grid.resolution
     edges = (edges @ np.array([[c, -s], [s, c]])).reshape(-1, 4)
     rows, columns = grid.state.shape
     # Whether the number of edges left of a cell's centre changes there, and cells on an edge.
@@ -167,14 +161,6 @@ def _keep_what_is_met(
         i = start[k]
         around = low[k] + (i - low[k] + np.arange(span[k] + 1)) % count[k]
         after[around[:-1]] = around[1:]
-
-
-def _edges(shape: BaseGeometry) -> Floats:
-    """End points of the edges of polygons, shape (N, 4)."""
-    rings = shapely.get_rings(shapely.get_parts(shape))
-    xy, ring = shapely.get_coordinates(rings, return_index=True)
-    edges: Floats = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
-    return edges
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

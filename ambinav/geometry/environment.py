@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import cast_rays, clearances
-from ambinav.geometry.segments import Segments
+from ambinav.geometry.segments import WALL, Segments
 from ambinav.geometry.triangulation import Triangulation
 from ambinav.geometry.walk import walk_rays
 
@@ -92,21 +92,26 @@ class Environment:
     def collision(self) -> Environment:
         """The environment as footprints meet it: no occupied cell of the map is free in it.
 
-        A drawn plan is its own. Of an occupancy map it is `drivable`, bounded by its edges: where
-        a robot fits is asked of this, what a ray meets of the environment itself.
+        A drawn plan is its own. Of an occupancy map it is `drivable`, all of whose edges are called
+        walls: where a robot fits is asked of this, what a ray meets of the environment itself.
+
+        Raises:
+            InputError: no free space is left in it, or it is not known
+                (`AmbiguityMap.environment`).
         """
         drivable = self.drivable
         if drivable is None:
             return self
-        from ambinav.geometry.collision_geometry import collision_segments
+        from ambinav.geometry.collision_geometry import edges_of
 
         if drivable.is_empty:
             raise InputError(
                 f"{self.source or self.name}: no free space is left beside its occupied cells; "
                 "give a map with more free cells."
             )
+        edges = edges_of(drivable)
         return Environment(
-            collision_segments(drivable, self.segments),
+            Segments(edges, np.full(len(edges), WALL, dtype=np.uint8)),
             drivable,
             name=self.name,
             source=self.source,
