@@ -36,6 +36,8 @@ from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners import RoutePlanner
 from ambinav_planners.lattice_graph import lattice_of
 from ambinav_planners.ompl_setup import prepare
+from ambinav_planners.planning import NotFoundError
+from ambinav_planners.reachability import NoWayError
 from ambinav_planners.registry import planner
 
 sys.path.insert(0, str(ROOT))
@@ -45,6 +47,8 @@ LIBRARIES = ("ambinav", "numba", "numpy", "ompl", "shapely")
 FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
 TIMED = ("willow_full_005", "stata_hallways_5cm", "aces", "ipa_office_h_furnitures", "f1_vegas")
 RADIUS, SPACING, MOST_CELLS = 0.2, 0.1, 60_000
+# Cells above this, metres, make doors that a lattice coarser than they are would miss.
+COARSE = 0.3
 WIDTH_STEP, WIDTH_CELLS, WIDEST = 0.1, 1_000_000, 2.0
 MOTIONS = 60_000
 Row = tuple[Any, ...]
@@ -54,7 +58,8 @@ def robots(environment: Environment, radius: float, cell: float) -> dict[str, Ro
     """A planner over the fitted segments, one over the collision geometry, on one map."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
     scanner = RangeScanner.planar(sensor=sensor, beams=36, aperture=2.0 * math.pi)
-    step = max(SPACING, 2.0 * cell, math.sqrt(environment.free.area / MOST_CELLS))
+    fair = max(SPACING, math.sqrt(environment.free.area / MOST_CELLS))
+    step = cell if cell > COARSE else fair
     amap = build_map(environment, scanner, spacing=step, radius=2.0 * step)
     made = {name: RoutePlanner(amap, footprint=radius) for name in ("before", "after")}
     footprint = made["before"].checker.footprint
@@ -102,6 +107,7 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
     radius = RADIUS * max(1.0, 2.0 * grid.resolution)
     made = robots(environment, radius, grid.resolution)
     ends = pairs(made["before"], count, np.random.default_rng(seed))
+    missing = {"no place": 0, "no way": 0, "no way over the lattice": 0}
     deep: dict[str, list[float]] = {}
     metres: dict[str, list[float]] = {}
     for name, robot in made.items():
@@ -109,8 +115,10 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
         for start, goal in ends:
             try:
                 route = robot.plan(start, goal, planner_name="reference")
-            except InputError:
+            except InputError as error:
                 metres[name].append(math.nan)
+                if name == "after":
+                    missing[reason(error)] += 1
                 continue
             metres[name].append(route.length)
             deep[name].append(
@@ -127,12 +135,20 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
         count,
         *(f"{sum(d > ROUNDING for d in deep[name])} / {len(deep[name])}" for name in made),
         *(f"{100.0 * max(deep[name], default=0.0):.2f}" for name in made),
+        ", ".join(f"{many} {why}" for why, many in missing.items() if many) or "-",
         f"{100.0 * np.median(narrower):.1f} ({100.0 * narrower.max():.1f})",
         "-" if np.isnan(longer).all() else f"{100.0 * np.nanmedian(longer):.2f}",
         f"{100.0 * (1.0 - drivable / environment.free.area):.2f}",
         f"{len(environment.segments)} / {len(environment.collision.segments)}",
     )
     return row, deep
+
+
+def reason(error: InputError) -> str:
+    """Why there is no route: the robot does not fit at its ends, or no way leads there."""
+    if isinstance(error, NoWayError):
+        return "no way"
+    return "no way over the lattice" if isinstance(error, NotFoundError) else "no place"
 
 
 def iterations(robot: RoutePlanner, start: Any, goal: Any, seconds: float) -> int:
@@ -235,15 +251,17 @@ def main() -> None:
         [
             f"{len(paths)} maps, {args.pairs} pairs of places each, a disc of {RADIUS:g} m (0.4 m "
             "for each metre of cells above 0.5 m), planner `reference` at weight 5, cells of "
-            f"{SPACING:g} m or what makes {MOST_CELLS} of them. Over occupied cells: "
-            f"{' and '.join(sums)}. A route that is missing after was planned for a robot that "
-            "stands, at its start or goal, on a cell that the map calls occupied, or through cells "
-            "of it. Narrower: how much less the radius of the widest robot is that gets from start "
-            "to goal, median (most).",
+            f"{SPACING:g} m, or what makes {MOST_CELLS} of them, or the map's own above "
+            f"{COARSE:g} m. Over occupied cells: {' and '.join(sums)}. Places are drawn where the "
+            "robot fits before; missing after are the routes from or to a place where it covers an "
+            "occupied cell (no place), those for which no way is left (no way), and those whose "
+            "way is too narrow for the planner's lattice. Narrower: how much less the radius of "
+            "the widest robot is that gets from start to goal, median (most).",
             table(
                 (
                     "map", "pairs", "over cells before", "after", "deepest before cm", "after cm",
-                    "narrower cm", "longer %", "floor lost %", "segments before / after",
+                    "missing after", "narrower cm", "longer %", "floor lost %",
+                    "segments before / after",
                 ),
                 rows,
             ),
