@@ -45,7 +45,7 @@ STAMP: Final = "computed-by.json"
 # Made by running the code, or by editors beside it.
 _MADE: Final = (".pyc", ".pyo", ".nbi", ".nbc", ".orig", ".rej", ".swp", ".tmp", "~")
 # What an environment is called, and where it was read from; the rest decides numbers.
-_NAMES: Final = ("name", "source", "notes")
+_NAMES: Final = ("name", "source", "notes", "occupancy")
 # Attributes of an ambiguity map that say what it is; the others say when and where it was made.
 _MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "units")
 

@@ -132,6 +132,16 @@ def assemble(
         dims=("byte",),
         attrs={"long_name": "outline of the free space as well-known binary", "units": "m"},
     )
+    drivable = lattice.environment.drivable
+    if drivable is not None:
+        variables["drivable"] = xr.DataArray(
+            np.frombuffer(shapely.to_wkb(drivable), dtype=np.uint8).copy(),
+            dims=("drivable_byte",),
+            attrs={
+                "long_name": "outline of the space without occupied cells as well-known binary",
+                "units": "m",
+            },
+        )
     coords = {
         "x": ("x", lattice.x, {"long_name": "x of the cell's centre", "units": "m"}),
         "y": ("y", lattice.y, {"long_name": "y of the cell's centre", "units": "m"}),
@@ -190,6 +200,7 @@ def _provenance(
         "environment_source": "" if env.source is None else str(env.source),
         "environment_sha256": env.checksum,
         "environment_resolution": json.dumps(env.resolution),
+        "collision": "floor" if env.drivable is None else "drivable",
         "environment_notes": json.dumps(list(env.notes)),
         "environment_extent": json.dumps(
             [] if env.extent is None else shapely.get_coordinates(env.extent)[:4].tolist()

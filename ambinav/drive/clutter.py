@@ -49,7 +49,7 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
     ]
     fresh = np.vstack([np.empty((0, 4)), *pieces])
     fresh = fresh[np.hypot(fresh[:, 2] - fresh[:, 0], fresh[:, 3] - fresh[:, 1]) > SHORTEST]
-    old = environment.segments
+    old, drivable = environment.segments, environment.drivable
     return Environment(
         Segments(
             np.vstack([old.xy, fresh]),
@@ -61,6 +61,7 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
         checksum=environment.checksum,
         resolution=environment.resolution,
         notes=(*environment.notes, f"{len(obstacles)} obstacles were put into it"),
+        drivable=None if drivable is None else drivable.difference(solid),
     )
 
 

@@ -107,7 +107,7 @@ def drive(
     deviations = _checked(rate, start_std, max_time)
     course = Course.of(route.poses, route.steering)
     start = route.steering.oriented(route.poses)[0]
-    checker = CollisionChecker(world, robot.footprint, Steering())
+    checker = CollisionChecker(world, robot.footprint, Steering(), simulated=True)
     why = checker.why_not(*start.tolist())
     if why is not None:
         raise InputError(

@@ -89,7 +89,9 @@ class Crowd:
         self.people = people
         self._apart = robots + people.radius + KEEP
         self._states = states
-        checker = CollisionChecker(environment, Footprint.disc(people.radius), Steering())
+        checker = CollisionChecker(
+            environment, Footprint.disc(people.radius), Steering(), simulated=True
+        )
         self._arrays = checker.arrays
         self.places = np.empty((len(poses), people.count, 3))
         if not _place(

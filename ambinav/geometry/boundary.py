@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.collision_geometry import drivable_space
 from ambinav.geometry.contour import Contours, trace
 from ambinav.geometry.edge_fit import furthest, strays
 from ambinav.geometry.environment import Environment
@@ -117,6 +118,7 @@ def environment_from_grid(
         notes=tuple(notes),
         extent=shapely.Polygon(grid.outline()),
         occupancy=grid,
+        drivable=drivable_space(grid, free),
     )
 
 

@@ -26,6 +26,8 @@ from ambinav.threads import run_rows
 COARSE, FINE = 0.1, 0.01
 # A point outside of the free space this near to its border is said to be in the wall itself.
 WALL_DEPTH = 0.3
+# A place this near to a fitted segment, metres, lies on it.
+SAME_LINE = 1e-6
 BLOCK = 20_000
 
 Bools = NDArray[np.bool_]
@@ -38,6 +40,10 @@ class CollisionChecker:
     A pose is free if the reference point lies in the free space, in no forbidden cell, and no
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the
     footprint. A motion is free if that holds all the way.
+
+    Segments and free space are those of `Environment.collision`: in an occupancy map no footprint
+    covers any part of an occupied cell. Only a simulated world, whose walls are what rays meet,
+    is checked against the fitted segments.
 
     - A disc of radius r is free at a clearance of exactly r (as `Environment.is_free`). All its
       motions are checked exactly; they may come 1e-9 m nearer.
@@ -55,13 +61,17 @@ class CollisionChecker:
             a hundredth of a cell.
         origin: x and y of the centre of forbidden[0, 0], metres.
         spacing: Edge of a forbidden cell, metres.
+        simulated: Collide with the walls that rays meet, for robots that drive in a simulation;
+            not for planning.
 
     Attributes:
+        geometry: What the footprint collides with: `environment.collision`, or `environment`.
         has_forbidden: Whether any cell is forbidden.
         arrays: What the kernels `motion_free` and `pose_free` take last.
 
     Raises:
-        InputError: the forbidden cells are not a grid in a place.
+        InputError: the forbidden cells are not a grid in a place, or the environment does not
+            know its occupied cells (`AmbiguityMap.environment`).
     """
 
     def __init__(
@@ -73,14 +83,16 @@ class CollisionChecker:
         forbidden: NDArray[np.bool_] | None = None,
         origin: tuple[float, float] = (0.0, 0.0),
         spacing: float = 1.0,
+        simulated: bool = False,
     ) -> None:
         self.environment = environment
+        self.geometry = environment if simulated else environment.collision
         self.has_forbidden = forbidden is not None and bool(forbidden.any())
         self.footprint = footprint
         self.steering = steering
         self.must_turn = steering.kind == FACING and not footprint.is_disc
         self.arrays: Arrays = pack(
-            environment, footprint, self.must_turn, forbidden, origin, spacing
+            self.geometry, footprint, self.must_turn, forbidden, origin, spacing
         )
 
     def __repr__(self) -> str:
@@ -126,7 +138,7 @@ class CollisionChecker:
         """
         rows = checked_poses(poses, "poses")
         if self.footprint.is_disc:
-            away = np.asarray(self.environment.clearance(rows[:, 0], rows[:, 1]))
+            away = np.asarray(self.geometry.clearance(rows[:, 0], rows[:, 1]))
             return np.asarray(np.maximum(away - self.footprint.radius, 0.0))
         _, distance = self._walls.query_nearest(
             self.footprint.placed(rows), all_matches=False, return_distance=True
@@ -148,7 +160,7 @@ class CollisionChecker:
         here = checked_poses([[x, y, theta]], "pose")
         if self.poses_free(here)[0]:
             return float(x), float(y), float(theta), 0.0
-        xmin, ymin, xmax, ymax = self.environment.bounds
+        xmin, ymin, xmax, ymax = self.geometry.bounds
         found = self._nearest_on(here[0], xmin, ymin, xmax, ymax, COARSE)
         if found is None:
             return None
@@ -173,9 +185,11 @@ class CollisionChecker:
         point = shapely.Point(x, y)
         nearest = int(self._walls.nearest(point))
         gap = float(self._walls.geometries[nearest].distance(point))
-        unknown = self.environment.segments.kind[nearest] == FRONTIER
+        unknown = self._is_unknown(shapely.shortest_line(point, self._walls.geometries[nearest]))
         what = "unknown space" if unknown else "a wall"
-        if not self.environment.is_free(x, y):
+        if not self.geometry.is_free(x, y):
+            if self.environment.is_free(x, y):
+                return "among cells that the map calls occupied"
             if unknown:
                 return "in unknown space"
             if gap <= WALL_DEPTH:
@@ -192,9 +206,17 @@ class CollisionChecker:
             return f"{away}, the footprint needs {need:.3f} m to turn on the spot"
         return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
 
+    def _is_unknown(self, way: shapely.LineString) -> bool:
+        """Whether a way to what is nearest ends at the frontier to unknown space."""
+        segments = self.environment.segments
+        lines = shapely.linestrings(segments.xy.reshape(-1, 2, 2))
+        away = shapely.distance(lines, shapely.get_point(way, -1))
+        k = int(away.argmin())
+        return bool(away[k] <= SAME_LINE and segments.kind[k] == FRONTIER)
+
     @cached_property
     def _walls(self) -> shapely.STRtree:
-        return shapely.STRtree(shapely.linestrings(self.environment.segments.xy.reshape(-1, 2, 2)))
+        return shapely.STRtree(shapely.linestrings(self.geometry.segments.xy.reshape(-1, 2, 2)))
 
     def _nearest_on(
         self, pose: Floats, xmin: float, ymin: float, xmax: float, ymax: float, step: float

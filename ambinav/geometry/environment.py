@@ -17,7 +17,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.border_cover import longest_bare
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import cast_rays, clearances
-from ambinav.geometry.segments import Segments
+from ambinav.geometry.segments import WALL, Segments
 from ambinav.geometry.triangulation import Triangulation
 from ambinav.geometry.walk import walk_rays
 from ambinav.mistaken import kind_of_path, refuse, refuse_image
@@ -50,6 +50,8 @@ class Environment:
         extent: What its source covers, the image of a map say, if floor may go on beyond the rim
             of that; None where the floor ends at what is drawn.
         occupancy: The grid that it came from, if it came from one.
+        drivable: Polygon or MultiPolygon within `free` that no footprint may leave, metres; None
+            for `free` itself. Rays do not look at it; see `collision`.
 
     Raises:
         InputError: no free space, no segment, or a stretch of the border of the free space
@@ -68,6 +70,7 @@ class Environment:
         notes: tuple[str, ...] = (),
         extent: shapely.Polygon | None = None,
         occupancy: OccupancyGrid | None = None,
+        drivable: BaseGeometry | None = None,
     ) -> None:
         origin = str(source) if source is not None else name
         if free.is_empty or free.area <= 0.0:
@@ -89,6 +92,7 @@ class Environment:
         self.notes = notes
         self.extent = extent
         self.occupancy = occupancy
+        self._drivable = drivable
 
     def __repr__(self) -> str:
         """Name, size and counts."""
@@ -103,6 +107,43 @@ class Environment:
         """(xmin, ymin, xmax, ymax) of the free space and the segments, metres."""
         a, b = self.free.bounds, self.segments.bounds
         return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+
+    @property
+    def drivable(self) -> BaseGeometry | None:
+        """What no footprint may leave, metres; None where that is `free`."""
+        return self._drivable
+
+    @cached_property
+    def collision(self) -> Environment:
+        """The environment as footprints meet it: no occupied cell of the map is free in it.
+
+        A drawn plan is its own. Of an occupancy map it is `drivable`, all of whose edges are called
+        walls: where a robot fits is asked of this, what a ray meets of the environment itself.
+
+        Raises:
+            InputError: no free space is left in it, or it is not known
+                (`AmbiguityMap.environment`).
+        """
+        drivable = self.drivable
+        if drivable is None:
+            return self
+        from ambinav.geometry.collision_geometry import edges_of
+
+        if drivable.is_empty:
+            raise InputError(
+                f"{self.source or self.name}: no free space is left beside its occupied cells; "
+                "give a map with more free cells."
+            )
+        edges = edges_of(drivable)
+        return Environment(
+            Segments(edges, np.full(len(edges), WALL, dtype=np.uint8)),
+            drivable,
+            name=self.name,
+            source=self.source,
+            checksum=self.checksum,
+            resolution=self.resolution,
+            notes=self.notes,
+        )
 
     @property
     def map_std(self) -> float:
@@ -157,7 +198,10 @@ class Environment:
         return ~np.asarray(shapely.dwithin(edge, shapely.points(middle), ON_BORDER), dtype=np.bool_)
 
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
-        """Whether a disc of `radius` metres around (x, y) lies in the free space.
+        """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
+
+        A point is free if it lies in the free space that rays know. A disc is free if a robot of
+        that outline can stand there: it keeps off every occupied cell too (`collision`).
 
         Args:
             x: Metres, map frame, any shape.
@@ -174,9 +218,12 @@ class Environment:
             raise InputError(f"is_free: radius is {radius}; give at least 0 metres.")
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         flat_x, flat_y = xs.flatten(), ys.flatten()
-        inside = self.triangulation.contains(flat_x, flat_y)
         if radius > 0.0:
-            inside &= self._clearance(flat_x, flat_y, radius * (1 + 1e-6) + 1e-9) >= radius
+            place, limit = self.collision, radius * (1 + 1e-6) + 1e-9
+            inside = place.triangulation.contains(flat_x, flat_y)
+            inside &= clearances(place.grid, flat_x, flat_y, limit) >= radius
+        else:
+            inside = self.triangulation.contains(flat_x, flat_y)
         return inside.reshape(xs.shape) if xs.ndim else bool(inside[0])
 
     def clearance(
@@ -239,6 +286,7 @@ class Environment:
 
     def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:
         """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
+        drivable = self.drivable
         return Environment(
             self.segments.transformed(angle, dx, dy),
             _moved(self.free, angle, dx, dy),
@@ -249,6 +297,7 @@ class Environment:
             notes=self.notes,
             extent=None if self.extent is None else _moved(self.extent, angle, dx, dy),
             occupancy=None if self.occupancy is None else self.occupancy.transformed(angle, dx, dy),
+            drivable=None if drivable is None else _moved(drivable, angle, dx, dy),
         )
 
     def _clearance(

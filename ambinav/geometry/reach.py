@@ -71,14 +71,6 @@ class Reach:
         return _contains(self.fits, x, y)
 
 
-def obstacle_free(environment: Environment) -> BaseGeometry:
-    """The space that a robot's body may take up; what it may collide with is said here alone.
-
-    Walls without thickness inside it (`Environment.thin_walls`) count beside it.
-    """
-    return environment.free
-
-
 def find_reach(
     environment: Environment, radius: float, start: Sequence[float] | None = None
 ) -> Reach:
@@ -134,8 +126,10 @@ def find_reach(
 def _shrunk(environment: Environment, radius: float) -> BaseGeometry:
     """Where the centre of the disc can stand."""
     inner = radius - min(SLACK, 0.5 * radius)
-    fits = shapely.buffer(obstacle_free(environment), -inner, quad_segs=QUAD_SEGS)
-    thin = environment.thin_walls
+    # As planners have it: no cell that the map calls occupied is floor for a body.
+    geometry = environment.collision
+    fits = shapely.buffer(geometry.free, -inner, quad_segs=QUAD_SEGS)
+    thin = geometry.thin_walls
     if len(thin):
         lines = shapely.multilinestrings(shapely.linestrings(thin.reshape(-1, 2, 2)))
         fits = shapely.difference(fits, shapely.buffer(lines, inner, quad_segs=QUAD_SEGS))

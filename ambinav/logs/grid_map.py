@@ -153,4 +153,5 @@ def map_from_log(
         name=log.name,
         resolution=made.resolution,
         notes=(*made.notes, f"Made from {log.scans} scans of the log {log.name}."),
+        drivable=made.drivable,
     )

@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -44,6 +45,24 @@ class _Prepared(NamedTuple):
 
     parts: tuple[NDArray[np.float32], ...]
     nearest: bool
+
+
+class _WithoutCells(Environment):
+    """A building to look at only: its map does not keep the occupied cells."""
+
+    map_file = ""
+
+    @property
+    def drivable(self) -> BaseGeometry | None:
+        """Not known.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError(
+            f"{self.map_file}: this map was made before occupied cells were kept with a map, so "
+            "it is not known where a robot fits; make the map again with `ambinav map`."
+        )
 
 
 class AmbiguityMap:
@@ -142,28 +161,40 @@ class AmbiguityMap:
     def environment(self) -> Environment:
         """The building that the map was computed from, as far as a robot can meet it.
 
+        Of a map that was made from an occupancy grid before occupied cells were kept, it can be
+        looked at but not planned in: its `collision` raises an InputError.
+
         Raises:
             InputError: the outline of the free space cannot be read.
         """
         attrs = self.dataset.attrs
-        try:
-            free = shapely.from_wkb(self.dataset["floor"].values.tobytes())
-        except (shapely.errors.GEOSException, TypeError) as error:
-            raise InputError(
-                f"{self.source}: floor, the outline of the free space, cannot be read ({error}); "
-                "make the map again with `ambinav map`."
-            ) from error
+        source, kept = str(attrs.get("environment_source", "")), attrs.get("collision")
+        on_grid = Path(source).suffix.lower() in ("", ".yaml", ".yml")
         corners = json.loads(attrs.get("environment_extent", "[]"))
-        return Environment(
+        made = (_WithoutCells if kept is None and on_grid else Environment)(
             self.segments,
-            free,
+            self._outline("floor", "free space"),
             name=str(attrs["environment"]),
-            source=Path(attrs["environment_source"]) if attrs.get("environment_source") else None,
+            source=Path(source) if source else None,
             checksum=str(attrs.get("environment_sha256", "")),
             resolution=json.loads(attrs.get("environment_resolution", "null")),
             notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
             extent=shapely.Polygon(corners) if corners else None,
+            drivable=self._outline("drivable", "drivable space") if kept == "drivable" else None,
         )
+        if isinstance(made, _WithoutCells):
+            made.map_file = self.source
+        return made
+
+    def _outline(self, name: str, what: str) -> BaseGeometry:
+        """Polygons that are kept as a row of bytes."""
+        try:
+            return shapely.from_wkb(self.dataset[name].values.tobytes())
+        except (KeyError, shapely.errors.GEOSException, TypeError) as error:
+            raise InputError(
+                f"{self.source}: {name}, the outline of the {what}, cannot be read ({error}); "
+                "make the map again with `ambinav map`."
+            ) from error
 
     @property
     def unexplored(self) -> NDArray[np.bool_]:

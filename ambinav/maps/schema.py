@@ -29,7 +29,7 @@ REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 
 CORE: Final = frozenset(
     {*REQUIRED_LAYERS, "heading", "heading_radius", "unknown", "best_heading", "segments",
-     "segment_kind", "floor", "solid", "x", "y", "theta"}
+     "segment_kind", "floor", "drivable", "solid", "x", "y", "theta"}
 ) - {"clearance"}  # fmt: skip
 """Names of what every map is made of: no layer that is added may take one. `clearance` may be
 asked for as a layer too, and is the same."""

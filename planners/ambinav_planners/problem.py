@@ -146,6 +146,6 @@ def _beyond_a_wall(x: float, y: float, theta: float, checker: CollisionChecker) 
         return None
     inner = footprint.shape.representative_point()
     reach, side = math.hypot(inner.x, inner.y), math.atan2(inner.y, inner.x)
-    if checker.environment.cast(x, y, theta + side, reach) < reach:
+    if checker.geometry.cast(x, y, theta + side, reach) < reach:
         return "such that a wall stands between the reference point and the footprint"
     return None

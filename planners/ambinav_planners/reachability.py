@@ -104,7 +104,7 @@ def _in_one_part(checker: CollisionChecker, ends: NDArray[np.float64]) -> bool:
     The lattice misses channels that are narrower than its spacing; this does not.
     """
     radius = max(checker.footprint.outer - NEAR * 1e-3, NEAR * 1e-3)
-    environment = checker.environment
+    environment = checker.geometry
     floor = environment.free.buffer(-radius, quad_segs=QUARTER_SIDES)
     thin = environment.thin_walls
     if len(thin):

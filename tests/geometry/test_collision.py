@@ -313,7 +313,7 @@ def test_on_a_recorded_map(data_dir: Path) -> None:
     checker = CollisionChecker(env, Footprint.disc(0.25), Steering())
     a, b = pairs(checker, 5000, 1)
     free = checker.motions_free(a, b)
-    tree = shapely.STRtree(shapely.linestrings(env.segments.xy.reshape(-1, 2, 2)))
+    tree = shapely.STRtree(shapely.linestrings(env.collision.segments.xy.reshape(-1, 2, 2)))
     lines = shapely.linestrings(np.stack([a[:, :2], b[:, :2]], axis=1))
     _, distance = tree.query_nearest(lines, all_matches=False, return_distance=True)
     assert (free == (distance >= 0.25)).all()

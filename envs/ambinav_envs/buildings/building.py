@@ -94,8 +94,9 @@ class Building:
 
     @cached_property
     def checker(self) -> CollisionChecker:
-        """Where the robot's disc collides, for straight motions (r2)."""
-        return CollisionChecker(self.environment, Footprint.disc(self.robot_radius), Steering("r2"))
+        """Where the robot's disc collides in the simulation, for straight motions (r2)."""
+        footprint = Footprint.disc(self.robot_radius)
+        return CollisionChecker(self.environment, footprint, Steering("r2"), simulated=True)
 
     @cached_property
     def places(self) -> Places:
