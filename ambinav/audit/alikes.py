@@ -82,13 +82,13 @@ def find_alikes(
     ground = Ground.of(amap, environment)
     spacing = max(amap.spacing, min(SPACING, ground.radius))
     if spacing > amap.spacing:
-        lattice = Lattice.over(environment, spacing)
-        ground = dataclasses.replace(ground, lattice=lattice)
+        ground = ground.over(Lattice.over(environment, spacing))
     poses = pose_count(ground)
     if not (poses <= MOST_POSES if wanted is None else wanted):
         return Alikes(poses, spacing, False)
     found, sought = seek(amap, ground, report)
-    share = found.share[sought].mean(axis=1)
+    # Of the headings that are possible there, of which the lattice has at least one.
+    share = np.nanmean(found.share[sought], axis=1)
     return Alikes(
         poses,
         spacing,
@@ -129,7 +129,7 @@ def seek(
 
 def pose_count(ground: Ground) -> int:
     """How many poses differ: of a scanner that looks all around one heading stands for all."""
-    return len(ground.points[0]) * (1 if ground.scanner.looks_all_around else len(ground.headings))
+    return len(ground.points[0]) * (1 if ground.turns_in_place else len(ground.headings))
 
 
 def own_places(
