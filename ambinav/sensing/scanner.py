@@ -32,8 +32,8 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 # A scanner that is the same again after a turn of at most 30 degrees looks all around.
 ALL_AROUND_ORDER = 12
 # One that does so about a centre of its own still does if that is no farther from the robot's,
-# metres: a cell of the usual lattice (docs/model.md, "Where the scanner sits").
-OFF_CENTRE = 0.1
+# metres (docs/model.md, "Where the scanner sits").
+OFF_CENTRE = 0.2
 
 
 @dataclass(frozen=True)

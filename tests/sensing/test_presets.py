@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ambinav.errors import InputError
@@ -50,8 +51,12 @@ def test_preset_files_say_what_is_assumed() -> None:
 
 def test_who_looks_all_around() -> None:
     around = {n for n in preset_names() if RangeScanner.from_preset(n).looks_all_around}
-    # The TurtleBot3's laser sits off the robot's centre: turning on the spot moves it.
-    assert around == {"polaroid-6500-ring", "rplidar-a1"}
+    assert around == {"polaroid-6500-ring", "rplidar-a1", "turtlebot3-lds"}
+    # The TurtleBot3's laser sits 3.2 cm off the robot's centre: turning on the spot moves it.
+    burger = RangeScanner.from_preset("turtlebot3-lds")
+    assert not burger.turns_in_place
+    assert burger.centred.turns_in_place
+    assert np.abs(burger.centred.mounts[:, :2]).max() < 1e-12
 
 
 def test_summaries() -> None:

@@ -91,7 +91,8 @@ def perturbation(
                 lattice.rows_columns, lattice.index, links[band.first : band.last],
                 possible[band.first : band.last], WAYS, LINK, steps, spacing,
                 ground.returns(h, band.part).data, table.limit, table.inverse_cap, table.use, size,
-                ground.model.sigma_theta, tau, iterations, found[:, band.begin : band.end, h], least=16,
+                ground.model.sigma_theta, tau, iterations,
+                found[:, band.begin : band.end, h], least=16,
             )  # fmt: skip
     major, minor, direction = (ground.spread(values) for values in principal_axes(*found))
     return {
