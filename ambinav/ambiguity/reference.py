@@ -7,6 +7,7 @@ walking from cell to cell, every scan is compared beam by beam in float64.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.indistinguishability import evidence
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING
+from ambinav.ambiguity.standing import TOUCHING
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
@@ -48,7 +50,7 @@ def stands(
     for mx, my in np.unique(scanner.mounts[:, :2], axis=0):
         off, angle = math.hypot(mx, my), theta + math.atan2(my, mx)
         inside = env.is_free(x + off * math.cos(angle), y + off * math.sin(angle))
-        if not inside or (off > 1e-9 and cast(env, x, y, angle)[0] <= off):
+        if not inside or (off > 1e-9 and cast(env, x, y, angle)[0] <= off + TOUCHING):
             return False
     return True
 
@@ -129,22 +131,29 @@ def compare(
 
 def reachable(
     env: Environment,
-    scanner: RangeScanner,
-    model: AmbiguityModel,
-    spacing: float,
     x: float,
     y: float,
-    theta: float = 0.0,
+    spacing: float,
+    radius: float,
+    possible: Callable[[float, float], bool] | None = None,
 ) -> set[tuple[int, int]]:
-    """Lattice steps from (x, y) within the disc that free steps between possible poses lead to."""
+    """Lattice steps from (x, y) within the disc that free steps between possible poses lead to.
+
+    A pose is possible where `possible` says so; None: anywhere in the free space.
+    """
+    if possible is None:
+
+        def possible(a: float, b: float) -> bool:
+            return bool(env.is_free(a, b))
+
     found, todo = {(0, 0)}, [(0, 0)]
     while todo:
         i, j = todo.pop()
         for di, dj in ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)):
             to = (i + di, j + dj)
-            if to in found or math.hypot(*to) * spacing > model.radius * (1 + 1e-9):
+            if to in found or math.hypot(*to) * spacing > radius * (1 + 1e-9):
                 continue
-            if not stands(env, scanner, model, x + to[0] * spacing, y + to[1] * spacing, theta):
+            if not possible(x + to[0] * spacing, y + to[1] * spacing):
                 continue
             step = math.hypot(di, dj) * spacing
             if cast(env, x + i * spacing, y + j * spacing, math.atan2(dj, di))[0] < step:
@@ -173,7 +182,9 @@ def pose_sums(
     cap = -np.log(np.minimum(odd, 0.99))
     here = beams(env, scanner, model, x, y, theta)
     weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
-    cells = reachable(env, scanner, model, spacing, x, y, theta)
+    cells = reachable(
+        env, x, y, spacing, model.radius, lambda a, b: stands(env, scanner, model, a, b, theta)
+    )
     for i, j in sorted(cells):
         step = np.array([i, j]) * spacing
         there = beams(env, scanner, model, x + step[0], y + step[1], theta)

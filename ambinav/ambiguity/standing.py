@@ -19,6 +19,8 @@ from ambinav.sensing.scanner import RangeScanner
 
 # Sensors nearer to the robot's centre than this stand where it does, metres.
 AT_CENTRE = 1e-9
+# A sensor that a wall touches, to within the rounding of ranges, stands in it, metres.
+TOUCHING = 1e-6
 
 
 def can_stand(
@@ -58,7 +60,7 @@ def can_stand(
         env, x, y, np.full(len(left), theta), np.zeros((len(sensors), 2)),
         np.arctan2(sensors[:, 1], sensors[:, 0]), float(off.max()), incidence=False,
     )  # fmt: skip
-    fine = (distance > off).all(axis=1)
+    fine = (distance > off + TOUCHING).all(axis=1)
     c, s = math.cos(theta), math.sin(theta)
     for mx, my in sensors.tolist():
         # As rays find their first triangle, so that no sensor of a pose that is left is outside.

@@ -101,9 +101,9 @@ def test_search_equals_brute_force(scanner, headings, least):
     assert (np.abs(phis - most) > 1e-4).all(), "a tie: let the test use another map"
     share = mass[:, 1] / mass.sum(axis=1)
     assert 0.05 < share.mean() < 0.95
-    np.testing.assert_allclose(found.share.ravel()[scans.explored], share, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(found.share.ravel()[scans.explored], share, rtol=3e-5, atol=1e-9)
     area = mass[:, 1] * here.spacing**2
-    np.testing.assert_allclose(found.area.ravel()[scans.explored], area, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(found.area.ravel()[scans.explored], area, rtol=3e-5, atol=1e-9)
     assert found.compared >= (phis <= most).sum()
     # And it did leave most of them out; ten beams of a fan tell too little for that.
     assert found.compared < (0.5 if around else 0.9) * phis.size
