@@ -74,10 +74,10 @@ class AmbiguityMap:
         self.source = source
         self._layers = schema.layers(dataset)
         self._free = np.ascontiguousarray(dataset["free"].values, dtype=np.bool_)
-        self._possible = self._free[:, :, np.newaxis]
+        headings = dataset.sizes.get("theta", 1)
+        self._possible = np.repeat(self._free[:, :, np.newaxis], headings, axis=2)
         if "theta" in dataset["zone"].dims:
-            zone = dataset["zone"].transpose("y", "x", "theta").values
-            self._possible = np.ascontiguousarray(self._possible & (zone != NOT_FREE))
+            self._possible &= dataset["zone"].transpose("y", "x", "theta").values != NOT_FREE
         dx, dy = schema.spacings(dataset, source)
         self._origin = [float(dataset["x"].values[0]), float(dataset["y"].values[0]), 0.0]
         self._step = [dx, dy, 2.0 * math.pi]
