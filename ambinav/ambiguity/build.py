@@ -17,6 +17,7 @@ from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.progress import reporter
 from ambinav.ambiguity.returns import BLIND, BeamTable, Returns, beam_returns
+from ambinav.ambiguity.standing import standing_lattice
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -52,6 +53,7 @@ def build_map(
     outlier_share: float = 0.05,
     low: float = 0.35,
     high: float = 0.65,
+    robot_radius: float = 0.0,
     layers: str | Iterable[str] = (),
 ) -> AmbiguityMap:
     """Compute how ambiguous every free pose of `env` is for `scanner`.
@@ -62,7 +64,8 @@ def build_map(
         spacing: Distance of the lattice's points, metres.
         radius: Radius of the neighbourhood that a pose is compared with, metres.
         headings: Number of headings, evenly from 0; None: one if the scanner looks all around
-            (the map then has no theta axis), else 8.
+            (the map then has no theta axis, and is computed for the scanner in the robot's
+            centre: `RangeScanner.centred`), else 8.
         map_std: Standard deviation of the walls' position, metres; None: 0.03 for occupancy
             maps, whatever their cells, and 0.02 for drawn polygons (`Environment.map_std`).
         progress: True for a progress bar on standard error, or a function that is called with
@@ -74,6 +77,8 @@ def build_map(
         outlier_share: Share of beams that meet what is not on the map.
         low: A radius ratio up to this counts as small when zones are told apart.
         high: A radius ratio from this on counts as large.
+        robot_radius: Radius of the robot's body, metres. Where it or a sensor would stand inside
+            a wall, the pose is impossible: it has no value, and is no neighbour of others.
         layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`); the one
             that costs read by default (`ambinav.ambiguity.cost_layer`) is there anyway.
 
@@ -81,7 +86,8 @@ def build_map(
         The map; its dataset's layers are named in `AmbiguityMap`.
 
     Raises:
-        InputError: an argument is out of its range, or the scanner cannot have a layer.
+        InputError: an argument is out of its range, the scanner cannot have a layer, or the robot
+            can stand nowhere.
     """
     names = (layers,) if isinstance(layers, str) else tuple(layers)
     names += tuple({cost_layer(scanner)} - schema.CORE)
@@ -103,7 +109,10 @@ def build_map(
         )
     if headings is not None:
         headings = as_count(headings, "headings")
-    thinned = _thin(scanner, max_beams)
+    if headings is None and not scanner.looks_all_around:
+        headings = HEADINGS
+    mounted = scanner.centred if headings is None else scanner
+    thinned = _thin(mounted, max_beams)
     model = AmbiguityModel(
         radius=radius,
         map_std=env.map_std if map_std is None else map_std,
@@ -112,14 +121,17 @@ def build_map(
         outlier_share=outlier_share,
         low=low,
         high=high,
+        robot_radius=robot_radius,
     )
-    lattice = Lattice.over(env, spacing)
-    if headings is None and not scanner.looks_all_around:
-        headings = HEADINGS
     theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
+    lattice, possible = standing_lattice(
+        Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta, robot_radius
+    )
     with reporter(progress, f"{env.name}, {scanner.name}") as report:
         parts = 1 + len(names)
-        found = _compute(lattice, thinned, model, theta, lambda share: report(share / parts))
+        found = _compute(
+            lattice, possible, thinned, model, theta, lambda share: report(share / parts)
+        )
         amap = AmbiguityMap(assemble(lattice, scanner, thinned, model, theta, found))
         if names:
             from ambinav.ambiguity.layers.build import with_layers
@@ -171,6 +183,7 @@ def _tiles(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[_Tile]
 
 def _compute(
     lattice: Lattice,
+    possible: NDArray[np.bool_],
     scanner: RangeScanner,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
@@ -187,7 +200,8 @@ def _compute(
     cell = (lattice.spacing**2 / 4, model.sigma_theta**2)
     x, y = lattice.points
     sums = np.empty((len(x), len(angles), 7))
-    turning = np.empty((len(x), 2)) if theta is None and scanner.looks_all_around else None
+    links = [lattice.links_among(possible[:, h]) for h in range(len(angles))]
+    turning = np.empty((len(x), 2)) if theta is None and scanner.turns_in_place else None
     beams = turns(scanner) if turning is not None else None
     width = len(table.limit)
     unknown = np.empty(len(x))
@@ -206,7 +220,7 @@ def _compute(
             )  # fmt: skip
             sums[tile.begin : tile.end, h] = neighbourhood_sums(
                 tile.begin, tile.end, tile.first, lattice.rows_columns, lattice.index,
-                lattice.links[tile.first : tile.last], offsets, lattice.spacing, Returns(data[h]),
+                links[h][tile.first : tile.last], offsets, lattice.spacing, Returns(data[h]),
                 table, told, model.tau, cell,
             )  # fmt: skip
             report((tile.begin + (tile.end - tile.begin) * (h + 1) / len(angles)) / len(x))
@@ -216,8 +230,11 @@ def _compute(
                 told, model.tau, lattice.spacing,
             )  # fmt: skip
         spread = data[:, tile.begin - tile.first : tile.end - tile.first, 4, : table.beams]
-        unknown[tile.begin : tile.end] = (spread >= BLIND).mean(axis=(0, 2))
+        stands = possible[tile.begin : tile.end]
+        blind = (spread >= BLIND).mean(axis=2).T
+        unknown[tile.begin : tile.end] = blind.mean(axis=1, where=stands)
         held, first, last = data, tile.first, tile.last
+    sums[~possible] = np.nan
     report(1.0)
     return Found(sums, unknown, turning)
 

@@ -36,9 +36,9 @@ LAYERS = {
     "zone": (", ".join(f"{code}: {name}" for code, name in enumerate(ZONES)), "code"),
     "heading": ("how far the robot can turn unseen, relative to any turn", "1"),
     "heading_radius": ("how far the robot can turn unseen", "rad"),
-    "unknown": ("share of the beams that end in unknown space, over all headings", "1"),
+    "unknown": ("share of the beams that end in unknown space, over possible headings", "1"),
     "clearance": ("distance to the nearest wall or frontier", "m"),
-    "free": ("in the free space", "bool"),
+    "free": ("in the free space, and possible for body and sensors at some heading", "bool"),
     "best_heading": ("heading of the lowest level", "rad"),
 }
 # Layers that are averaged over heading, and those that are also read at the best and worst one.
@@ -55,7 +55,8 @@ class Found:
     """What was computed at the N free points of a lattice.
 
     Attributes:
-        sums: The kernel's sums, float64, shape (N, H, 7).
+        sums: The kernel's sums, float64, shape (N, H, 7); nan where the pose is impossible, which
+            each point is at fewer than H headings.
         unknown: Share of the beams that end in unknown space, shape (N,).
         turning: Turning moments, shape (N, 2), or None.
     """
@@ -159,19 +160,23 @@ def _summarize(
     model: AmbiguityModel,
     add: Callable[[str, NDArray[Any], str], None],
 ) -> None:
-    """Add the aggregates over heading."""
+    """Add the aggregates over the headings that are possible."""
     for name in AVERAGED:
-        add(name, layers[name].mean(axis=1), "mean")
-    major, minor = layers["major"].mean(axis=1), layers["minor"].mean(axis=1)
+        add(name, np.nanmean(layers[name], axis=1), "mean")
+    major, minor = np.nanmean(layers["major"], axis=1), np.nanmean(layers["minor"], axis=1)
     add("zone", classify(major, minor, model.low, model.high), "mean")
-    mean = sums.mean(axis=1)
+    mean = np.nanmean(sums, axis=1)
     add("direction", principal_axes(mean[:, 1], mean[:, 2], mean[:, 3])[2], "mean")
-    order = np.argsort(layers["level"], axis=1, kind="stable")
-    for summary, place in (("best", order[:, :1]), ("worst", order[:, -1:])):
+    level = layers["level"]
+    best = np.nanargmin(level, axis=1)
+    # Of equals the last.
+    worst = level.shape[1] - 1 - np.nanargmax(level[:, ::-1], axis=1)
+    for summary, place in (("best", best), ("worst", worst)):
         for name in CHOSEN:
             values = zone if name == "zone" else layers[name]
-            add(name, np.take_along_axis(values, place, axis=1)[:, 0], summary)
-    add("best_heading", theta[order[:, 0]], "")
+            chosen = np.take_along_axis(values, place[:, np.newaxis], axis=1)
+            add(name, chosen[:, 0], summary)
+    add("best_heading", theta[best], "")
 
 
 def _provenance(
@@ -183,6 +188,9 @@ def _provenance(
 ) -> dict[str, str]:
     """Attributes that say what the map was made of."""
     env = lattice.environment
+    # How far the beams are moved for a map without headings.
+    moved = scanner.mounts[:, :2] - scanner.centred.mounts[:, :2]
+    off_centre = float(np.hypot(*moved.T).max()) if theta is None else 0.0
     parameters = {
         "spacing": lattice.spacing,
         **model.as_dict(),
@@ -190,6 +198,7 @@ def _provenance(
         "beams_used": thinned.beams,
         "beams": scanner.beams,
         "free_poses": int(lattice.free.sum()),
+        "off_centre": off_centre,
     }
     versions = {name: importlib.metadata.version(name) for name in LIBRARIES}
     return {

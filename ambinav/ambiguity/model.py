@@ -28,6 +28,8 @@ class AmbiguityModel:
             and lost readings it caps what one beam can tell.
         low: A radius ratio up to this is small: the pose is fixed in that direction.
         high: A radius ratio from this on is large: the pose is free in that direction.
+        robot_radius: Radius of the robot's body, metres: where it would stand inside a wall no
+            pose is possible. 0: its centre and its sensors alone.
     """
 
     radius: float
@@ -37,6 +39,7 @@ class AmbiguityModel:
     outlier_share: float = 0.05
     low: float = 0.35
     high: float = 0.65
+    robot_radius: float = 0.0
 
     def __post_init__(self) -> None:
         """Check every number and bring it to its type."""
@@ -45,6 +48,7 @@ class AmbiguityModel:
             object.__setattr__(self, field.name, value)
         _require(self, "radius", self.radius > 0.0, "a positive number of metres")
         _require(self, "map_std", self.map_std >= 0.0, "at least 0 metres")
+        _require(self, "robot_radius", self.robot_radius >= 0.0, "at least 0 metres")
         _require(self, "tau", self.tau >= 1.0, "at least 1")
         _require(self, "sigma_theta", self.sigma_theta > 0.0, "more than 0 radians")
         _require(

@@ -47,8 +47,10 @@ def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.floa
     along = (views * (1.0 - major**2) + major**2) / major_radius**2
     across = (views * (1.0 - minor**2) + minor**2) / minor_radius**2
     c, s = np.cos(direction), np.sin(direction)
-    xx = (along * c**2 + across * s**2).mean(axis=-1)
-    yy = (along * s**2 + across * c**2).mean(axis=-1)
-    xy = ((along - across) * c * s).mean(axis=-1)
+    parts = (along * c**2 + across * s**2, along * s**2 + across * c**2, (along - across) * c * s)
+    # Of the headings that are possible.
+    known = np.isfinite(parts[0])
+    count = np.where(known.any(axis=-1), known.sum(axis=-1), np.nan)
+    xx, yy, xy = (np.where(known, part, 0.0).sum(axis=-1) / count for part in parts)
     # The trace of the inverse of [[xx, xy], [xy, yy]].
     return np.asarray(np.sqrt((xx + yy) / (xx * yy - xy**2)))

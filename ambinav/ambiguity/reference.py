@@ -7,6 +7,7 @@ walking from cell to cell, every scan is compared beam by beam in float64.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.indistinguishability import evidence
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING
+from ambinav.ambiguity.standing import TOUCHING
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
@@ -34,6 +36,25 @@ def cast(env: Environment, x: float, y: float, angle: float) -> tuple[float, int
     return float(t.min()), int(t.argmin()) if np.isfinite(t.min()) else -1
 
 
+def stands(
+    env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
+) -> bool:
+    """Whether a robot can stand at a pose: no wall within its body, in or before a sensor."""
+    if not env.is_free(x, y):
+        return False
+    a = env.segments.xy[:, :2] - (x, y)
+    e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
+    t = np.clip(-(a * e).sum(axis=1) / (e * e).sum(axis=1), 0.0, 1.0)
+    if np.hypot(*(a + t[:, None] * e).T).min() < model.robot_radius:
+        return False
+    for mx, my in np.unique(scanner.mounts[:, :2], axis=0):
+        off, angle = math.hypot(mx, my), theta + math.atan2(my, mx)
+        inside = env.is_free(x + off * math.cos(angle), y + off * math.sin(angle))
+        if not inside or (off > 1e-9 and cast(env, x, y, angle)[0] <= off + TOUCHING):
+            return False
+    return True
+
+
 def beams(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> tuple[Vector, Vector, Vector, Vector]:
@@ -43,13 +64,12 @@ def beams(
     for b in range(scanner.beams):
         sensor = scanner.sensors[scanner.sensor_of_beam[b]]
         best, gradient = sensor.max_range + BEYOND, np.zeros(3)
-        blind = ends_unknown = False
+        ends_unknown = False
         for r in range(rays.start[b], rays.start[b + 1]):
             angle = theta + rays.angle[r]
             c, s = math.cos(theta), math.sin(theta)
             mx, my = rays.origin[r]
             sx, sy = x + c * mx - s * my, y + s * mx + c * my
-            blind |= not env.is_free(sx, sy)
             d, k = cast(env, sx, sy, angle)
             if k < 0 or d >= best:
                 continue
@@ -68,9 +88,7 @@ def beams(
         low, high = (float(sensor.bias_at(max(best + e, 0.0))) for e in (-1e-4, 1e-4))
         ranges.append(best + float(sensor.bias_at(best)))
         gradients.append(gradient * (1.0 + (high - low) / 2e-4))
-        variances.append(
-            BLIND if blind or ends_unknown else float(noise) + sensor.resolution**2 / 12
-        )
+        variances.append(BLIND if ends_unknown else float(noise) + sensor.resolution**2 / 12)
         widths.append(sensor.resolution / math.sqrt(finest + sensor.resolution**2 / 12))
     return np.array(ranges), np.array(gradients), np.array(variances), np.array(widths)
 
@@ -112,9 +130,22 @@ def compare(
 
 
 def reachable(
-    env: Environment, x: float, y: float, spacing: float, radius: float
+    env: Environment,
+    x: float,
+    y: float,
+    spacing: float,
+    radius: float,
+    possible: Callable[[float, float], bool] | None = None,
 ) -> set[tuple[int, int]]:
-    """Lattice steps from (x, y) within the disc that free steps lead to."""
+    """Lattice steps from (x, y) within the disc that free steps between possible poses lead to.
+
+    A pose is possible where `possible` says so; None: anywhere in the free space.
+    """
+    if possible is None:
+
+        def possible(a: float, b: float) -> bool:
+            return bool(env.is_free(a, b))
+
     found, todo = {(0, 0)}, [(0, 0)]
     while todo:
         i, j = todo.pop()
@@ -122,7 +153,7 @@ def reachable(
             to = (i + di, j + dj)
             if to in found or math.hypot(*to) * spacing > radius * (1 + 1e-9):
                 continue
-            if not env.is_free(x + to[0] * spacing, y + to[1] * spacing):
+            if not possible(x + to[0] * spacing, y + to[1] * spacing):
                 continue
             step = math.hypot(di, dj) * spacing
             if cast(env, x + i * spacing, y + j * spacing, math.atan2(dj, di))[0] < step:
@@ -141,7 +172,9 @@ def pose_sums(
     y: float,
     theta: float = 0.0,
 ) -> Vector:
-    """What `neighbourhood_sums` gives for the pose, shape (7,)."""
+    """What `neighbourhood_sums` gives for the pose, shape (7,); nan where it is impossible."""
+    if not stands(env, scanner, model, x, y, theta):
+        return np.full(7, np.nan)
     C = np.diag([spacing**2 / 4, spacing**2 / 4, model.sigma_theta**2])
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     limit = np.array([s.max_range for s in sensors])
@@ -149,7 +182,9 @@ def pose_sums(
     cap = -np.log(np.minimum(odd, 0.99))
     here = beams(env, scanner, model, x, y, theta)
     weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
-    cells = reachable(env, x, y, spacing, model.radius)
+    cells = reachable(
+        env, x, y, spacing, model.radius, lambda a, b: stands(env, scanner, model, a, b, theta)
+    )
     for i, j in sorted(cells):
         step = np.array([i, j]) * spacing
         there = beams(env, scanner, model, x + step[0], y + step[1], theta)

@@ -21,7 +21,7 @@ BEYOND = 1.0
 # A range changes no faster than at this cosine of the incidence angle (87 degrees): beyond it
 # the linear model of a cell would be wrong by more than it tells.
 GRAZING = 0.05
-# The variance of a beam that tells nothing, square metres.
+# The variance of a beam that ends in unknown space and so tells nothing, square metres.
 BLIND = 1e20
 TABLE = 1024
 # Beams are padded to a multiple of this, so that the kernel's loops fill the vector registers.
@@ -39,7 +39,8 @@ class Returns:
             beyond the maximum range where nothing is in range. Rows 1 to 3: its derivative by
             x, y (1) and theta (metres per radian) of the robot. Row 4: half the squared effective
             deviation s^2 = sigma^2 + delta^2 / 12 + map_std^2, square metres; `BLIND` where the
-            beam ends in unknown space or its sensor is outside the free space.
+            beam ends in unknown space. At poses that are impossible (`standing`) a sensor sees
+            nothing: the numbers there are finite, and mean nothing.
     """
 
     data: NDArray[np.float32]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, TRANSITION
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION
 
 
 def principal_axes(
@@ -62,10 +62,11 @@ def classify(
     """Zone of each pose, uint8.
 
     Open if both ratios are large, corridor if one is and the other small, localizable if both are
-    small, transition in between.
+    small, transition in between; not free where they are nan, for no robot can stand there.
     """
     zone = np.full(major.shape, TRANSITION, dtype=np.uint8)
     zone[np.maximum(major, minor) <= low] = LOCALIZABLE
     zone[(np.maximum(major, minor) >= high) & (np.minimum(major, minor) <= low)] = CORRIDOR
     zone[np.minimum(major, minor) >= high] = OPEN
+    zone[np.isnan(major)] = NOT_FREE
     return zone

@@ -87,8 +87,7 @@ def find_alikes(
     ground = Ground.of(amap, environment)
     spacing = max(amap.spacing, min(SPACING, ground.radius))
     if spacing > amap.spacing:
-        lattice = Lattice.over(environment, spacing)
-        ground = dataclasses.replace(ground, lattice=lattice)
+        ground = ground.over(Lattice.over(environment, spacing))
     ground = dataclasses.replace(ground, lattice=_counted(amap, ground.lattice, reach))
     poses = pose_count(ground)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
@@ -158,7 +157,7 @@ def seek(
 
 def pose_count(ground: Ground) -> int:
     """How many poses differ: of a scanner that looks all around one heading stands for all."""
-    return len(ground.points[0]) * (1 if ground.scanner.looks_all_around else len(ground.headings))
+    return len(ground.points[0]) * (1 if ground.turns_in_place else len(ground.headings))
 
 
 def own_places(

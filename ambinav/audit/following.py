@@ -30,9 +30,9 @@ def follow(ground: Ground, found: Floats) -> Floats:
     """
     full = np.where(found[..., 3:] >= LEAST_LIKENESS, found, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if ground.scanner.looks_all_around else found.shape[1]):
+    for k in range(1 if ground.turns_in_place else found.shape[1]):
         _follow(ground, k, full[:, k])
-    if ground.scanner.looks_all_around:
+    if ground.turns_in_place:
         full[:] = full[:, :1]
     return full
 

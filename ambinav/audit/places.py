@@ -215,8 +215,10 @@ def _mean_axis(axis: Floats, weight: Floats) -> float | None:
 
 
 def _by_heading(amap: AmbiguityMap, row: int, column: int) -> tuple[tuple[float, float], ...]:
-    """Heading and level in a cell for all headings; none where the heading does not matter."""
+    """Heading and level in a cell for possible headings; none where the heading does not matter."""
     if not amap.has_theta:
         return ()
     level = amap.dataset["level"].values[row, column]
-    return tuple(zip(amap.dataset["theta"].values.tolist(), level.tolist(), strict=True))
+    theta = amap.dataset["theta"].values
+    known = np.isfinite(level)
+    return tuple(zip(theta[known].tolist(), level[known].tolist(), strict=True))

@@ -104,6 +104,20 @@ class Lattice:
         _link_back(self.rows_columns, self.index, STEPS, links)
         return links
 
+    def links_among(self, some: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """`links` between the free points of the mask, shape (N,); none from or to others."""
+        links = self.links.copy()
+        _unlink(self.rows_columns, self.index, STEPS, some, links)
+        return links
+
+    def among(self, some: NDArray[np.bool_]) -> Lattice:
+        """The lattice with only those of its N free points that the mask, shape (N,), holds."""
+        if some.all():
+            return self
+        free = np.zeros_like(self.free)
+        free[self.free] = some
+        return Lattice(self.environment, self.spacing, self.x, self.y, free)
+
     def clearance(self, limit: float) -> NDArray[np.float64]:
         """Distance of each free point, shape (N,), to the nearest segment, at most `limit`."""
         return np.asarray(self.environment.clearance(*self.points, limit))
@@ -129,6 +143,19 @@ def _link(
             if hit < 0:
                 bits |= 1 << k
         links[i] = bits
+
+
+@njit(cache=True, nogil=True)
+def _unlink(rows_columns, index, steps, some, links):
+    for i in range(links.size):
+        if not some[i]:
+            links[i] = 0
+            continue
+        for k in range(8):
+            if links[i] & (1 << k):
+                j = index[rows_columns[i, 0] + steps[k, 1], rows_columns[i, 1] + steps[k, 0]]
+                if not some[j]:
+                    links[i] &= ~(1 << k)
 
 
 @njit(cache=True, nogil=True)

@@ -70,8 +70,8 @@ class AmbiguityMap:
 
     A thin class over an `xarray.Dataset`: coordinates x, y (cell centres, metres) and, where the
     scanner does not look all around, theta (radians); layers over (y, x) or (y, x, theta), NaN
-    where a robot cannot stand. Sampling keeps copies of the layers that it reads, so the dataset
-    must not be changed afterwards.
+    where a robot cannot stand: its body or a sensor would be inside a wall. Sampling keeps copies
+    of the layers that it reads, so the dataset must not be changed afterwards.
 
     Attributes:
         dataset: All layers, the walls and, in attrs, where everything comes from.
@@ -93,6 +93,10 @@ class AmbiguityMap:
         self.source = source
         self._layers = schema.layers(dataset)
         self._free = np.ascontiguousarray(dataset["free"].values, dtype=np.bool_)
+        headings = dataset.sizes.get("theta", 1)
+        self._possible = np.repeat(self._free[:, :, np.newaxis], headings, axis=2)
+        if "theta" in dataset["zone"].dims:
+            self._possible &= dataset["zone"].transpose("y", "x", "theta").values != NOT_FREE
         dx, dy = schema.spacings(dataset, source)
         self._origin = [float(dataset["x"].values[0]), float(dataset["y"].values[0]), 0.0]
         self._step = [dx, dy, 2.0 * math.pi]
@@ -209,6 +213,14 @@ class AmbiguityMap:
         return self._step[0] * self._step[1]
 
     @property
+    def possible(self) -> NDArray[np.bool_]:
+        """Mask, shape (ny, nx, headings): where a robot can stand at a heading.
+
+        One heading stands for all where the map has none.
+        """
+        return self._possible
+
+    @property
     def free_area(self) -> float:
         """Area of all free cells, square metres."""
         return float(self._free.sum()) * self.cell_area
@@ -249,7 +261,8 @@ class AmbiguityMap:
 
         Returns:
             The layer's unit, in the broadcast shape; a float if all arguments are. NaN where the
-            nearest cell is not free or outside of the map (`free` itself: 0).
+            nearest cell is not free, or impossible at the nearest heading, or outside of the map
+            (`free` itself: 0).
 
         Raises:
             InputError: there is no such layer, or it needs a heading.
@@ -267,7 +280,8 @@ class AmbiguityMap:
             if name == "free":
                 values = np.nan_to_num(values)
         else:
-            found = [interpolation.linear(p, self._free, origin, step, *flat) for p in parts]
+            stands = self._possible if parts[0].shape[2] > 1 else self._free[:, :, np.newaxis]
+            found = [interpolation.linear(p, stands, origin, step, *flat) for p in parts]
             values = found[0]
             if len(found) == 2:
                 values = 0.5 * np.arctan2(found[1], found[0])
@@ -305,8 +319,10 @@ class AmbiguityMap:
                 return self.dataset[stored]
             if heading == "mean":
                 raise InputError(f"{layer}: the map keeps no mean over heading; give an angle.")
-            level = np.nan_to_num(self.dataset["level"].values, nan=0.0)
-            index = level.argmin(axis=2) if heading == "best" else level.argmax(axis=2)
+            level = self.dataset["level"].values
+            best = heading == "best"
+            level = np.where(self._possible, level, np.inf if best else -np.inf)
+            index = level.argmin(axis=2) if best else level.argmax(axis=2)
             chosen = np.take_along_axis(data.values, index[..., np.newaxis], axis=2)[..., 0]
             return self._on_floor(layer, chosen)
         if not math.isfinite(heading):
@@ -393,6 +409,8 @@ class AmbiguityMap:
                 values = values[:, :, np.newaxis]
             if layer != "free":
                 values[~self._free] = np.nan
+                if values.shape[2] > 1:
+                    values[~self._possible] = np.nan
             parts: tuple[NDArray[np.float32], ...] = (np.ascontiguousarray(values),)
             if schema.is_axis(layer):
                 parts = (np.cos(2.0 * values), np.sin(2.0 * values))

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 @njit(cache=True, nogil=True, error_model="numpy")
 def linear(
     values: NDArray[np.float32],
-    free: NDArray[np.bool_],
+    possible: NDArray[np.bool_],
     origin: tuple[float, float, float],
     step: tuple[float, float, float],
     x: Floats,
@@ -27,7 +27,7 @@ def linear(
 
     Args:
         values: (ny, nx, nt), NaN where not known; nt = 1 if the heading does not matter.
-        free: (ny, nx), True where a robot can stand.
+        possible: (ny, nx, nt), True where a robot can stand.
         origin: x, y, theta of cell [0, 0, 0], metres and radians.
         step: distance between cells along x, y, theta; metres and radians.
         x: (n,) metres.
@@ -35,7 +35,7 @@ def linear(
         theta: (n,) radians; not read if nt = 1.
 
     Returns:
-        (n,); NaN where the nearest cell is not free or outside of the lattice.
+        (n,); NaN where the nearest pose is not possible or outside of the lattice.
     """
     ny, nx, nt = values.shape
     out = np.full(x.size, np.nan)
@@ -44,8 +44,6 @@ def linear(
         v = (y[i] - origin[1]) / step[1]
         # Written so that NaN fails: casting NaN to an integer is undefined.
         if not (-0.5 <= u < nx - 0.5 and -0.5 <= v < ny - 0.5):
-            continue
-        if not free[int(math.floor(v + 0.5)), int(math.floor(u + 0.5))]:
             continue
         t0, t1, wt = 0, 0, 0.0
         if nt > 1:
@@ -56,6 +54,9 @@ def linear(
             wt = w - below
             t0 = int(below % nt)
             t1 = (t0 + 1) % nt
+        near = t1 if wt >= 0.5 else t0
+        if not possible[int(math.floor(v + 0.5)), int(math.floor(u + 0.5)), near]:
+            continue
         column, row = int(math.floor(u)), int(math.floor(v))
         wx, wy = u - column, v - row
         total, weights = 0.0, 0.0

@@ -13,6 +13,7 @@ from ambinav.geometry.steering import Steering, checked_poses
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.routes.route import BAD_ZONES, Floats, Route
+from ambinav.service.field import Field
 from ambinav.service.service import AmbiguityService
 
 PER_CELL = 4
@@ -102,30 +103,28 @@ def evaluate_route(
 
 
 def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
-    """Code of the zone at poses (N, 3), read from the nearest free cell, uint8, shape (N,)."""
+    """Code of the zone at poses (N, 3), read from the nearest possible one, uint8, shape (N,)."""
     x, y, theta = poses.T
     codes = np.array(amap.sample("zone", x, y, theta))
     lost = np.flatnonzero(~(codes < len(ZONES)))
     if lost.size:
-        # So close to a wall that the cell belongs to it.
-        from scipy.ndimage import distance_transform_edt
-
-        free = amap.dataset["free"].values
+        # So close to a wall that the cell belongs to it, or at a heading that is not possible.
+        zone = Field.of(amap, "zone")
         xs, ys = amap.dataset["x"].values, amap.dataset["y"].values
-        nearest = distance_transform_edt(~free, return_distances=False, return_indices=True)
         row, column = (
             np.clip(np.rint((value[lost] - axis[0]) / amap.spacing), 0, axis.size - 1).astype(int)
             for value, axis in ((y, ys), (x, xs))
         )
-        row, column = nearest[:, row, column]
-        codes[lost] = amap.sample("zone", xs[column], ys[row], theta[lost])
+        count = zone.values.shape[2]
+        heading = np.rint(np.mod(theta[lost], 2.0 * np.pi) * count / (2.0 * np.pi)).astype(int)
+        codes[lost] = zone.values[row, column, heading % count]
     return codes.astype(np.uint8)
 
 
 def _levels(service: AmbiguityService, poses: Floats) -> Floats:
     """The layer at poses, continued into cells of walls as in the integrals."""
     field = service.ambiguity
-    everywhere = replace(field, free=np.ones_like(field.free))
+    everywhere = replace(field, free=np.ones_like(field.free), possible=None)
     levels = everywhere.at(*np.ascontiguousarray(poses.T))
     outside = np.flatnonzero(np.isnan(levels))
     if outside.size:

@@ -46,6 +46,11 @@ class Planar:
                 "0 to 2 pi radians)."
             )
 
+    def moved(self, dx: float, dy: float) -> Planar:
+        """Return the same fan so many metres further along x and y."""
+        x, y, yaw = self.mount
+        return Planar(self.beams, self.aperture, (x + dx, y + dy, yaw))
+
     @property
     def full_circle(self) -> bool:
         """Whether the beams go all around."""
@@ -121,6 +126,12 @@ class Ring:
         angle = self.start + TURN * np.arange(self.count) / self.count
         return np.column_stack([self.radius * np.cos(angle), self.radius * np.sin(angle), angle])
 
+    def moved(self, dx: float, dy: float) -> Ring | Mounts:
+        """Return the same sensors so many metres further along x and y."""
+        if dx == 0.0 and dy == 0.0:
+            return self
+        return Mounts(tuple((x + dx, y + dy, yaw) for x, y, yaw in self.mounts().tolist()))
+
     def thinned(self, most: int) -> Ring:
         """Return a ring of at most `most` sensors: every s-th, or evenly spread new ones.
 
@@ -160,6 +171,10 @@ class Mounts:
     def mounts(self) -> NDArray[np.float64]:
         """Return x, y, yaw of each beam, shape (n, 3)."""
         return np.array(self.each, dtype=np.float64)
+
+    def moved(self, dx: float, dy: float) -> Mounts:
+        """Return the same beams so many metres further along x and y."""
+        return Mounts(tuple((x + dx, y + dy, yaw) for x, y, yaw in self.each))
 
     def thinned(self, most: int) -> Mounts:
         """Return at most `most` of the beams, evenly chosen by yaw, in the order listed."""

@@ -23,7 +23,7 @@ from ambinav.sensing.presets import preset_names, preset_path
 from ambinav.sensing.rays import RayTable, make_rays
 from ambinav.sensing.scanner_file import parse_scanner, render_scanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav.sensing.symmetry import rotation_order
+from ambinav.sensing.symmetry import TOLERANCE, own_centres, rotation_order
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -32,6 +32,9 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 # A scanner that is the same again after a turn of at most 30 degrees looks all around.
 ALL_AROUND_ORDER = 12
+# One that does so about a centre of its own still does if that is no farther from the robot's,
+# metres (docs/model.md, "Where the scanner sits").
+OFF_CENTRE = 0.2
 
 
 @dataclass(frozen=True)
@@ -281,13 +284,43 @@ class RangeScanner:
         """Largest n such that a turn of the robot by 2 pi / n gives the same beams again."""
         return rotation_order(self.mounts, self.sensor_of_beam)
 
+    @cached_property
+    def centred(self) -> RangeScanner:
+        """The scanner that a map without headings is made for.
+
+        Where the beams of each sensor sit about a centre of their own, at most `OFF_CENTRE` from
+        the robot's, and look all around once these centres are moved to the robot's, that moved
+        scanner; else this one. A map of it says how ambiguous it is where the scanner stands:
+        what it says of a pose of the robot holds no farther from there than the scanner sits off.
+        """
+        # To a nanometre, so that a planar scanner stands in the very centre: rays that meet a
+        # corner exactly then take the same side of it as if it had been mounted there.
+        off = np.round(own_centres(self.mounts, self.sensor_of_beam), 9)
+        apart = float(np.hypot(*off.T).max())
+        if apart < TOLERANCE or apart > OFF_CENTRE + TOLERANCE:
+            return self
+        off[np.hypot(*off.T) < TOLERANCE] = 0.0
+        parts = tuple(
+            Part(part.sensor, part.layout.moved(*(-off[self.sensors.index(part.sensor)]).tolist()))
+            for part in self.parts
+        )
+        moved = replace(self, parts=parts)
+        return moved if moved.turns_in_place else self
+
+    @property
+    def turns_in_place(self) -> bool:
+        """Whether a turn on the spot by at most 30 degrees gives the same beams again."""
+        return self.rotation_order >= ALL_AROUND_ORDER
+
     @property
     def looks_all_around(self) -> bool:
         """Whether a turn by some angle of at most 30 degrees gives the same beams again.
 
-        Then ambiguity does not depend on the heading beyond the spacing of the beams.
+        Then ambiguity does not depend on the heading beyond the spacing of the beams. The turn is
+        about the scanner's own centre, where that is within `OFF_CENTRE` of the robot's
+        (`centred`): `turns_in_place` tells whether it is the robot's very own.
         """
-        return self.rotation_order >= ALL_AROUND_ORDER
+        return self.centred.turns_in_place
 
     def rays(self) -> RayTable:
         """Return the rays to cast: one for a laser beam, an odd number for a cone."""

@@ -1,4 +1,4 @@
-"""How far a set of beams can be turned about the robot's centre and be the same set again."""
+"""How far a set of beams can be turned about a centre and be the same set again."""
 
 from __future__ import annotations
 
@@ -9,6 +9,26 @@ from numpy.typing import NDArray
 
 TOLERANCE = 1e-6
 TURN = 2.0 * math.pi
+
+
+def own_centres(
+    mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Centre of the beams of each sensor: the only point that turns of them can be about.
+
+    A turn that maps beams onto themselves maps their mean position onto itself.
+
+    Args:
+        mounts: x, y, yaw of each beam in the robot frame, shape (B, 3), metres and radians.
+        sensor_of_beam: Which sensor each beam has, shape (B,).
+
+    Returns:
+        x and y of the mean of each sensor's beams, shape (sensors, 2), metres.
+    """
+    count = np.bincount(sensor_of_beam)
+    return np.column_stack(
+        [np.bincount(sensor_of_beam, weights=mounts[:, axis]) / count for axis in (0, 1)]
+    )
 
 
 def rotation_order(mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]) -> int:

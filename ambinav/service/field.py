@@ -29,16 +29,19 @@ class Field:
     Attributes:
         values: float32, shape (rows, columns, headings), headings 1 if it does not matter. What
             is not free holds the value of the nearest free cell, so that the field is continuous
-            up to the walls.
+            up to the walls. So does, of the cells that are possible at its heading, what is not.
         free: bool, shape (rows, columns).
         origin: x and y of the first cell's centre, metres.
         spacing: Metres.
+        possible: bool, shape (rows, columns, headings): where a robot can stand; None: wherever
+            it is free.
     """
 
     values: NDArray[np.float32]
     free: NDArray[np.bool_]
     origin: tuple[float, float]
     spacing: float
+    possible: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(cls, amap: AmbiguityMap, layer: str) -> Field:
@@ -50,10 +53,19 @@ class Field:
         if values.ndim == 2:
             values = values[:, :, np.newaxis]
         free = np.ascontiguousarray(amap.dataset["free"].values, dtype=np.bool_)
-        nearest = distance_transform_edt(~free, return_distances=False, return_indices=True)
-        filled = np.ascontiguousarray(values[nearest[0], nearest[1]])
+        possible = amap.possible if values.shape[2] > 1 else free[:, :, np.newaxis]
+        filled = np.empty_like(values)
+        count = values.shape[2]
+        some = np.flatnonzero(possible.any(axis=(0, 1)))
+        for k in range(count):
+            # Of a heading that is possible nowhere the nearest one that is.
+            near = some[np.abs((some - k + count // 2) % count - count // 2).argmin()]
+            row, column = distance_transform_edt(
+                ~possible[:, :, near], return_distances=False, return_indices=True
+            )
+            filled[:, :, k] = values[row, column, near]
         origin = (float(amap.dataset["x"].values[0]), float(amap.dataset["y"].values[0]))
-        return cls(filled, free, origin, amap.spacing)
+        return cls(filled, free, origin, amap.spacing, possible)
 
     @property
     def arrays(self) -> tuple[Any, ...]:
@@ -61,9 +73,9 @@ class Field:
         return self.values, self.free, *self.origin, 1.0 / self.spacing
 
     def at(self, x: Floats, y: Floats, theta: Floats) -> Floats:
-        """Value at poses, each of shape (N,); nan where the nearest cell is not free."""
+        """Value at poses, each of shape (N,); nan where the nearest one is not possible."""
         out = np.empty(len(x))
-        run_rows(_values, len(x), x, y, theta, *self.arrays, out, least=2048)
+        run_rows(_values, len(x), x, y, theta, *self._checked, out, least=2048)
         return out
 
     def near(self, x: float, y: float, theta: float) -> float:
@@ -92,10 +104,16 @@ class Field:
         return np.asarray(lines[row] * (1.0 - up) + lines[above] * up, dtype=np.float32)
 
     def slope(self, x: Floats, y: Floats, theta: Floats) -> Floats:
-        """Derivative by x and y at poses, shape (N, 2), per metre; nan where not free."""
+        """Derivative by x and y at poses, shape (N, 2), per metre; nan where not possible."""
         out = np.empty((len(x), 2))
-        run_rows(_slopes, len(x), x, y, theta, *self.arrays, out, least=512)
+        run_rows(_slopes, len(x), x, y, theta, *self._checked, out, least=512)
         return out
+
+    @property
+    def _checked(self) -> tuple[Any, ...]:
+        """`arrays` with what is possible in place of what is free."""
+        possible = self.free[:, :, np.newaxis] if self.possible is None else self.possible
+        return self.values, possible, *self.origin, 1.0 / self.spacing
 
     def integral(
         self,
@@ -166,12 +184,15 @@ def _value(u, v, w, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def is_open(u, v, free):
-    """Whether the cell nearest to the lattice coordinates is there and free."""
-    rows, columns = free.shape
+def is_open(u, v, w, possible):
+    """Whether the pose nearest to the lattice coordinates is there and possible."""
+    rows, columns, headings = possible.shape
     if not (u >= -0.5 and v >= -0.5 and u < columns - 0.5 and v < rows - 0.5):
         return False
-    return free[int(v + 0.5), int(u + 0.5)]
+    if not math.isfinite(w):
+        return False
+    k = int(math.floor(w + 0.5)) % headings if headings > 1 else 0
+    return possible[int(v + 0.5), int(u + 0.5), k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -266,26 +287,27 @@ def _mean_turning(u0, v0, w0, du, dv, dw, values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _values(begin, end, x, y, theta, values, free, left, low, inverse, out):
+def _values(begin, end, x, y, theta, values, possible, left, low, inverse, out):
     per_turn = values.shape[2] / (2.0 * math.pi)
     for i in range(begin, end):
         u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
-        if is_open(u, v, free) and math.isfinite(theta[i]):
-            out[i] = value_at(u, v, theta[i] * per_turn, values)
+        w = theta[i] * per_turn
+        if is_open(u, v, w, possible):
+            out[i] = value_at(u, v, w, values)
         else:
             out[i] = math.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _slopes(begin, end, x, y, theta, values, free, left, low, inverse, out):
+def _slopes(begin, end, x, y, theta, values, possible, left, low, inverse, out):
     per_turn = values.shape[2] / (2.0 * math.pi)
     rows, columns, _ = values.shape
     for i in range(begin, end):
         u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
-        if not (is_open(u, v, free) and math.isfinite(theta[i])):
+        w = theta[i] * per_turn
+        if not is_open(u, v, w, possible):
             out[i] = math.nan
             continue
-        w = theta[i] * per_turn
         c, _ = corner(u, columns)
         r, _ = corner(v, rows)
         across = along = 0.0  # beyond the outermost cells' centres the field stays as it is

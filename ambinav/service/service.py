@@ -119,7 +119,8 @@ class AmbiguityService:
             theta: Radians; needed if the layer depends on the heading.
 
         Returns:
-            At least 1 in free space, inf elsewhere; a float if all arguments are.
+            At least 1 in free space, inf elsewhere, and inf where the robot cannot stand at
+            that heading; a float if all arguments are.
 
         Raises:
             InputError: the layer depends on the heading and theta is missing.
@@ -147,6 +148,7 @@ class AmbiguityService:
         """Cost of motions in metres-equivalent: at least their length.
 
         Walls are not looked at: whether a motion is possible is for a collision check to say.
+        Where a pose is not possible the cost is that of the nearest one that is.
 
         Args:
             x0: Start, metres; all arguments broadcast.

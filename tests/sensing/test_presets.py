@@ -130,11 +130,15 @@ NO_PAGES = {"hokuyo-utm-30lx", "pioneer-sonar-laser", "polaroid-6500-ring", "sic
 
 def test_who_looks_all_around() -> None:
     around = {n for n in preset_names() if RangeScanner.from_preset(n).looks_all_around}
-    # The TurtleBot3's laser sits off the robot's centre: turning on the spot moves it.
     assert around == {
         *("ldrobot-ld19", "polaroid-6500-ring", "rplidar-a1", "rplidar-a2", "rplidar-a3"),
-        *("rplidar-c1", "rplidar-s2", "ydlidar-g4", "ydlidar-x4"),
+        *("rplidar-c1", "rplidar-s2", "turtlebot3-lds", "ydlidar-g4", "ydlidar-x4"),
     }
+    # The TurtleBot3's laser sits 3.2 cm off the robot's centre: turning on the spot moves it.
+    burger = RangeScanner.from_preset("turtlebot3-lds")
+    assert not burger.turns_in_place
+    assert burger.centred.turns_in_place
+    assert np.abs(burger.centred.mounts[:, :2]).max() < 1e-12
 
 
 def test_summaries() -> None:

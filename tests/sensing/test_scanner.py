@@ -155,12 +155,61 @@ def test_arrays_are_read_only() -> None:
 )
 def test_rotation_order(scanner: RangeScanner, order: int) -> None:
     assert scanner.rotation_order == order
-    assert scanner.looks_all_around == (order >= 12)
+    assert scanner.turns_in_place == (order >= 12)
+    assert scanner.looks_all_around or order < 12
     shuffled = np.random.default_rng(1).permutation(scanner.beams)
     again = RangeScanner.from_mounts(
         scanner.sensors, scanner.mounts[shuffled], scanner.sensor_of_beam[shuffled]
     )
     assert again.rotation_order == order
+
+
+@pytest.mark.parametrize(
+    ("scanner", "around"),
+    [
+        (RangeScanner.planar(LASER, 60, 2 * math.pi, mount=(0.2, 0, 0.3)), True),
+        (RangeScanner.planar(LASER, 60, 2 * math.pi, mount=(0.15, -0.16, 0)), False),
+        (RangeScanner.planar(LASER, 60, math.radians(240), mount=(0.01, 0, 0)), False),
+        # Sensors of two kinds, each about a centre of its own.
+        (
+            RangeScanner.mixed(
+                RangeScanner.ring(SONAR, 24, 0.2),
+                RangeScanner.planar(LASER, 48, 2 * math.pi, mount=(-0.03, 0.02, 0)),
+            ),
+            True,
+        ),
+        # Two lasers of one kind see from two places.
+        (
+            RangeScanner.mixed(
+                RangeScanner.planar(LASER, 48, 2 * math.pi, mount=(0.1, 0, 0)),
+                RangeScanner.planar(LASER, 48, 2 * math.pi, mount=(-0.1, 0, 0)),
+            ),
+            False,
+        ),
+    ],
+)
+def test_all_around_a_centre_near_the_robots(scanner: RangeScanner, around: bool) -> None:
+    assert not scanner.turns_in_place
+    assert scanner.looks_all_around == around
+    moved = scanner.centred
+    assert (moved is not scanner) == around
+    if around:
+        assert moved.turns_in_place
+        assert moved.centred is moved
+        off = moved.mounts - scanner.mounts
+        for sensor in range(len(scanner.sensors)):
+            rows = scanner.sensor_of_beam == sensor
+            assert np.ptp(off[rows], axis=0) == pytest.approx(0.0, abs=1e-12)
+            assert moved.mounts[rows, :2].mean(axis=0) == pytest.approx(0.0, abs=1e-12)
+            assert np.hypot(*off[rows, :2].T).max() <= 0.2 + 1e-6
+
+
+def test_ring_about_a_centre_of_its_own() -> None:
+    ring = RangeScanner.ring(SONAR, 16, 0.2)
+    mounts = ring.mounts + np.array([0.05, 0.02, 0.0])
+    scanner = RangeScanner.from_mounts(SONAR, mounts)
+    assert scanner.looks_all_around
+    assert scanner.centred.mounts == pytest.approx(ring.mounts)
 
 
 def test_opposite_directions_count_as_sixty_beams_whatever_their_turns() -> None:

@@ -16,7 +16,7 @@ the linear model of a cell loses at twins between lattice points (docs/layers.md
 `aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
 beyond R give the same scan. It is small where scans are sharp, for then a look-alike is a point.
 
-* **Turns.** A scanner that looks all around (`RangeScanner.looks_all_around`) is turned in
+* **Turns.** A scanner that looks all around (`RangeScanner.turns_in_place`) is turned in
   the n steps that give the same beams again, its scan shifted; each stands for the turns half a
   step to both sides, as a cell stands for its poses. Other scanners are compared at the map's
   headings, each within its `sigma_theta`; a look-alike at a heading between them is missed.
@@ -29,7 +29,7 @@ beyond R give the same scan. It is small where scans are sharp, for then a look-
   0. Otherwise the many poses that are very unlike would weigh as much as the few that are alike.
 * **Unknown space.** A pose with half of its beams or more ending there (the map's `unexplored`)
   takes no part: as a look-alike it would be like everything. Its own `aliasing` is 1, for nothing
-  is told there.
+  is told there. Nor does a pose that is impossible (`standing`), which has no value.
 
 Look-alikes are listed by likeness, exp(- capped evidence / tau) at the best offset, 1 for the same
 scan, each farther than R from p and from those before it. The search is exact; what makes it fast
@@ -67,8 +67,8 @@ class LookAlikes:
     """What looks like each of N poses: P free cells, times K headings where these matter.
 
     Attributes:
-        share: `aliasing`, shape (P, K).
-        area: `aliasing_area`, square metres, shape (P, K); NaN in unexplored cells.
+        share: `aliasing`, shape (P, K); NaN at impossible poses.
+        area: `aliasing_area`, square metres, shape (P, K); NaN at these and in unexplored cells.
         found: Up to `count` look-alikes, float64, shape (P, K, count, 4): x and y (metres), turn
             from the pose's heading to that of the look-alike (radians, in (-pi, pi]), likeness.
             NaN where there are no more.
@@ -145,6 +145,7 @@ def look_alikes(
                 report((part + 1) / parts)
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
+    share[~scans.possible] = np.nan
     area = np.where(scans.explored, mass[:, 1] * ground.spacing**2, np.nan)
     if sought is not None:
         share[~sought[scans.cell]] = area[~sought[scans.cell]] = np.nan

@@ -37,6 +37,8 @@ class Scans:
         y: Shape (N,), metres.
         heading: Shape (N,), radians.
         cell: Running number of each pose's cell, int32, shape (N,).
+        possible: bool, shape (N,): whether the robot can stand there; the scans of other poses
+            mean nothing.
         told: bool, shape (N, B): False where a beam ends in unknown space and so tells nothing.
         cell_variance: Of the offset within a cell: x and y (square metres), theta (square
             radians).
@@ -56,6 +58,7 @@ class Scans:
     y: NDArray[np.float64]
     heading: NDArray[np.float64]
     cell: NDArray[np.int32]
+    possible: NDArray[np.bool_]
     told: NDArray[np.bool_]
     cell_variance: tuple[float, float]
     tau: float
@@ -68,10 +71,11 @@ class Scans:
         The offset of the heading is half a step between turns, so that neighbouring Gaussians add
         up evenly; where the map's headings stand alone it is the map's `sigma_theta`.
         """
-        shifts = ground.scanner.looks_all_around
-        around = turns(ground.scanner).astype(np.intp)
-        order = _orbits(around) if shifts else np.arange(ground.scanner.beams)
-        n = len(around) if shifts else 1
+        shifts, n = ground.turns_in_place, 1
+        order = np.arange(ground.scanner.beams)
+        if shifts:
+            around = turns(ground.scanner).astype(np.intp)
+            order, n = _orbits(around), len(around)
         headings = ground.headings[:1] if shifts else ground.headings
         table = ground.table
         width = len(table.limit)
@@ -103,6 +107,7 @@ class Scans:
             y=np.repeat(y, count),
             heading=np.tile(headings, len(x)),
             cell=np.repeat(np.arange(len(x), dtype=np.int32), count),
+            possible=ground.possible[:, :count].ravel(),
             told=scans[:, 4, : len(order)] < 0.5 * BLIND,
             cell_variance=(ground.spacing**2 / 4.0, theta),
             tau=ground.model.tau,
@@ -116,8 +121,8 @@ class Scans:
 
     @property
     def explored(self) -> NDArray[np.bool_]:
-        """Poses where fewer than half of the beams end in unknown space, shape (N,)."""
-        return np.asarray(1.0 - self.told.mean(axis=1) < UNEXPLORED)
+        """Possible poses where fewer than half of the beams end in unknown space, shape (N,)."""
+        return np.asarray(self.possible & (1.0 - self.told.mean(axis=1) < UNEXPLORED))
 
 
 def _orbits(around: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -11,6 +11,7 @@ from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.layers.aliasing_kernel import approach
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.returns import BLIND, beam_returns
+from ambinav.ambiguity.standing import can_stand
 from ambinav.maps.zones import UNEXPLORED
 from ambinav.threads import run_rows
 
@@ -41,10 +42,10 @@ def settle(ground: Ground, found: Floats) -> Floats:
     """
     settled = np.full(found.shape, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if ground.scanner.looks_all_around else found.shape[1]):
+    for k in range(1 if ground.turns_in_place else found.shape[1]):
         cell, rank = np.nonzero(np.isfinite(found[:, k, :, 3]))
         settled[cell, k, rank] = settle_at(ground, k, cell, found[cell, k, rank, :3])
-    if ground.scanner.looks_all_around:
+    if ground.turns_in_place:
         settled[:] = settled[:, :1]
     order = np.argsort(-settled[..., 3], axis=2, kind="stable")
     return np.take_along_axis(settled, order[..., np.newaxis], axis=2)
@@ -61,7 +62,7 @@ def settle_at(ground: Ground, heading: int, cell: NDArray[np.intp], alike: Float
 
     Returns:
         x, y, turn and likeness, shape (M, 4). NaN for what moves within R of its pose, or to where
-        half of the beams or more end in unknown space.
+        half of the beams or more end in unknown space, or where the robot cannot stand.
     """
     own = float(ground.headings[heading])
     poses = alike + np.array([0.0, 0.0, own])
@@ -97,10 +98,15 @@ def _settle(
     for _ in range(ROUNDS):
         data[:] = 0.0
         data[:, 4] = 1.0
+        stands = np.empty(len(cell), dtype=np.bool_)
         step = np.rint(poses[:, 2] / HEADING_STEP)
         heading = step * HEADING_STEP
         for one in np.unique(step):
             those = np.flatnonzero(step == one)
+            stands[those] = can_stand(
+                ground.environment, ground.mounted or ground.scanner, poses[those, 0],
+                poses[those, 1], float(one * HEADING_STEP), model.robot_radius,
+            )  # fmt: skip
             part = data[those]
             beam_returns(
                 ground.environment, ground.scanner, table, poses[those, 0], poses[those, 1],
@@ -113,7 +119,7 @@ def _settle(
             model.sigma_theta**2, apart, moved, least=64,
         )  # fmt: skip
         blind = (data[:, 4, :beams] >= 0.5 * BLIND).mean(axis=1)
-        better = (apart < least) & (blind < UNEXPLORED)
+        better = (apart < least) & (blind < UNEXPLORED) & stands
         best[better, :3], best[better, 3] = poses[better], np.exp(-apart[better])
         least[better] = apart[better]
         poses[:, :2] += moved[:, :2]

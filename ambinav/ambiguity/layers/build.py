@@ -112,26 +112,37 @@ def _variables(
     if found[layer.name].ndim == 3:
         for name, values in found.items():
             if values.ndim == 3:
-                for summary, floor in _summaries(layer, found[layer.name], name, values).items():
+                floors = _summaries(layer, ground, found[layer.name], name, values)
+                for summary, floor in floors.items():
                     add(name, floor, summary)
     return variables
 
 
-def _summaries(layer: Layer, main: Values, name: str, values: Values) -> dict[str, Values]:
-    """Mean over heading, and the values at the layer's own best and worst heading."""
+def _summaries(
+    layer: Layer, ground: Ground, main: Values, name: str, values: Values
+) -> dict[str, Values]:
+    """Mean over possible headings, and the values at the layer's own best and worst heading."""
     order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
     # A heading without a value is neither: it comes last among the best, and among the worst.
     best = order.argmin(axis=2)[..., np.newaxis]
     worst = np.where(np.isnan(main), -np.inf, order).argmax(axis=2)[..., np.newaxis]
     return {
-        "mean": _mean(name, values),
+        "mean": _mean(ground, name, values),
         "best": np.take_along_axis(values, best, axis=2)[..., 0],
         "worst": np.take_along_axis(values, worst, axis=2)[..., 0],
     }
 
 
-def _mean(name: str, values: Values) -> Values:
-    if not schema.is_axis(name):
-        return np.asarray(values.mean(axis=2))
-    double = np.exp(2j * values.astype(np.float64)).mean(axis=2)
-    return np.asarray(np.mod(0.5 * np.angle(double), np.pi), dtype=np.float32)
+def _mean(ground: Ground, name: str, values: Values) -> Values:
+    """NaN where a possible heading has no value, and in cells that are not free."""
+    full = np.full(ground.free.shape, np.nan, dtype=np.float32)
+    some = ground.possible.any(axis=1)
+    cells = np.zeros_like(ground.free)
+    cells[ground.free] = some
+    floor, where = values[cells].astype(np.float64), ground.possible[some]
+    if schema.is_axis(name):
+        double = np.exp(2j * floor).mean(axis=1, where=where)
+        full[cells] = np.mod(0.5 * np.angle(double), np.pi)
+    else:
+        full[cells] = floor.mean(axis=1, where=where)
+    return full

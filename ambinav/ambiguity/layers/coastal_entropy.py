@@ -6,7 +6,8 @@ leave the least entropy of its pose, E_s[H(pose | scan s)], in a building where 
 beams. The paper itself was not at hand; all that follows is our own reading.
 
 Before the scan the robot is as probably in one cell of the neighbourhood as in another: the free
-cells within the map's radius R that free steps lead to. Readings r_i make the cell q as probable as
+cells within the map's radius R that free steps between possible poses lead to. Readings r_i make
+the cell q as probable as
 
     b(q) ~ integral over q's cell of exp(-1/2 sum_i z_i^2 / tau),   z_i = (r_i - d_i(q)) / s_i.
 
@@ -77,11 +78,12 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
     offsets = _disc(steps, model.radius / lattice.spacing)
     found = np.empty((2, len(ground.points[0]), len(ground.headings)), dtype=np.float32)
     for h in range(len(ground.headings)):
+        links = ground.links(h)
         for band in bands(ground, steps):
             data = _among_people(ground.returns(h, band.part).data, table, people)
             run_rows(
                 _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
-                lattice.index, lattice.links[band.first : band.last], STEPS, offsets, data,
+                lattice.index, links[band.first : band.last], STEPS, offsets, data,
                 table.limit, table.inverse_cap, table.use, told, model.tau / 2.0,
                 lattice.spacing**2 / CELL, model.sigma_theta**2,
                 found[:, band.begin : band.end, h], least=8,

@@ -16,7 +16,8 @@ tolerance, and it is the walls' own deviation `map_std`: second singular value o
 cell and a step of the rays.) Where the neighbouring cell is not free, a wall parts it off, or its
 ray meets nothing, the pose's own hit stands in; the program instead gives cells beside walls the
 worst value. A ray that meets nothing in range, or the frontier to unknown space, tells nothing
-(rank 0) and has its bit set too. Rays start at the robot's centre. A scanner sees the directions
+(rank 0) and has its bit set too. Rays start at the robot's centre, whatever its heading, so a
+neighbour counts if the robot can stand there at any heading. A scanner sees the directions
 that one of its beams looks into, each as far as that beam; a cone has no hit point, so beams wider
 than the step of the directions do not count.
 """

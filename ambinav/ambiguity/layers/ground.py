@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.layers.hits import Hits, beam_hits
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns
+from ambinav.ambiguity.standing import standing, standing_lattice
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
@@ -34,12 +35,15 @@ class Ground:
 
     Attributes:
         environment: The building.
-        scanner: The beams that take part: those of the map, thinned as they were for it.
+        scanner: The beams that take part: those of the map, thinned as they were for it, and in
+            the robot's centre if the map has no headings (`RangeScanner.centred`).
         lattice: The cells of the map.
         headings: Headings of the robot, float64, shape (K,), radians; [0] where the map has none.
         has_theta: Whether the map has headings: its layers are then of shape (ny, nx, K).
         model: The map's parameters.
         amap: The map itself, for layers that are made of others; None where there is none.
+        mounted: The scanner before it was thinned: where any of its sensors stands inside a wall
+            the pose is impossible. None: `scanner`.
     """
 
     environment: Environment
@@ -49,6 +53,7 @@ class Ground:
     has_theta: bool
     model: AmbiguityModel
     amap: AmbiguityMap | None = None
+    mounted: RangeScanner | None = None
     _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -65,6 +70,8 @@ class Ground:
         """
         told = json.loads(amap.dataset.attrs["parameters"])
         wanted = {one.name for one in fields(AmbiguityModel)}
+        # Maps made before bodies were told are of none.
+        told.setdefault("robot_radius", 0.0)
         missing = sorted((wanted | {"beams_used"}) - told.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
             raise InputError(
@@ -74,6 +81,8 @@ class Ground:
         scanner = RangeScanner.from_yaml_text(
             amap.dataset.attrs["scanner_yaml"], file=f"{amap.source}: scanner_yaml"
         )
+        if not amap.has_theta:
+            scanner = scanner.centred
         building = amap.environment if environment is None else environment
         lattice = Lattice(
             building,
@@ -91,7 +100,35 @@ class Ground:
             amap.has_theta,
             AmbiguityModel(**{name: told[name] for name in wanted}),
             amap,
+            scanner,
         )
+
+    def over(self, lattice: Lattice) -> Ground:
+        """The same on another lattice, less the points at which the robot cannot stand.
+
+        Raises:
+            InputError: no point is left.
+        """
+        lattice, _ = standing_lattice(
+            lattice, self.mounted or self.scanner, self.headings, self.model.robot_radius
+        )
+        return replace(self, lattice=lattice)
+
+    @cached_property
+    def possible(self) -> NDArray[np.bool_]:
+        """Whether the robot can stand at the free cells, shape (P, K): see `standing`."""
+        return standing(
+            self.lattice, self.mounted or self.scanner, self.headings, self.model.robot_radius
+        )
+
+    def links(self, heading: int = 0) -> NDArray[np.uint8]:
+        """`Lattice.links` between cells where the robot can stand at this heading, shape (P,)."""
+        return self.lattice.links_among(self.possible[:, heading])
+
+    @property
+    def turns_in_place(self) -> bool:
+        """Whether one heading stands for all: turned on the spot the beams are the same again."""
+        return self.scanner.turns_in_place
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -161,13 +198,15 @@ class Ground:
         """Lay values of the free cells over the lattice, NaN elsewhere.
 
         Args:
-            values: Shape (P,) for what no heading changes, else (P, K).
+            values: Shape (P,) for what no heading changes, else (P, K), of which those at poses
+                that are impossible become NaN.
 
         Returns:
             float32, shape (ny, nx), or (ny, nx, K) where the map has headings.
         """
-        if values.ndim == 2 and not self.has_theta:
-            values = values[:, 0]
+        if values.ndim == 2:
+            values = np.where(self.possible, values, np.nan)
+            values = values if self.has_theta else values[:, 0]
         full = np.full((*self.free.shape, *values.shape[1:]), np.nan, dtype=np.float32)
         full[self.free] = values
         return full

@@ -11,7 +11,8 @@ differences by x, y and theta. Its determinant is the index, its weak axis the d
 Our own reading: the grid is made from the walls, and rays are followed smoothly through it
 (`occupancy`); differences are central; the index is the determinant about x, y and theta; the
 direction is the weak axis of the xy block of the inverse, theta marginalised, under the prior that
-`fisher` has, and localizability_radius is its radius in metres. A beam that more likely than not
+`fisher` has, and localizability_radius is its radius in metres. Where the robot cannot stand a step
+to one side, the difference is from the pose itself to the other. A beam that more likely than not
 ends in unknown space tells nothing. A beam with a cone reads the smallest of its rays' expected
 ranges; that oblique surfaces return no echo to it is not in the grid.
 """
@@ -28,6 +29,7 @@ from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.occupancy import Occupancy, grid_range, occupancy
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.ambiguity.standing import can_stand
 from ambinav.errors import InputError
 from ambinav.localization.information import TABLE, BeamNoise, beam_noise
 from ambinav.sensing.fields import as_number
@@ -53,6 +55,7 @@ def localizability_matrices(
     poses: Floats,
     step: float = STEP,
     turn: float = TURN,
+    possible: NDArray[np.bool_] | None = None,
 ) -> Floats:
     """Static localizability matrix at each pose.
 
@@ -63,6 +66,8 @@ def localizability_matrices(
         poses: x, y, theta, shape (N, 3).
         step: Half the difference in x and in y, metres.
         turn: Half the difference in heading, radians.
+        possible: Whether the robot can stand half a difference ahead (0) and behind (1) in x, y
+            and heading, shape (N, 3, 2); None: everywhere.
 
     Returns:
         Shape (N, 3, 3), about x, y (1 / square metres) and theta (1 / square radians), map frame.
@@ -70,9 +75,11 @@ def localizability_matrices(
     rays = scanner.rays()
     look = np.column_stack([np.cos(rays.angle), np.sin(rays.angle)])
     out = np.empty((len(poses), 3, 3))
+    if possible is None:
+        possible = np.ones((len(poses), 3, 2), dtype=np.bool_)
     run_rows(
-        _matrices, len(poses), poses, grid, rays.origin, look, rays.start, noise.near, noise.far,
-        noise.variance, step, turn, out,
+        _matrices, len(poses), poses, possible, grid, rays.origin, look, rays.start, noise.near,
+        noise.far, noise.variance, step, turn, out,
     )  # fmt: skip
     return out
 
@@ -118,13 +125,29 @@ def localizability(
         poses = ground.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
             part = slice(first, first + POSES_AT_ONCE)
-            matrices = localizability_matrices(grid, ground.scanner, noise, poses[part], step, turn)
+            around = _possible_around(ground, poses[part], step, turn)
+            matrices = localizability_matrices(
+                grid, ground.scanner, noise, poses[part], step, turn, around
+            )
             # Rounding may bring that of a singular matrix below 0.
             found[0, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
             radius, _, direction = marginal_radii(matrices, place, heading)
             found[1, part, h], found[2, part, h] = radius, direction
     names = ("localizability", "localizability_radius", "localizability_direction")
     return {name: ground.spread(values) for name, values in zip(names, found, strict=True)}
+
+
+def _possible_around(ground: Ground, poses: Floats, step: float, turn: float) -> NDArray[np.bool_]:
+    """`possible` of `localizability_matrices` at poses of one heading."""
+    found = np.empty((len(poses), 3, 2), dtype=np.bool_)
+    x, y, heading = poses[:, 0], poses[:, 1], float(poses[0, 2])
+    for side, sign in enumerate((1.0, -1.0)):
+        for axis, (dx, dy, dt) in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, turn))):
+            found[:, axis, side] = can_stand(
+                ground.environment, ground.mounted or ground.scanner, x + sign * dx, y + sign * dy,
+                heading + sign * dt, ground.model.robot_radius,
+            )  # fmt: skip
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -148,10 +171,11 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _matrices(
-    begin, end, poses, grid, origin, look, start, near, far, variance, step, turn, out
+    begin, end, poses, possible, grid, origin, look, start, near, far, variance, step, turn, out
 ):  # fmt: skip
     beams = near.size
-    # A range and its variance are those of the six poses around, in the mean.
+    # A range and its variance are those of the six poses around, in the mean; the pose itself is
+    # one of them where a step from it leads to where no robot can stand.
     ahead, behind = np.empty(beams), np.empty(beams)
     mean, spread = np.empty(beams), np.empty(beams)
     change = np.empty((beams, 3))
@@ -160,16 +184,19 @@ def _matrices(
         spread[:] = 0.0
         x, y, theta = poses[p, 0], poses[p, 1], poses[p, 2]
         for axis in range(3):
-            dx = step if axis == 0 else 0.0
-            dy = step if axis == 1 else 0.0
-            dt = turn if axis == 2 else 0.0
-            _expect(x + dx, y + dy, theta + dt, grid, origin, look, start, near, far, ahead, spread)
-            _expect(
-                x - dx, y - dy, theta - dt, grid, origin, look, start, near, far, behind, spread
-            )
+            half = turn if axis == 2 else step
+            up = half if possible[p, axis, 0] else 0.0
+            down = half if possible[p, axis, 1] else 0.0
+            for side in range(2):
+                move = up if side == 0 else -down
+                _expect(
+                    x + (move if axis == 0 else 0.0), y + (move if axis == 1 else 0.0),
+                    theta + (move if axis == 2 else 0.0), grid, origin, look, start, near, far,
+                    ahead if side == 0 else behind, spread,
+                )  # fmt: skip
             for b in range(beams):
                 mean[b] += (ahead[b] + behind[b]) / 6.0
-                change[b, axis] = (ahead[b] - behind[b]) / (2.0 * (dx + dy + dt))
+                change[b, axis] = (ahead[b] - behind[b]) / (up + down) if up + down > 0.0 else 0.0
         out[p] = 0.0
         for b in range(beams):
             if math.isnan(spread[b]):

@@ -83,12 +83,15 @@ def perturbation(
     reach = max(steps + 1, math.floor(ground.radius / spacing + 1e-9))
     found = np.empty((3, len(ground.points[0]), len(ground.headings)))
     for h in range(len(ground.headings)):
+        links = ground.links(h)
+        possible = np.ascontiguousarray(ground.possible[:, h])
         for band in bands(ground, reach):
             run_rows(
                 _errors, band.end - band.begin, band.begin, band.first, band.last,
-                lattice.rows_columns, lattice.index, lattice.links[band.first : band.last], WAYS,
-                LINK, steps, spacing, ground.returns(h, band.part).data, table.limit,
-                table.inverse_cap, table.use, size, ground.model.sigma_theta, tau, iterations,
+                lattice.rows_columns, lattice.index, links[band.first : band.last],
+                possible[band.first : band.last], WAYS, LINK, steps, spacing,
+                ground.returns(h, band.part).data, table.limit, table.inverse_cap, table.use, size,
+                ground.model.sigma_theta, tau, iterations,
                 found[:, band.begin : band.end, h], least=16,
             )  # fmt: skip
     major, minor, direction = (ground.spread(values) for values in principal_axes(*found))
@@ -157,23 +160,23 @@ def recover(data, p, m, limit, icap, use, off, prior, guess, room, tau):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cell_at(row, column, index, first, last):
-    """Row in the data of the cell at this place of the lattice, -1 if there is none."""
+def cell_at(row, column, index, first, last, possible):
+    """Row in the data of the possible cell at this place of the lattice, -1 if there is none."""
     if row < 0 or column < 0 or row >= index.shape[0] or column >= index.shape[1]:
         return -1
     q = index[row, column]
-    return q - first if first <= q < last else -1
+    return q - first if first <= q < last and possible[q - first] else -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def error_left(
-    row, column, way, link, steps, index, first, last, links, spacing, data, limit, icap, use,
-    size, sigma, tau, iterations,
+    row, column, way, link, steps, index, first, last, links, possible, spacing, data, limit, icap,
+    use, size, sigma, tau, iterations,
 ):  # fmt: skip
     """What is left of the displacement `size` along `way`, x and y, metres."""
     p = index[row, column] - first
     m, mx, my = p, 0, 0
-    # As far as free cells lead, for a robot cannot be expected behind a wall.
+    # As far as possible cells lead, for a robot cannot be expected behind a wall.
     for _ in range(steps):
         if not links[m] & (1 << link):
             break
@@ -196,7 +199,7 @@ def error_left(
             y = believed_y + (y - believed_y) / strayed
         room = (spacing * spacing / 4.0, sigma * sigma)
         nx, ny = round(x / spacing), round(y / spacing)
-        q = cell_at(row + ny, column + nx, index, first, last)
+        q = cell_at(row + ny, column + nx, index, first, last, possible)
         if q >= 0:
             m, mx, my = q, nx, ny
     return x, y
@@ -204,16 +207,16 @@ def error_left(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _errors(
-    low, high, begin, first, last, rows_columns, index, links, ways, link, steps, spacing, data,
-    limit, icap, use, size, sigma, tau, iterations, out,
+    low, high, begin, first, last, rows_columns, index, links, possible, ways, link, steps, spacing,
+    data, limit, icap, use, size, sigma, tau, iterations, out,
 ):  # fmt: skip
     for i in range(low, high):
         row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         xx, xy, yy = 0.0, 0.0, 0.0
         for k in range(4):
             x, y = error_left(
-                row, column, ways[k], link[k], steps, index, first, last, links, spacing, data,
-                limit, icap, use, size, sigma, tau, iterations,
+                row, column, ways[k], link[k], steps, index, first, last, links, possible, spacing,
+                data, limit, icap, use, size, sigma, tau, iterations,
             )  # fmt: skip
             xx, xy, yy = xx + 0.5 * x * x, xy + 0.5 * x * y, yy + 0.5 * y * y
         out[0, i], out[1, i], out[2, i] = xx, xy, yy

@@ -43,6 +43,7 @@ def scans(data: np.ndarray, turns: int) -> Scans:
         y=np.zeros(n),
         heading=np.zeros(n),
         cell=np.arange(n, dtype=np.int32),
+        possible=np.ones(n, dtype=np.bool_),
         told=data[:, 4] < BLIND / 2,
         cell_variance=CELL,
         tau=TAU,
