@@ -20,20 +20,20 @@ from numba.extending import _Intrinsic
 
 
 @overload
-def kernel(function: FunctionType, /) -> Any: ...
+def kernel(function: Callable[..., Any], /) -> Any: ...
 
 
 @overload
-def kernel(**options: Any) -> Callable[[FunctionType], Any]: ...
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]: ...
 
 
-def kernel(function: FunctionType | None = None, /, **options: Any) -> Any:
+def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
     """Compile a function without the interpreter's lock, with numpy's rules of division.
 
     Used bare (`@kernel`) or with options of `numba.njit` (`@kernel(inline="always")`).
     """
 
-    def decorate(plain: FunctionType) -> Any:
+    def decorate(plain: Callable[..., Any]) -> Any:
         compiled = njit(**{"nogil": True, "error_model": "numpy", **options})(plain)
         compiled._cache = _CalleeCache(plain)
         return compiled
@@ -65,6 +65,9 @@ def digest(function: FunctionType) -> str:
             called = isinstance(value, FunctionType) and _is_ours(value, function)
             if called or isinstance(value, Dispatcher | _Intrinsic):
                 todo.append(value)
+            elif isinstance(value, type):
+                # Of a named tuple the order of the fields counts.
+                parts[f"{_name(found)}: {key}"] = _constant(getattr(value, "_fields", key))
             elif not isinstance(value, ModuleType) and not callable(value):
                 parts[f"{_name(found)}: {key}"] = _constant(value)
     whole = hashlib.sha256()
@@ -76,7 +79,7 @@ def digest(function: FunctionType) -> str:
 class _CalleeCache(FunctionCache):  # type: ignore[misc]
     """numba's store of a function's machine code, valid for one `digest` alone."""
 
-    def __init__(self, function: FunctionType) -> None:
+    def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._stamped = False
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, X, Y, compare
 from ambinav.ambiguity.returns import BeamTable, Returns
+from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
@@ -76,7 +76,7 @@ def turning_moments(
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def least_evidence(data, p, beams, limit, icap, c0, c2):
     """Evidence that tells a turned scan from the unturned one, at the least."""
     told = F0
@@ -92,7 +92,7 @@ def least_evidence(data, p, beams, limit, icap, c0, c2):
     return told
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out):
     """Compare the scan at p with itself, turned; write what `turning_moments` says."""
     order, count = beams.shape
@@ -122,7 +122,7 @@ def turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, ou
     out[1] = math.sqrt(free_moment / free_weight)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _turning(low, high, data, begin, beams, limit, icap, use, evidence, tau, c0, out):
     pair = np.empty((2, 5, limit.size), dtype=np.float32)
     for i in range(low, high):

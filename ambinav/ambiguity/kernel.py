@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
 from ambinav.ambiguity.returns import BeamTable, Returns
 from ambinav.geometry.lattice import STEPS
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
@@ -38,7 +38,7 @@ PER_STEP = np.float32(1.0 / Z_STEP)
 Z_TOP = np.float32(Z_MAX)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def invert(a, b, c, d, e, f):
     """Inverse (upper triangle, row by row) and determinant of [[a,b,c],[b,d,e],[c,e,f]]."""
     i00, i01, i02 = d * f - e * e, c * e - b * f, b * e - c * d
@@ -49,7 +49,7 @@ def invert(a, b, c, d, e, f):
 
 
 # Inlined, for the arrays of a call alone are forty words; the caller needs fastmath=FAST too.
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST, inline="always")
+@kernel(fastmath=FAST, inline="always")
 def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
     """Indistinguishability of two scans over a cell, and the Gaussian of offsets in it.
 
@@ -151,7 +151,7 @@ def compare(data, p, q, limit, icap, use, evidence, tau, c0, c2):
     return alike, o0, o1, o2, i00, i01, i11, i22
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
     """Mark the offsets in the disc that lattice steps lead to without crossing a segment."""
     k = side // 2
@@ -177,7 +177,7 @@ def reach(row, column, index, first, links, offsets, side, steps, marks, queue):
                         tail += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def pose_sums(
     row, column, index, first, marks, offsets, spacing, data, limit, icap, use, evidence, tau,
     c0, c2, out,
@@ -211,7 +211,7 @@ def pose_sums(
     out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _sums(
     low, high, begin, first, rows_columns, index, links, steps, offsets, spacing,
     data, limit, icap, use, evidence, tau, c0, c2, sums,

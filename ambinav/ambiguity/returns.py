@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
+from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
@@ -152,7 +152,7 @@ def beam_returns(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _beam_returns(
     begin, end, distance, segment, incidence, normal, frontier, origin, angle, theta, start,
     max_incidence, nearest, limit, spread, bias, data,

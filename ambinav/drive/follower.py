@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.circles import wrap
+from ambinav.kernels import kernel
 
 # What a robot on its course is doing.
 FOLLOWING, TURNING, ARRIVED = 0, 1, 2
@@ -22,7 +21,7 @@ AT_CARROT = 1e-3
 STILL = 1e-6
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _project(x, y, piece, points, along, end, reach):
     """The nearest place ahead on the present stretch: its piece, and its share of that piece."""
     best, at, share = math.inf, piece, 0.0
@@ -38,7 +37,7 @@ def _project(x, y, piece, points, along, end, reach):
     return at, share
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _carrot(x, y, piece, share, points, end, lookahead):
     """The first point from a place on to the stretch's end that is `lookahead` metres away.
 
@@ -63,7 +62,7 @@ def _carrot(x, y, piece, share, points, end, lookahead):
     return px, py
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _turn(angle, rate, p, limits, dt):
     """Turn rate for a turn on the spot by `angle`, so that it can stop in time."""
     change = limits[3] * dt
@@ -73,7 +72,7 @@ def _turn(angle, rate, p, limits, dt):
     return math.copysign(most, angle) if abs(want) > most else want
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def limited(speed, rate, want_speed, want_rate, limits, dt):
     """The speeds that a robot has a time step later if it is told the wanted ones.
 
@@ -102,7 +101,7 @@ def limited(speed, rate, want_speed, want_rate, limits, dt):
     return speed, min(max(want_rate, rate - turn), rate + turn)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, dt):
     """What to tell the robot now.
 

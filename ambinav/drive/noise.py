@@ -21,10 +21,10 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.random import normals
 from ambinav.sensing.fields import as_number
@@ -138,7 +138,7 @@ class OdometryNoise:
         return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
     """The odometry pose after a true motion.
 
@@ -170,7 +170,7 @@ def report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
     return ox + gone * math.cos(way), oy + gone * math.sin(way), wrapped(ot + turned)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def reckon(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
 

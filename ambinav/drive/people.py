@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.drive.world import ROUNDING
@@ -17,6 +16,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.steering import Steering
 from ambinav.geometry.sweep import pose_free
+from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
 from ambinav.sensing.fields import as_number
 
@@ -110,7 +110,7 @@ class Crowd:
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _place(bounds, poses, apart, table, bound, forbidden, states, places):
     """Draw a free place and a heading for everyone; False if somebody has none."""
     for r in range(places.shape[0]):
@@ -130,7 +130,7 @@ def _place(bounds, poses, apart, table, bound, forbidden, states, places):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _walk(places, poses, apart, length, radius, table, bound, states):
     for r in range(places.shape[0]):
         for k in range(places.shape[1]):
@@ -142,7 +142,7 @@ def _walk(places, poses, apart, length, radius, table, bound, states):
             )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def strolled(x, y, t, robot_x, robot_y, apart, length, radius, other, table, bound):
     """Where a person is after `length` metres, and its heading.
 

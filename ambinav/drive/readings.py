@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import scan_rays
+from ambinav.kernels import kernel
 from ambinav.localization.random import normals, uniform
 from ambinav.sensing.scanner import RangeScanner
 
@@ -92,14 +92,14 @@ def standard_normals(states: NDArray[np.uint64], count: int) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _normals(states, out):
     for r in range(out.shape[0]):
         for k in range(out.shape[1]):
             out[r, k] = normals(states[r])[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _block(poses, people, radius, origin, angle, limit, distance, echo):
     """Shorten the rays that meet a person before the wall; who stands on a sensor is not seen."""
     for r in range(len(poses)):
@@ -123,7 +123,7 @@ def _block(poses, people, radius, origin, angle, limit, distance, echo):
                 echo[r, i] = best if best <= limit[i] else np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _capture(mean, std, table, states, out):
     """Noise and resolution of each beam, as `RangeSensor.read`."""
     for r in range(out.shape[0]):

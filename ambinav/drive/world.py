@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.drive.follower import ARRIVED, limited, pursue
 from ambinav.drive.noise import report
 from ambinav.geometry.disc_sweep import clear_along
+from ambinav.kernels import kernel
 from ambinav.localization.odometry import wrapped
 
 # What became of a run.
@@ -25,7 +24,7 @@ ROUNDING = 1e-9
 BISECTIONS = 40
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def unicycle(x, y, t, speed, rate, dt):
     """The pose after driving at a speed and turning at a rate for a time: an arc, exactly."""
     half = 0.5 * rate * dt
@@ -34,7 +33,7 @@ def unicycle(x, y, t, speed, rate, dt):
     return x + chord * math.cos(t + half), y + chord * math.sin(t + half), wrapped(t + 2.0 * half)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def moved(x, y, t, speed, rate, dt, reach, table, bound):
     """The pose after a time step, or where the disc first touches a wall.
 
@@ -58,7 +57,7 @@ def moved(x, y, t, speed, rate, dt, reach, table, bound):
     return x, y, t, share < 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def path(t, speed, rate, dt):
     """Length (metres), direction of travel (x, y) and curvature (1/m) of a motion in `dt`.
 
@@ -72,7 +71,7 @@ def path(t, speed, rate, dt):
     return length, way * math.cos(t), way * math.sin(t), rate / abs(speed)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def free_share(x, y, ux, uy, bend, length, reach, table, bound):
     """How much of a path (see `path`) a disc gets along before it touches a wall; 1 for all.
 
@@ -92,7 +91,7 @@ def free_share(x, y, ux, uy, bend, length, reach, table, bound):
     return low
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def tick(
     truth, odometry, belief, speeds, piece, stage, outcome, course, goal, turns, p, limits, dt,
     noise, states, reach, table, bound,
@@ -136,7 +135,7 @@ def tick(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def tick_told(
     truth, odometry, belief, speeds, outcome, want, goal, near, limits, dt, noise, states, reach,
     table, bound,
@@ -172,7 +171,7 @@ def tick_told(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _go(
     r, want_speed, want_rate, truth, odometry, speeds, outcome, limits, dt, noise, states, reach,
     table, bound,
@@ -189,7 +188,7 @@ def _go(
     odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def report_all(odometry, before, after, noise, states):
     """`report` for each run, in place: poses of shape (R, 3)."""
     for r in range(len(odometry)):

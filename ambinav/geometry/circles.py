@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ambinav.kernels import kernel
 
 TURN = 2.0 * math.pi
 NEAR = 1e-9
 """What counts as rounding, in radii and radians: far above it, and below what a robot can do."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def in_radii(radius, x0, y0, t0, x1, y1, t1):
     """Second pose in the frame of the first: x and y in radii, heading within half a turn."""
     c, s = math.cos(t0), math.sin(t0)
@@ -25,13 +25,13 @@ def in_radii(radius, x0, y0, t0, x1, y1, t1):
     return c * dx + s * dy, c * dy - s * dx, wrap(t1 - t0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def polar(x, y):
     """Length and angle of a vector; angle 0 of none."""
     return math.sqrt(x * x + y * y), math.atan2(y, x)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def wrap(angle):
     """The angle within half a turn of 0."""
     return angle - TURN * math.floor(angle / TURN + 0.5)

@@ -19,11 +19,11 @@ from typing import Final
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.occupancy import OCCUPIED, OccupancyGrid
+from ambinav.kernels import kernel
 
 NOTCH_CELLS: Final = 0.5
 """How deep the notches are that are cut off, in cells."""
@@ -163,7 +163,7 @@ def _keep_what_is_met(
         after[around[:-1]] = around[1:]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _mark(edges, flips, crossed):
     """Mark cells whose inside an edge crosses, and where to change sides along a row's centres."""
     rows, columns = crossed.shape
@@ -188,7 +188,7 @@ def _mark(edges, flips, crossed):
                 crossed[row, column] = True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _bridge(xy, first, depth, after):
     """For each corner that stays the next one that does, as far on as can be; -1 for the others.
 

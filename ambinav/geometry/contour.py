@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN
 from ambinav.geometry.segments import FRONTIER, WALL
+from ambinav.kernels import kernel
 
 # Free cells to the left: a crack on the east side of a cell runs north, and so on around it.
 _OUT = np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
@@ -121,7 +121,7 @@ def _empty() -> Contours:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _fill_specks(state, widest, most_unknown):
     """Make small islands that are not free free, in place.
 
@@ -175,7 +175,7 @@ def _fill_specks(state, widest, most_unknown):
                     state[queue[k, 0], queue[k, 1]] = FREE
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _trace(labels, state, reach, xy, kind, ring):
     """Follow every ring once; fill the arrays of `Contours`; return the number of rings."""
     rows, columns = labels.shape

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.circles import in_radii
 from ambinav.geometry.dubins import shortest_dubins
 from ambinav.geometry.reeds_shepp import reeds_shepp_pieces, shortest_reeds_shepp
+from ambinav.kernels import kernel
 
 # Kinds of motion. FACING: straight, looking along the way. STRAIGHT: straight, the heading turns
 # evenly from one end's to the other's, the short way round.
 FACING, STRAIGHT, DUBINS, REEDS_SHEPP = range(4)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
     """Shortest curve of the kind DUBINS or REEDS_SHEPP from a pose to a pose, as its pieces.
 
@@ -37,7 +36,7 @@ def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
     return a * r, b * r, c * r, d * r, e * r, i * k, j * k, m * k, n * k, o * k
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def advance(x, y, t, length, curvature):
     """Pose after a piece of a signed length in metres and a curvature in 1/m."""
     if curvature == 0.0:
@@ -49,7 +48,7 @@ def advance(x, y, t, length, curvature):
     return x + chord * math.cos(t + turn), y + chord * math.sin(t + turn), t + 2.0 * turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
     """Metres travelled by a motion of any kind; reverse counts as much as forwards.
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.gaps import near_arc, near_line
 from ambinav.geometry.obstacles import around, cells_over, items_of
+from ambinav.kernels import kernel
 
 # With less room than this in metres a stretch is checked exactly, which costs as much as some
 # steps; and how long that stretch is, metres: about one cell of the segment grid.
@@ -19,7 +18,7 @@ LEAST_STEP = 0.08
 STRETCH = 0.5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def place(px, py, ux, uy, curvature, distance):
     """Point at a distance along a path that leaves p in the direction u, curving to the left."""
     if curvature == 0.0:
@@ -30,7 +29,7 @@ def place(px, py, ux, uy, curvature, distance):
     return px + chord * (ux * c - uy * s), py + chord * (uy * c + ux * s)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _line_clear(px, py, ux, uy, length, reach, table):
     """Whether no wall comes nearer than `reach` to a straight stretch."""
     qx, qy = px + length * ux, py + length * uy
@@ -47,7 +46,7 @@ def _line_clear(px, py, ux, uy, length, reach, table):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _arc_clear(px, py, mx, my, qx, qy, cx, cy, half, reach, table):
     """As `_line_clear` for an arc around c from p over its middle m to q, of twice `half`."""
     radius = math.hypot(mx - cx, my - cy)
@@ -68,7 +67,7 @@ def _arc_clear(px, py, mx, my, qx, qy, cx, cy, half, reach, table):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def clear_along(px, py, ux, uy, curvature, length, reach, table, bound):
     """Whether no wall comes nearer than `reach` to a path, and up to where that is sure.
 

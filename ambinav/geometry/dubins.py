@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.circles import NEAR, TURN, polar
+from ambinav.kernels import kernel
 
 SAME = 1e-6
 """Poses nearer than this, in radii and radians, are one: no loop is driven (as in OMPL)."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shortest_dubins(x, y, phi):
     """Shortest of the six words to the pose (x, y, phi), in radii.
 
@@ -58,7 +57,7 @@ def shortest_dubins(x, y, phi):
     return first, second, third, side_1, side_2, side_3
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _left_straight_left(d, theta, turn):
     """Both arcs of LSL. Rounding must not make a whole turn of none.
 
@@ -75,7 +74,7 @@ def _left_straight_left(d, theta, turn):
     return t, v
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _ahead(angle, slack):
     """The angle within 0 and one turn; 0 if it is one turn but for the slack."""
     angle -= TURN * math.floor(angle / TURN)

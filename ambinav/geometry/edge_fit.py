@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ambinav.kernels import kernel
 
 # An edge shorter than this many points is drawn from end to end, not fitted.
 FIT_POINTS = 5
@@ -18,7 +19,7 @@ _TRIM = 2
 BOW_POINTS = 10
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def furthest(x, y, a, b):
     """Index strictly between a and b furthest from the chord a-b, and its distance."""
     ax, ay = x[a], y[a]
@@ -37,7 +38,7 @@ def furthest(x, y, a, b):
     return index, best
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def fit_line(x, y, a, b):
     """Line through the points a..b: mean, direction from a to b, and number of points."""
     count = b - a + 1
@@ -62,7 +63,7 @@ def fit_line(x, y, a, b):
     return mx, my, dx, dy, count
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def spread(x, y, a, b):
     """Largest distance of the points a..b from their edge, and the sagitta if they are bowed.
 
@@ -100,7 +101,7 @@ def spread(x, y, a, b):
     return most, 1.5 * abs(projection) / norm
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def extreme(x, y, a, b, dx, dy):
     """Index of the point among a..b that lies furthest along (dx, dy)."""
     best, index = -np.inf, a
@@ -111,7 +112,7 @@ def extreme(x, y, a, b, dx, dy):
     return index
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def strays(x, y, kind, index, place, limit):
     """Stretches of a contour that lie too far from the edges that it was simplified to.
 
@@ -163,7 +164,7 @@ def strays(x, y, kind, index, place, limit):
     return found[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _cell_beyond(x, y, i):
     """Centre of the cell on the far side of point i, the middle of a cell's side."""
     n = len(x)
@@ -173,7 +174,7 @@ def _cell_beyond(x, y, i):
     return x[i], y[i] - 0.5 * np.sign(dx)
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _apart(x, y, start, end):
     """Distance of (x, y) from the edge between two places."""
     dx, dy = end[0] - start[0], end[1] - start[1]

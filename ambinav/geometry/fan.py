@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import LEFT, PARALLEL, RIGHT, border_distance, locate
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def counter_clockwise(angles: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.roll(order, -after[order[after].argmin()])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through):
     """Split the fan among the edges of its first triangle; how many pieces.
 
@@ -122,7 +122,7 @@ def first_edges(px, py, ux, uy, n, t, corner, twin, edges, lows, highs, through)
     return depth
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stack, distance, hit):
     """Distances and border edges for the rays (ux, uy)[:n], counter-clockwise, from triangle t.
 
@@ -206,7 +206,7 @@ def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stac
                 distance[i] = border_distance(px, py, ux[i], uy[i], border, hit[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _fans(
     begin, end, x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, node,
     hops, corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, incidence,

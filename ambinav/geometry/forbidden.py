@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.disc_sweep import place
 from ambinav.geometry.obstacles import FORBIDDEN_INVERSE, FORBIDDEN_X, FORBIDDEN_Y
+from ambinav.kernels import kernel
 
 # An arc is followed in chords that leave it by at most this share of a cell.
 SAGITTA = 0.01
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def is_forbidden(x, y, table, forbidden):
     """Whether the cell nearest to a point is a forbidden one; there is none beyond the array."""
     u = (x - table[FORBIDDEN_X]) * table[FORBIDDEN_INVERSE] + 0.5
@@ -23,7 +22,7 @@ def is_forbidden(x, y, table, forbidden):
     return forbidden[int(v), int(u)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _line_enters(px, py, qx, qy, table, forbidden):
     """Whether a line meets a forbidden cell (the walk of Amanatides and Woo 1987)."""
     inverse = table[FORBIDDEN_INVERSE]
@@ -51,7 +50,7 @@ def _line_enters(px, py, qx, qy, table, forbidden):
             to_v += step_v
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def enters(px, py, ux, uy, curvature, length, table, forbidden):
     """Whether a path, given as in `disc_sweep.clear_along`, meets a forbidden cell."""
     count = 1

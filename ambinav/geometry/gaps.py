@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from ambinav.kernels import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def point_gap2(px, py, ax, ay, ex, ey):
     """Squared distance from a point to a wall, which may have no length."""
     wx, wy = px - ax, py - ay
@@ -19,7 +19,7 @@ def point_gap2(px, py, ax, ay, ex, ey):
     return dx * dx + dy * dy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
     """Whether a wall comes nearer than `reach` to the line from p along the unit vector u.
 
@@ -51,13 +51,13 @@ def near_line(ax, ay, ex, ey, px, py, ux, uy, length, reach):
     return (crossing >= 0.0) & (crossing <= length)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _in_span(x, y, mx, my, cosine):
     """Whether the direction (x, y) is within the angle of this cosine of the unit vector m."""
     return x * mx + y * my >= cosine * math.sqrt(x * x + y * y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def near_arc(ax, ay, ex, ey, cx, cy, radius, mx, my, cosine, px, py, qx, qy, reach):
     """Whether a wall comes nearer than `reach` to the arc from p to q.
 
@@ -97,7 +97,7 @@ def near_arc(ax, ay, ex, ey, cx, cy, radius, mx, my, cosine, px, py, qx, qy, rea
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _near_lines(ax, ay, ex, ey, bx, by, fx, fy, limit):
     """Whether two walls, which may have no length, come nearer than the root of `limit`."""
     wx, wy = bx - ax, by - ay
@@ -116,7 +116,7 @@ def _near_lines(ax, ay, ex, ey, bx, by, fx, fy, limit):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def near_moving_polygon(ax, ay, ex, ey, mx, my, table, first, count, reach):
     """Whether a polygon that moves by the vector m, without turning, comes nearer than `reach`.
 

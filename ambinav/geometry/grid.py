@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.segments import Segments
+from ambinav.kernels import kernel
 
 MAX_CELLS = 4_000_000
 # Cells touched by a segment are found with this slack, in cells, so that a segment on a cell's
@@ -69,7 +69,7 @@ class SegmentGrid:
         return float(x), float(y), self.cell, rows, columns, self.start, self.item, self.line
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _sort_into_cells(xy, origin, cell, columns, cursor, item):
     """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
     for s in range(xy.shape[0]):

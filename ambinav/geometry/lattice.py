@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycast import cast_one
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 # Column and row steps to the eight neighbours; the opposite of direction k is k + 4 (mod 8).
@@ -123,7 +123,7 @@ class Lattice:
         return np.asarray(self.environment.clearance(*self.points, limit))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _link(
     low, high, rows_columns, index, x, y, spacing, steps, x0, y0, cell, rows, columns, start, item,
     line, links,
@@ -145,7 +145,7 @@ def _link(
         links[i] = bits
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _unlink(rows_columns, index, steps, some, links):
     for i in range(links.size):
         if not some[i]:
@@ -158,7 +158,7 @@ def _unlink(rows_columns, index, steps, some, links):
                     links[i] &= ~(1 << k)
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _link_back(rows_columns, index, steps, links):
     for i in range(links.size):
         for k in range(4):

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
+from ambinav.kernels import kernel
 
 # Entries of the table. Of the grid of segments (`SegmentGrid`): its origin, cells, and where in
 # the table the first item of each cell and the items' lines begin.
@@ -114,7 +114,7 @@ def _clearances(environment: Environment) -> tuple[float, float, float, NDArray[
     return float(x[0]), float(y[0]), step, signed.reshape(len(y), len(x)).astype(np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def around(x, y, table, bound):
     """Clearance stored for the nearest lattice point, and how far away that is, metres.
 
@@ -130,7 +130,7 @@ def around(x, y, table, bound):
     return bound[row, column], math.sqrt(dx * dx + dy * dy)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def in_triangles(x, y, table):
     """Whether a point lies in the free space or on its border; as `triangulation.locate`."""
     gx = (x - table[MESH_X]) / table[MESH_CELL]
@@ -148,7 +148,7 @@ def in_triangles(x, y, table):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def cells_over(xmin, ymin, xmax, ymax, table):
     """First and last row, first and last column of the segment cells that meet a box."""
     inverse = table[GRID_INVERSE]
@@ -161,7 +161,7 @@ def cells_over(xmin, ymin, xmax, ymax, table):
     return low_row, high_row, low_column, high_column
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def items_of(row, low_column, high_column, table):
     """Where in the table the lines of some neighbouring cells of a row begin and end.
 
@@ -172,7 +172,7 @@ def items_of(row, low_column, high_column, table):
     return first + 4 * int(table[k + low_column]), first + 4 * int(table[k + high_column + 1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def nearest_gap(x, y, limit, table):
     """Distance from a point to the nearest segment, at most `limit`; as `raycast.clearances`."""
     best = limit * limit

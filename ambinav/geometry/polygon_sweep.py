@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.disc_sweep import place
 from ambinav.geometry.gaps import near_line, near_moving_polygon
 from ambinav.geometry.obstacles import CORNER, CORNERS, OUTER, around, cells_over, items_of
+from ambinav.kernels import kernel
 
 # A turning polygon that comes this near to a wall, in metres, may be called blocked.
 SKIN = 1e-3
@@ -23,7 +22,7 @@ SKIN = 1e-3
 FIRST_SLACK = 0.05
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def moved_clear(px, py, qx, qy, heading, reach, table, bound):
     """Whether no wall comes nearer than `reach` to the footprint moved straight from p to q."""
     dx, dy = qx - px, qy - py
@@ -54,7 +53,7 @@ def moved_clear(px, py, qx, qy, heading, reach, table, bound):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def polygon_clear(
     px, py, ux, uy, curvature, length, heading, turn, share, touch, table, bound
 ):  # fmt: skip

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.grid import SegmentGrid
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 # Tolerance on the position along a segment, relative to its length: two segments that share an
@@ -60,7 +60,7 @@ def clearances(
     return distance
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
     """Walk the cells along a ray that starts in the grid (Amanatides and Woo 1987).
 
@@ -98,7 +98,7 @@ def cast_inside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, li
     return (best if hit >= 0 else reach), hit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line):
     """As `cast_inside`, for a ray that first has to come to the grid."""
     width, height = columns / inverse, rows / inverse
@@ -114,7 +114,7 @@ def cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, sta
     return (t + enter if hit >= 0 else reach), hit
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
     """Distance to the first segment along one ray, and its item; `reach` and -1 for none."""
     inverse = 1.0 / cell
@@ -124,7 +124,7 @@ def cast_one(px, py, ux, uy, reach, x0, y0, cell, rows, columns, start, line):
     return cast_from_outside(px, py, ux, uy, reach, x0, y0, inverse, rows, columns, start, line)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _cast(
     low, high, x, y, ux, uy, reach, x0, y0, cell, rows, columns, start, item, line, distance,
     segment,
@@ -135,7 +135,7 @@ def _cast(
         segment[i] = item[j] if j >= 0 else -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item, line, distance):
     """Search rings of cells outwards until no nearer segment can come."""
     for i in range(low, high):

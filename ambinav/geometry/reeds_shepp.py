@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.circles import NEAR, polar, wrap
+from ambinav.kernels import kernel
 
 QUARTER = 0.5 * math.pi
 TIE = 1e-11  # radii; far above what rounding makes of two words of equal length
@@ -28,7 +27,7 @@ ONE_CIRCLE = 1e-13
 LSL, LSR, LRL, LRL_BACK, LRLR_OUT, LRLR_IN, LRSL, LRSL_BACK, LRSR, LRSR_BACK, LRSLR = range(11)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shortest_reeds_shepp(x, y, phi):
     """Shortest of the 48 words to the pose (x, y, phi), in radii.
 
@@ -49,7 +48,7 @@ def shortest_reeds_shepp(x, y, phi):
     return _with_quarter_turns(best, -1.0, d_right, -right, d_in, -inward, d_out, -out, -phi)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def reeds_shepp_pieces(found):
     """Lengths and sides (1 left, -1 right, 0 straight) of the five pieces of a word, in radii."""
     _, word, side, flip, t, u, v = found
@@ -79,7 +78,7 @@ def reeds_shepp_pieces(found):
     return lengths, sides
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _with_straight_middle(best, side, d, theta, e, psi, phi):
     """Words CSC: LSL (8.1) by the vector (d, theta), LSR (8.2) by (e, psi)."""
     if d < ONE_CIRCLE:  # an arc is all, and theta tells nothing
@@ -100,7 +99,7 @@ def _with_straight_middle(best, side, d, theta, e, psi, phi):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _with_arcs_alone(best, side, d, theta, e, psi, phi):
     """Words CCC (8.3 and 8.4) by (d, theta), CCCC (8.7 and 8.8) by (e, psi)."""
     middle = -2.0 * math.asin(min(0.25 * d, 1.0))
@@ -135,7 +134,7 @@ def _with_arcs_alone(best, side, d, theta, e, psi, phi):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _with_quarter_turns(best, side, d, theta, e, psi, f, chi, phi):
     """Words CCSC (8.9, 8.10) by (d, theta), (e, psi) and (f, chi); CCSCC (8.11) by (e, psi).
 
@@ -185,7 +184,7 @@ def _with_quarter_turns(best, side, d, theta, e, psi, f, chi, phi):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _shorter(best, length, word, side, flip, t, u, v):
     """The better of two words.
 

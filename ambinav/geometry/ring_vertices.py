@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ambinav.geometry.edge_fit import BOW_POINTS, extreme, fit_line
 from ambinav.geometry.segments import WALL
+from ambinav.kernels import kernel
 
 # Cosine between edges that run out and back: the two sides of a thin wall, or of a slot.
 BACK = -0.5
@@ -20,7 +20,7 @@ _CAP = 0.75
 _THINNEST = 0.25
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def meet(x, y, kind, vertex, tolerance):
     """Indices and places of the vertices: where the lines of the two edges of each meet.
 
@@ -69,7 +69,7 @@ def meet(x, y, kind, vertex, tolerance):
     return index[:count], place[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _cross(one, other, x, y, reach):
     """Whether two lines cross within `reach` of (x, y) at a clear angle, and where."""
     sine = one[2] * other[3] - one[3] * other[2]
@@ -81,7 +81,7 @@ def _cross(one, other, x, y, reach):
     return math.hypot(px - x, py - y) <= reach, px, py
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _between(one, other, kind0, kind1, x, y):
     """Where nearly parallel lines go over into each other beside (x, y).
 
@@ -100,7 +100,7 @@ def _between(one, other, kind0, kind1, x, y):
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _end(x, y, one, other, a, v, b):
     """The end of a thin wall, or of a slot, whose sides are `one` (points a..v) and `other` (v..b).
 

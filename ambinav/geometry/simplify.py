@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.edge_fit import BOW_POINTS, FIT_POINTS, extreme, fit_line, furthest, spread
 from ambinav.geometry.ring_vertices import BACK, meet
+from ambinav.kernels import kernel
 
 
 def simplify_ring(
@@ -60,7 +60,7 @@ def simplify_ring(
     return index[ascending], place[ascending]
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _halve(x, y, keep, tolerance):
     """Douglas-Peucker between the points that `keep` holds already, in place."""
     stack = [(0, 0)]
@@ -79,7 +79,7 @@ def _halve(x, y, keep, tolerance):
             stack.append((index, b))
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _settle(x, y, keep, fixed):
     """Move each vertex to where its points part best between the lines of its two edges.
 
@@ -109,7 +109,7 @@ def _settle(x, y, keep, fixed):
         vertex[j] = where
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _merge(x, y, keep, fixed, tolerance, bow):
     """Drop the vertices between edges that one straight line replaces, in place."""
     changed = True
@@ -129,7 +129,7 @@ def _merge(x, y, keep, fixed, tolerance, bow):
             a = vertex[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _sharpest(x, y, keep):
     """Index of the vertex that makes the largest triangle with its two neighbours."""
     vertex = np.flatnonzero(keep)[:-1]
@@ -142,7 +142,7 @@ def _sharpest(x, y, keep):
     return index
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _thicken(x, y, keep):
     """Make sure that a ring has at least four vertices where its points allow that."""
     while keep.sum() < 5:
@@ -158,7 +158,7 @@ def _thicken(x, y, keep):
         keep[index] = True
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _divide(x, y, fixed, tolerance):
     """Mask of the first choice of vertices, among them the fixed ones (first and last are)."""
     n = len(x)
@@ -177,7 +177,7 @@ def _divide(x, y, fixed, tolerance):
     return keep
 
 
-@njit(cache=True, nogil=True)
+@kernel(error_model="python")
 def _polish(x, y, kind, keep, fixed, tolerance):
     """Indices and places of the vertices, from a first choice of them."""
     bow = 0.25 * tolerance

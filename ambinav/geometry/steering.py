@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
@@ -15,6 +14,7 @@ from ambinav.geometry.curves import FACING as FACING
 from ambinav.geometry.curves import REEDS_SHEPP as REEDS_SHEPP
 from ambinav.geometry.curves import STRAIGHT as STRAIGHT
 from ambinav.geometry.curves import advance, curve_pieces, motion_length
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
@@ -164,7 +164,7 @@ def _nothing() -> tuple[Floats, NDArray[np.int32], Floats]:
     return np.empty((0, 3)), np.empty(0, dtype=np.int32), np.empty(0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _lengths(low, high, kind, radius, a, b, out):
     for i in range(low, high):
         out[i] = motion_length(
@@ -172,7 +172,7 @@ def _lengths(low, high, kind, radius, a, b, out):
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _trace_all(kind, radius, route, step, out, leg, along):
     """Write the dense points of a route; with empty arrays, only count them."""
     count, gone = 0, 0.0
@@ -192,7 +192,7 @@ def _trace_all(kind, radius, route, step, out, leg, along):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _trace_line(kind, x0, y0, t0, x1, y1, t1, step, gone, out, along, count):
     """Points of a straight motion that begins `gone` metres from the start; the new count."""
     turn = 0.0
@@ -212,7 +212,7 @@ def _trace_line(kind, x0, y0, t0, x1, y1, t1, step, gone, out, along, count):
     return count + parts + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _trace_pieces(pieces, x, y, t, step, gone, out, along, count):
     """Points of a curve; of one without length, its two ends."""
     points = 1

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.curves import FACING, STRAIGHT, curve_pieces
 from ambinav.geometry.disc_sweep import clear_along, place
 from ambinav.geometry.forbidden import enters, is_forbidden
@@ -23,13 +21,14 @@ from ambinav.geometry.obstacles import (
     nearest_gap,
 )
 from ambinav.geometry.polygon_sweep import moved_clear, polygon_clear
+from ambinav.kernels import kernel
 
 # A motion may come nearer to a wall than the footprint needs by this many metres: rounding. A
 # footprint without extent stays this far away instead.
 ROUNDING = 1e-9
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def pose_free(x, y, t, table, bound, forbidden):
     """Whether the footprint fits at a pose; a disc as `Environment.is_free` tells.
 
@@ -61,7 +60,7 @@ def pose_free(x, y, t, table, bound, forbidden):
     return moved_clear(x, y, x, y, t, ROUNDING, table, bound)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _piece_free(x, y, ux, uy, curvature, length, heading, turn, table, bound, forbidden):
     """Whether a line or an arc is free; see `polygon_clear` for the arguments."""
     outer = max(table[OUTER] - ROUNDING, ROUNDING)
@@ -79,7 +78,7 @@ def _piece_free(x, y, ux, uy, curvature, length, heading, turn, table, bound, fo
     return forbidden.size == 0 or not enters(x, y, ux, uy, curvature, length, table, forbidden)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def line_free(x0, y0, x1, y1, table, bound, forbidden):
     """As `motion_free` on a line, of a disc: without all that polygons need, which is much."""
     dx, dy = x1 - x0, y1 - y0
@@ -92,7 +91,7 @@ def line_free(x0, y0, x1, y1, table, bound, forbidden):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
     """Whether the footprint meets no wall and no forbidden cell on a motion from a free pose.
 
@@ -146,14 +145,14 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def poses_free(low, high, poses, table, bound, forbidden, out):
     """`pose_free` of some rows of poses, shape (N, 3), into out, bool, shape (N,)."""
     for i in range(low, high):
         out[i] = pose_free(poses[i, 0], poses[i, 1], poses[i, 2], table, bound, forbidden)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motions_free(low, high, kind, radius, a, b, table, bound, forbidden, out):
     """`motion_free` between some rows of a and b, shape (N, 3), into out, bool, shape (N,)."""
     for i in range(low, high):

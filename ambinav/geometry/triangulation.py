@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
+
+from ambinav.kernels import kernel
 
 # Half the width in metres of the slit that stands for a wall without thickness: far below
 # float32 at the size of a building, far above float64.
@@ -132,7 +133,7 @@ class Triangulation:
         return inside
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _sort_triangles(corner, origin, cell, columns, cursor, item):
     """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
     for t in range(corner.shape[0] // 3):
@@ -157,7 +158,7 @@ def _sort_triangles(corner, origin, cell, columns, cursor, item):
                         cursor[k + 1] += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
     """Triangle that holds the point, or -1."""
     gx, gy = (px - x0) / cell, (py - y0) / cell
@@ -173,13 +174,13 @@ def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
     return -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _contains(x, y, x0, y0, cell, rows, columns, start, item, triangle, inside):
     for i in range(x.size):
         inside[i] = locate(x[i], y[i], x0, y0, cell, rows, columns, start, item, triangle) >= 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def border_distance(px, py, ux, uy, border, k):
     """Distance along the ray to the line of border edge k; to its near end if they are parallel."""
     ax, ay = border[k, 0] - px, border[k, 1] - py

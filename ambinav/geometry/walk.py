@@ -11,10 +11,10 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import LEFT, RIGHT, border_distance, locate
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def walk_rays(
     return distance, segment, inside
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def first_edge(px, py, ux, uy, t, corner):
     """Edge of triangle t through which the ray leaves it."""
     h = 3 * t
@@ -75,7 +75,7 @@ def first_edge(px, py, ux, uy, t, corner):
     return 0 if (a & (not b)) else (1 if (b & (not c)) else 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _walk(
     low, high, x, y, ux, uy, reach, border_segment, border, twin, node, hops,
     corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, inside,

@@ -17,14 +17,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ambinav.kernels import kernel
 from ambinav.localization.casting import expected_ranges, work_space
 from ambinav.localization.likelihood_field import apply_factors
 from ambinav.localization.range_table import looked_up
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def beam_factors(
     particles, count, reading, near, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables,
     lookup, log, power, scratch,

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ambinav.kernels import kernel
 
 # Bins per metre and per turn.
 PER_METRE = 2.0
@@ -23,7 +24,7 @@ def table_size(particles: int) -> int:
     return 1 << math.ceil(math.log2(2 * particles + 1))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def bin_of(x, y, theta):
     """The bin of a pose, one number."""
     column = int(math.floor(x * PER_METRE)) + MIDDLE
@@ -33,7 +34,7 @@ def bin_of(x, y, theta):
     return (row * (2 * MIDDLE) + column) * HEADINGS + heading
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def place_of(key, keys):
     """Where in the table the bin stands, or the empty entry where it belongs."""
     mask = keys.size - 1
@@ -44,7 +45,7 @@ def place_of(key, keys):
     return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def kld_count(bins, error, quantile, least, most):
     """How many particles so many occupied bins need.
 
@@ -60,7 +61,7 @@ def kld_count(bins, error, quantile, least, most):
     return int(min(max(wanted, least), most))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fill_bins(particles, count, keys, entry):
     """Sort particles into bins.
 
@@ -85,7 +86,7 @@ def fill_bins(particles, count, keys, entry):
     return bins
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def label_clusters(bins, keys, entry, label, stack):
     """Join neighbouring bins (3 x 3 x 3) to clusters, as AMCL does.
 
@@ -126,7 +127,7 @@ def label_clusters(bins, keys, entry, label, stack):
     return clusters
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov):
     """Mean pose of the heaviest cluster, and how all particles lie about it.
 

@@ -7,12 +7,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
 from ambinav.geometry.triangulation import locate
+from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 # Gaps between the rays that are always cast, radians: well below half a turn.
@@ -136,7 +136,7 @@ def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([nx, ny, nx * lines[:, 0] + ny * lines[:, 1]], axis=1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def work_space(rays):
     """Arrays that `expected_ranges` works in, for scans of so many rays."""
     size = rays + STACK
@@ -148,7 +148,7 @@ def work_space(rays):
     return np.empty(rays), np.empty(rays), np.empty(rays), np.empty(rays, dtype=np.int32), stack
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
     """True range of each beam at one pose, as `RangeScanner.scan` gives it.
 
@@ -167,7 +167,7 @@ def expected_ranges(x, y, theta, tables, work, ranges, ray, edge):
     nearest_echoes(tables, work, ranges, ray, edge)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def cast_rays(x, y, theta, tables, work):
     """The first half of `expected_ranges`: where each ray meets the border, echo or none.
 
@@ -200,7 +200,7 @@ def cast_rays(x, y, theta, tables, work):
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def cast_told(x, y, theta, reading, tables, work, picked):
     """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
 
@@ -250,7 +250,7 @@ def cast_told(x, y, theta, reading, tables, work, picked):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def spread_told(count, work, picked):
     """Put what `cast_told` has written to the places that it has in `cast_rays`.
 
@@ -267,7 +267,7 @@ def spread_told(count, work, picked):
             distance[j], hit[j] = math.inf, -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def nearest_echoes(tables, work, ranges, ray, edge):
     """The second half of `expected_ranges`: the nearest echo of each beam among its rays.
 

@@ -31,8 +31,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ambinav.kernels import kernel
 from ambinav.localization.casting import work_space
 from ambinav.localization.dynamic import weighted_information
 from ambinav.localization.ekf_update import posterior
@@ -48,7 +48,7 @@ LIKELY = 0.5
 LEAST_EXPLAINED = 0.2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def cloud(particles, count, mean, spread):
     """Mean and covariance of the particles that were not just put anywhere; whether any are left.
 
@@ -81,7 +81,7 @@ def cloud(particles, count, mean, spread):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def damped(particles, count, ranges, model, cast, out, heard):
     """Write to `out` the poses at which the particles are to be weighed, and their weights.
 

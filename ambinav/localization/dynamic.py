@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ambinav.kernels import kernel
 from ambinav.localization.information import beam_lines, line_space
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
     """Probability that a reading z is of the wall that is expected, by the beam model's mixture.
 
@@ -35,7 +34,7 @@ def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
     return hit / total if total > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def weighted_information(
     x, y, theta, reading, spread, z_hit, z_short, z_rand, decay, least, cast, noise, work, ranges,
     ray, edge, line, weight, told,
@@ -86,7 +85,7 @@ def weighted_information(
                 told[i, j] += weight[b] * line[b, 1 + i] * line[b, 1 + j] / variance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def weighted_informations(
     low, high, poses, readings, spreads, z_hit, z_short, z_rand, decay, cast, noise, weights, told
 ):

@@ -7,11 +7,11 @@ one step of the filter.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.ekf_update import posterior, scratch_for, update_pose
 from ambinav.localization.information import (
@@ -164,7 +164,7 @@ class ExtendedKalmanFilter:
         return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _steps(mean, cov, before, now, readings, alpha, gate, cast, noise, used):
     scratch = scratch_for(noise.far.size, cast.cosine.size)
     for r in range(mean.shape[0]):
@@ -180,7 +180,7 @@ def _steps(mean, cov, before, now, readings, alpha, gate, cast, noise, used):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _foretell(poses, first, told, alpha, out):
     cov = first.copy()
     for k in range(poses.shape[0]):

@@ -6,10 +6,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import PARALLEL
+from ambinav.kernels import kernel
 from ambinav.localization.casting import cast_told, nearest_echoes, spread_told, work_space
 from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
@@ -54,7 +54,7 @@ class Scratch(NamedTuple):
     cast: tuple[Any, ...]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def scratch_for(beams, rays):
     """`Scratch` for scans of so many beams and rays."""
     return Scratch(
@@ -65,13 +65,13 @@ def scratch_for(beams, rays):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _over(value, pivot):
     """A quotient, 0 where the pivot is: a covariance may know something exactly."""
     return value / pivot if pivot > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def posterior(cov, told):
     """Replace a covariance P by (P^-1 + told)^-1; P may be singular.
 
@@ -118,7 +118,7 @@ def posterior(cov, told):
     cov[1, 2] = cov[2, 1] = y0 * z0 + y1 * z1 + y2 * z2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     """Take one scan into an estimate (3,) and its covariance (3, 3), in place.
 
@@ -175,7 +175,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     return used
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _meet(x, y, theta, reading, cast, noise, scratch):
     """Cast the beams that read something; how many tell something, as `Scratch.beam` has them.
 
@@ -218,7 +218,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _look_up(m, b, j, k, d, reading, cast, noise, beam):
     """Write to column m of `Scratch.beam` what tables say of beam b, whose ray j meets edge k."""
     beam[_READ, m], beam[_RANGE, m] = reading[b], d
@@ -229,7 +229,7 @@ def _look_up(m, b, j, k, d, reading, cast, noise, beam):
     beam[_LINE, m], beam[_RISE, m], beam[_VARIANCE, m] = sensor_line(d, b, noise)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True, fastmath={"reassoc"})
+@kernel(forceinline=True, fastmath={"reassoc"})
 def _sums(x, y, theta, bx, by, bt, xx, yy, tt, xy, xt, yt, gate, met, beam, count):
     """What the beams tell at a pose: how many are used, their information, and what they are off.
 

@@ -14,12 +14,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
+from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables, cast_tables, expected_ranges, work_space
 from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
@@ -129,7 +129,7 @@ def as_map_std(environment: Environment, map_std: float | None) -> float:
     return value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
     """What each beam is expected to read at a pose, and how that changes with it.
 
@@ -150,7 +150,7 @@ def beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line):
     linear_readings(theta, cast, noise, ranges, ray, edge, line)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def linear_readings(theta, cast, noise, ranges, ray, edge, line):
     """As `beam_lines`, of beams whose ranges, rays and edges are known already."""
     co, si = math.cos(theta), math.sin(theta)
@@ -167,7 +167,7 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def sensor_line(d, b, noise):
     """Bias of beam b at a range, metres, how that grows with the range, and the variance."""
     r = np.uint64(noise.row[b])
@@ -184,7 +184,7 @@ def sensor_line(d, b, noise):
     return shift, rise, variance
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
     """Derivatives of what a beam reads by x, y and theta of the robot.
 
@@ -211,7 +211,7 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
     return nx * scale, ny * scale, (nx * sx + ny * sy) * scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def line_space(beams, rays):
     """The last five arguments of `beam_lines`, for scans of so many beams and rays."""
     return (
@@ -220,7 +220,7 @@ def line_space(beams, rays):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _informations(low, high, poses, cast, noise, out):
     work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):

@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.kernels import kernel
 from ambinav.sensing.fields import as_number
 from ambinav.threads import run_rows
 
@@ -92,7 +92,7 @@ class LikelihoodField:
         return np.exp(values, out=values)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _distances(begin, end, xy, x0, y0, step, reach, distance):
     """Distance from each lattice point to the nearest segment, row by row.
 
@@ -128,7 +128,7 @@ def _distances(begin, end, xy, x0, y0, step, reach, distance):
             distance[row, column] = math.sqrt(best[column])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def hit_at(u, v, hits, smooth):
     """Value of the lattice at column u and row v: the nearest point's, or linear in between.
 
@@ -150,7 +150,7 @@ def hit_at(u, v, hits, smooth):
     return float(hits[int(v), int(u)])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def field_factors(
     particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, smooth, log, power, scratch
 ):
@@ -193,7 +193,7 @@ def field_factors(
     return apply_factors(particles, count, scratch, log)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def apply_factors(particles, count, factors, log):
     """Multiply weights by factors, or by the exponentials of their logarithms less the largest.
 

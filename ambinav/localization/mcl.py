@@ -26,11 +26,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.kernels import kernel
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.bins import estimate, fill_bins
 from ambinav.localization.casting import CastTables, cast_tables
@@ -200,7 +200,7 @@ class MonteCarloLocalizer:
         return np.array(np.broadcast_to(given, (self.runs, *shape)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def start_run(r, mean, root, model, state):
     """Spread run r's particles: normal about `mean` (3,), with covariance root root^T (3, 3)."""
     particles = state.particles[r]
@@ -215,7 +215,7 @@ def start_run(r, mean, root, model, state):
     begin(r, model, state)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def start_run_globally(r, model, state):
     """Spread run r's particles over the free space."""
     particles = state.particles[r]
@@ -228,7 +228,7 @@ def start_run_globally(r, model, state):
     begin(r, model, state)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def begin(r, model, state):
     """Forget what run r has seen; its particles are new."""
     state.number[r] = model.most
@@ -237,7 +237,7 @@ def begin(r, model, state):
     look(r, fill_bins(state.particles[r], model.most, state.keys[r], state.entry[r]), model, state)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def look(r, bins, model, state):
     """Work out run r's estimate from its particles, which are sorted into bins already."""
     estimate(
@@ -250,7 +250,7 @@ def look(r, bins, model, state):
             state.covariance[r, i, j] = state.base_covariance[r, i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def weigh(particles, count, ranges, model, cast, scratch):
     """Multiply the weights by the likelihood of a scan.
 
@@ -294,7 +294,7 @@ def weigh(particles, count, ranges, model, cast, scratch):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def update_run(r, x, y, theta, ranges, model, cast, state):
     """Take one odometry pose and one scan into the filter of run r; see the module.
 
@@ -366,7 +366,7 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def renew(r, model, state):
     """Resample run r, some of it anew if the likelihood has fallen; how many bins it fills.
 
@@ -394,7 +394,7 @@ def renew(r, model, state):
     return bins
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _update(low, high, poses, ranges, model, cast, state, updated):
     for r in range(low, high):
         updated[r] = update_run(
@@ -402,13 +402,13 @@ def _update(low, high, poses, ranges, model, cast, state, updated):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _start_all(mean, root, model, state):
     for r in range(mean.shape[0]):
         start_run(r, mean[r], root[r], model, state)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _start_all_globally(model, state):
     for r in range(state.number.size):
         start_run_globally(r, model, state)

@@ -20,10 +20,10 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.localization.random import normals
 from ambinav.sensing.fields import as_number
 
@@ -112,13 +112,13 @@ def _broadcast(poses: ArrayLike, before: ArrayLike, after: ArrayLike) -> list[Fl
     return [now, *(np.ascontiguousarray(v) for v in rest)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def wrapped(angle):
     """The angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motion_between(x0, y0, t0, x1, y1, t1):
     """Turn, distance and turn (rot1, trans, rot2) that lead from one pose to another."""
     dx, dy = x1 - x0, y1 - y0
@@ -127,7 +127,7 @@ def motion_between(x0, y0, t0, x1, y1, t1):
     return rot1, trans, wrapped(t1 - t0 - rot1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def deviations(rot1, trans, rot2, alpha):
     """Standard deviations of rot1 (rad), trans (m) and rot2 (rad); `alpha` holds alpha1 to 4."""
     turn1 = min(abs(rot1), math.pi - abs(rot1))
@@ -140,14 +140,14 @@ def deviations(rot1, trans, rot2, alpha):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def apply_motion(x, y, t, rot1, trans, rot2):
     """The pose after a turn, a straight piece and a turn; heading in [-pi, pi)."""
     way = t + rot1
     return x + trans * math.cos(way), y + trans * math.sin(way), wrapped(way + rot2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
     """As `apply_motion`, each part off by a draw from its deviation."""
     a, b = normals(state)
@@ -155,7 +155,7 @@ def sample_motion(x, y, t, rot1, trans, rot2, sd1, sd_trans, sd2, state):
     return apply_motion(x, y, t, rot1 + sd1 * a, trans + sd_trans * b, rot2 + sd2 * c)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def spread_motion(cov, t, rot1, trans, rot2, alpha):
     """Carry a covariance (3, 3) along a motion from heading t, in place.
 
@@ -185,7 +185,7 @@ def spread_motion(cov, t, rot1, trans, rot2, alpha):
     cov[2, 1] += yt
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _moved(poses, before, after):
     for i in range(poses.shape[0]):
         rot1, trans, rot2 = motion_between(
@@ -196,7 +196,7 @@ def _moved(poses, before, after):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _sampled(poses, before, after, alpha, state):
     for i in range(poses.shape[0]):
         rot1, trans, rot2 = motion_between(
@@ -208,7 +208,7 @@ def _sampled(poses, before, after, alpha, state):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _spread_all(poses, covariances, before, after, alpha):
     for i in range(poses.shape[0]):
         rot1, trans, rot2 = motion_between(

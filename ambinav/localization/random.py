@@ -11,8 +11,9 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ambinav.kernels import kernel
 
 _SEVENTEEN, _NINETEEN, _TWENTY_THREE = np.uint64(17), np.uint64(19), np.uint64(23)
 _FORTY_ONE, _FORTY_FIVE, _ELEVEN = np.uint64(41), np.uint64(45), np.uint64(11)
@@ -59,14 +60,14 @@ def states_of_each(rngs: Iterable[np.random.Generator], runs: int) -> NDArray[np
     return drawn
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def word(state):
     """Draw 64 random bits; `state` is one row, advanced in place."""
     drawn, state[0], state[1], state[2], state[3] = _next(state[0], state[1], state[2], state[3])
     return drawn
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _next(s0, s1, s2, s3):
     """64 random bits of a state, and the state after them."""
     mixed = s0 + s3
@@ -80,13 +81,13 @@ def _next(s0, s1, s2, s3):
     return drawn, s0, s1, s2, (s3 << _FORTY_FIVE) | (s3 >> _NINETEEN)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def uniform(state):
     """Draw from [0, 1), a multiple of 2^-53; `state` is one row, advanced in place."""
     return float(word(state) >> _ELEVEN) * _UNIT
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def normals(state):
     """Draw two independent standard normal numbers (Box & Muller 1958)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(state)))
@@ -94,13 +95,13 @@ def normals(state):
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def normal(state):
     """Draw one standard normal number; two are cheaper from `normals`."""
     return normals(state)[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def ziggurat(state):
     """Draw one standard normal number, at a tenth of the cost of `normal`.
 
@@ -112,7 +113,7 @@ def ziggurat(state):
     return sign * x if x < _RIGHT[layer + 1] else _decided(layer, sign, x, state)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def ziggurats(state, out):
     """Draw a standard normal number for each entry of `out`, as `ziggurat` one by one would.
 
@@ -131,7 +132,7 @@ def ziggurats(state, out):
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _guess(drawn):
     """Layer, sign and place that 64 bits stand for."""
     layer = np.int64(drawn & _LAYER)
@@ -142,7 +143,7 @@ def _guess(drawn):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _decided(layer, sign, x, state):
     """What comes of a place that need not be under the curve: once in 80 draws."""
     while True:

@@ -13,12 +13,12 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 
 # Directions of a table, at least; a laser's are 1 degree apart, a cone's a sixth of its aperture.
@@ -117,7 +117,7 @@ def _cast(
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def looked_up(x, y, theta, table, ranges):
     """Expected range of each beam at one pose.
 

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ambinav.kernels import kernel
 from ambinav.localization.bins import bin_of, kld_count, place_of
 from ambinav.localization.random import uniform
 
@@ -16,7 +15,7 @@ MULTINOMIAL, SYSTEMATIC, LOW_VARIANCE = range(3)
 CODES = {"multinomial": MULTINOMIAL, "systematic": SYSTEMATIC, "low_variance": LOW_VARIANCE}
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def van_der_corput(m):
     """The m-th place of van der Corput's sequence in base 2: 0, 1/2, 1/4, 3/4, 1/8 ..."""
     place, step = 0.0, 0.5
@@ -28,7 +27,7 @@ def van_der_corput(m):
     return place
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def first_above(value, cumulated, count):
     """Index of the first entry of `cumulated`[:count] that is above `value`; the last at most."""
     low, high = 0, count - 1
@@ -41,7 +40,7 @@ def first_above(value, cumulated, count):
     return low
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def random_pose(areas, corner, state):
     """A pose anywhere in the free space, all places and headings alike.
 
@@ -61,7 +60,7 @@ def random_pose(areas, corner, state):
     return x, y, (2.0 * uniform(state) - 1.0) * math.pi
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def comb_count(particles, cumulated, count, error, quantile, least, most, shift, keys):
     """KLD's count for the bins that an even comb of `most` teeth meets; fills `keys`."""
     keys[:] = -1
@@ -82,7 +81,7 @@ def comb_count(particles, cumulated, count, error, quantile, least, most, shift,
     return kld_count(bins, error, quantile, least, most)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def resample(
     particles, count, out, way, share, error, quantile, least, most, areas, corner, state,
     cumulated, keys, entry,

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ambinav.kernels import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def count_rays(poses, angles, ranges, reach, left, low, cell, hits, passes):
     """Add the beams of scans to the counts, by exact traversal (Amanatides and Woo 1987).
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ambinav.kernels import kernel
 
 Floats = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def linear(
     values: NDArray[np.float32],
     possible: NDArray[np.bool_],
@@ -82,7 +83,7 @@ def linear(
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def nearest(
     values: NDArray[np.float32],
     origin: tuple[float, float, float],

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.steering import Steering
+from ambinav.kernels import kernel
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.threads import run_rows
 
@@ -150,7 +150,7 @@ def _between(u: NDArray[Any], count: int) -> tuple[NDArray[np.int64], Floats]:
     return low, u - low
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def corner(u, count):
     """Lower lattice index and share of the upper one for a lattice coordinate, held at edges."""
     u = min(max(u, 0.0), count - 1.0)
@@ -158,7 +158,7 @@ def corner(u, count):
     return low, u - low
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def value_at(u, v, w, values):
     """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
     rows, columns, headings = values.shape
@@ -178,12 +178,12 @@ def value_at(u, v, w, values):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _value(u, v, w, values):
     return value_at(u, v, w, values)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def is_open(u, v, w, possible):
     """Whether the pose nearest to the lattice coordinates is there and possible."""
     rows, columns, headings = possible.shape
@@ -195,7 +195,7 @@ def is_open(u, v, w, possible):
     return possible[int(v + 0.5), int(u + 0.5), k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def next_crossing(u, rate):
     """Path share from lattice coordinate u to the next whole number at `rate` per share."""
     if rate > 0.0:
@@ -205,7 +205,7 @@ def next_crossing(u, rate):
     return math.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse):
     """Exact integral of the field over the length of one straight motion."""
     length = math.hypot(x1 - x0, y1 - y0)
@@ -221,7 +221,7 @@ def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse
     return length * _mean_turning(u, v, theta0 * per_turn, du, dv, turn * per_turn, values)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _mean_on_floor(u0, v0, du, dv, values):
     """Mean of a field without headings along a line, in lattice coordinates.
 
@@ -258,7 +258,7 @@ def _mean_on_floor(u0, v0, du, dv, values):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _first_line(u, du, cell):
     """Share of the way to the next lattice line, share from line to line, and the cell's step."""
     if du > 0.0:
@@ -268,7 +268,7 @@ def _first_line(u, du, cell):
     return math.inf, math.inf, 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _mean_turning(u0, v0, w0, du, dv, dw, values):
     """Mean of a field with headings along a line: a cubic between lattice planes, by Simpson."""
     total, t = 0.0, 0.0
@@ -286,7 +286,7 @@ def _mean_turning(u0, v0, w0, du, dv, dw, values):
     return total / 6.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _values(begin, end, x, y, theta, values, possible, left, low, inverse, out):
     per_turn = values.shape[2] / (2.0 * math.pi)
     for i in range(begin, end):
@@ -298,7 +298,7 @@ def _values(begin, end, x, y, theta, values, possible, left, low, inverse, out):
             out[i] = math.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _slopes(begin, end, x, y, theta, values, possible, left, low, inverse, out):
     per_turn = values.shape[2] / (2.0 * math.pi)
     rows, columns, _ = values.shape

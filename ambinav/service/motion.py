@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.curves import FACING, STRAIGHT, advance, curve_pieces
+from ambinav.kernels import kernel
 from ambinav.service.field import corner, integral_straight, value_at
 from ambinav.threads import run_rows
 
@@ -22,14 +22,14 @@ POINTS = 4
 """On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def line_integral(x0, y0, x1, y1, values, left, low, inverse):
     """`motion_integral` of the kind FACING, with few arguments: called from Python, each counts."""
     heading = math.atan2(y1 - y0, x1 - x0) if values.shape[2] > 1 else 0.0
     return integral_straight(x0, y0, heading, x1, y1, heading, values, left, low, inverse)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inverse):
     """Integral of a field over the metres travelled by one motion; reverse counts as forwards.
 
@@ -61,7 +61,7 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
     return math.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
     """Integral over an arc by the midpoint rule; points by turning a vector from its centre.
 
@@ -96,7 +96,7 @@ def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
     return total * abs(length) / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _value_on_floor(u, v, values):
     """As `value_at`, of a field without headings."""
     c, a = corner(u, values.shape[1])
@@ -107,7 +107,7 @@ def _value_on_floor(u, v, values):
     return low * (1.0 - b) + high * b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _integrals(begin, end, kind, radius, a, b, values, left, low, inverse, out):
     for i in range(begin, end):
         out[i] = motion_integral(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import FAST, compare
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
+from ambinav.kernels import kernel
 from ambinav.logs.frames import Floats
 from ambinav.threads import run_rows
 from ambinav.validation.scan_pairs import ScanPairs
@@ -106,7 +106,7 @@ def pose_figures(pairs: ScanPairs, found: Agreement) -> dict[str, Floats]:
     return relative_radii(sums)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def _compare(low, high, data, first, limit, icap, use, evidence, tau, c0, c2, out):
     for k in range(low, high):
         alike, ox, oy, _, sxx, sxy, syy, _ = compare(

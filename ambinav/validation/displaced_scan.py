@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import FAST, compare
 from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
 from ambinav.ambiguity.tensor import relative_radii
+from ambinav.kernels import kernel
 from ambinav.logs.frames import Floats
 from ambinav.threads import run_rows
 from ambinav.validation.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes
@@ -68,7 +68,7 @@ def displaced_figures(
     return relative_radii(sums)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def displaced_returns(
     ranges, slopes, angles, x, y, solid, heading, ex, ey, directions, limit, spread, data
 ):
@@ -124,7 +124,7 @@ def displaced_returns(
         data[4, i] = spread[low] + (spread[low + 1] - spread[low]) * (place - low)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def join(ranges, solid):
     """How many readings on the next one lies that returned, -1 where the reading itself did not."""
     count = ranges.size
@@ -138,7 +138,7 @@ def join(ranges, solid):
                 break
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def _moments(data, offsets, free, limit, icap, use, evidence, tau, c0, c2, out):
     weight, count = 0.0, 0
     mxx, mxy, myy, fxx, fxy, fyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -164,7 +164,7 @@ def _moments(data, offsets, free, limit, icap, use, evidence, tau, c0, c2, out):
     out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _displaced(
     low, high, ranges, slopes, angles, heading, offsets, free, directions, limit, icap, use,
     spread, evidence, tau, c0, c2, sums,

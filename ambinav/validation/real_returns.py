@@ -6,10 +6,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TABLE
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
@@ -89,13 +89,13 @@ def returns_of_scans(
     return data
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def same_surface(a, b):
     """Whether two readings next to each other, metres, are of one surface."""
     return abs(a - b) <= JUMP + JUMP_SHARE * min(a, b)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _line(x, y, low, high):
     """Direction of the line through points low to high - 1, and their distance from it."""
     n = high - low
@@ -115,7 +115,7 @@ def _line(x, y, low, high):
     return 0.5 * math.atan2(2.0 * xy, xx - yy), math.sqrt(max(middle - half, 0.0) / n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _reach(ranges, x, y, b, step):
     """Last reading of the surface of reading b, in one direction; two at least, if it has them."""
     end = b
@@ -130,7 +130,7 @@ def _reach(ranges, x, y, b, step):
     return end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _slopes(begin, end, ranges, angles, slopes):
     count = angles.size
     for s in range(begin, end):
@@ -163,7 +163,7 @@ def _slopes(begin, end, ranges, angles, slopes):
                 slopes[s, b] = along / across
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _returns(
     begin, end, ranges, slopes, angles, scan, turn, heading, directions, limit, spread, data
 ):  # fmt: skip

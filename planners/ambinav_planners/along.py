@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.curves import advance, curve_pieces
 from ambinav.geometry.steering import DUBINS, FACING
+from ambinav.kernels import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def pieces_of(kind, radius, a, b):
     """Pieces of a curve from pose a to pose b; zeros for a straight motion."""
     if radius is not None and kind >= DUBINS:
@@ -18,7 +17,7 @@ def pieces_of(kind, radius, a, b):
     return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def pose_along(kind, pieces, length, a, b, share):
     """Pose at a share of the length of the motion from a to b, with what `pieces_of` gives."""
     dx, dy = b[0] - a[0], b[1] - a[1]

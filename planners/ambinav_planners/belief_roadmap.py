@@ -24,11 +24,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.steering import DUBINS
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 from ambinav_planners.along import pieces_of, pose_along
 from ambinav_planners.graph import MotionGraph
@@ -131,7 +131,7 @@ class BeliefRoadmap:
         return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _transfers(
     begin, end, kind, radius, poses, first, target, length, step, variances, scans,
     xx, xy, yy, turn, left, low, inverse, carry, noise, seen,
@@ -159,7 +159,7 @@ def _transfers(
             carry[e], noise[e], seen[e] = f, n, o
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motion_step(before, after, ds, variances):
     """Jacobian and noise of a short stretch of ds metres between two poses."""
     along, across, drift, turn = variances

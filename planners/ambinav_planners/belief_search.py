@@ -27,10 +27,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.service.field import value_at
 from ambinav.threads import run_rows
 from ambinav_planners.along import pieces_of, pose_along
@@ -205,7 +205,7 @@ def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _grow(
     begin, end, kind, radius, poses, first, target, length, piece, weak, left, low, inverse,
     q, scan_distance, add, shrink,
@@ -230,7 +230,7 @@ def _grow(
                     add[at], shrink[at] = root * turned, turned / root
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _std_along(piece, add, shrink, motions, std, out):
     p = std * std
     out[0] = std
@@ -241,7 +241,7 @@ def _std_along(piece, add, shrink, motions, std, out):
         out[k + 1] = math.sqrt(p)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _search(
     first, target, length, piece, add, shrink, price, variance, most, most_at_goal, margin,
     ahead, start, goal,

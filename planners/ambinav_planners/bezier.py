@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ambinav.kernels import kernel
 from ambinav_planners.improve_kernel import put, route_price, short_way, turn_at
 
 # Corners that turn by less, radians, are left as they are.
@@ -25,7 +25,7 @@ HALVINGS = 6
 SAME_PLACE = 1e-6
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def corner_curve(a, corner, b, offset, pieces, out):
     """Points of the curve around a corner, from `offset` metres before to as much behind it.
 
@@ -58,7 +58,7 @@ def corner_curve(a, corner, b, offset, pieces, out):
         out[k, 2] = t0 + s * short_way(t1 - t0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def round_corners(kind, radius, poses, field, walls):
     """Round every corner by the curve that costs least, if one costs no more than the corner.
 
@@ -118,6 +118,6 @@ def round_corners(kind, radius, poses, field, walls):
     return out[: size + 1].copy()
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _same_place(a, b):
     return math.hypot(a[0] - b[0], a[1] - b[1]) < SAME_PLACE

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ambinav.geometry.curves import motion_length
 from ambinav.geometry.sweep import motion_free
+from ambinav.kernels import kernel
 from ambinav.service.motion import motion_integral
 
 # A motion counts this much, metres-equivalent, when chains are compared: of two that cost the
@@ -21,7 +21,7 @@ CLOSER = 0.25
 WIDENING = 0.5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def put(pose, out, row):
     """Write a pose to a row of poses.
 
@@ -30,7 +30,7 @@ def put(pose, out, row):
     out[row, 0], out[row, 1], out[row, 2] = pose[0], pose[1], pose[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def stations(poses, spacing):
     """Poses along straight motions, at most `spacing` apart, closer around what turns.
 
@@ -76,20 +76,20 @@ def stations(poses, spacing):
     return out[:size].copy()
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _step(along, length, near, far, spacing):
     # Towards the far end a step is as long as one that comes from there.
     left = max(length - along, 0.0)
     return min(spacing, near + WIDENING * along, (far + WIDENING * left) / (1.0 + WIDENING))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def short_way(angle):
     """An angle, radians, brought into [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def travelled(kind, radius, poses):
     """Metres travelled from the start to each pose of a route, shape (N,)."""
     out = np.zeros(poses.shape[0])
@@ -101,7 +101,7 @@ def travelled(kind, radius, poses):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def turn_at(poses, i):
     """By how much the travel turns at vertex i, radians, left positive; 0 where it stands."""
     ax, ay = poses[i, 0] - poses[i - 1, 0], poses[i, 1] - poses[i - 1, 1]
@@ -109,7 +109,7 @@ def turn_at(poses, i):
     return math.atan2(ax * by - ay * bx, ax * bx + ay * by)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def beside(poses, step, share, sides):
     """Candidates to the left and right of every pose but the first and the last.
 
@@ -148,7 +148,7 @@ def beside(poses, step, share, sides):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def headings(poses, step, sides):
     """Candidates for the headings: along the travel first, then as they are, then turned.
 
@@ -175,7 +175,7 @@ def headings(poses, step, sides):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def route_price(kind, radius, poses, limit, field, walls):
     """Cost of a route, shape (N, 3), from a free pose; inf if above `limit` or not free."""
     total = 0.0
@@ -195,7 +195,7 @@ def route_price(kind, radius, poses, limit, field, walls):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def cheapest_chain(kind, radius, candidates, first, least, field, walls):
     """The cheapest free chain of motions from the first station to the last.
 

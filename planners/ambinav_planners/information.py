@@ -23,10 +23,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.field import Field, value_at
 from ambinav.threads import run_rows
@@ -118,7 +118,7 @@ def _told(ratio: Floats, radius: Floats, finest: float) -> Floats:
     return np.asarray(np.minimum(told, 1.0 / finest**2))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def information_at(x, y, theta, xx, xy, yy, turn, left, low, inverse):
     """The four entries of the information matrix at a pose that are not zero."""
     u, v = (x - left) * inverse, (y - low) * inverse
@@ -128,7 +128,7 @@ def information_at(x, y, theta, xx, xy, yy, turn, left, low, inverse):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _at(begin, end, poses, xx, xy, yy, turn, left, low, inverse, out):
     for i in range(begin, end):
         x, y, theta = poses[i]

@@ -12,10 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav_planners.graph import MotionGraph
 
 Floats = NDArray[np.float64]
@@ -72,7 +72,7 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def grown(array):
     """A copy of twice the length."""
     out = np.empty(2 * array.size, dtype=array.dtype)
@@ -80,7 +80,7 @@ def grown(array):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def push(keys, items, size, key, item):
     """Add an item to a heap of four children a node; the arrays must have room for it."""
     at = size
@@ -93,7 +93,7 @@ def push(keys, items, size, key, item):
     keys[at], items[at] = key, item
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def drop_first(keys, items, size):
     """Take the first item out of a heap of `size` items."""
     last = size - 1
@@ -114,7 +114,7 @@ def drop_first(keys, items, size):
     keys[at], items[at] = key, item
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def motions_back(label, parent, motion):
     """Motions from a label back to the first one."""
     count, at = 0, label
@@ -128,7 +128,7 @@ def motions_back(label, parent, motion):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def reversed_graph(first, target):
     """The graph by its targets: first motion of each, and source and number of the motions."""
     nodes = first.size - 1
@@ -148,7 +148,7 @@ def reversed_graph(first, target):
     return begin, source, motion
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _dijkstra(first, target, motion, cost, start):
     nodes = first.size - 1
     best = np.full(nodes, math.inf)

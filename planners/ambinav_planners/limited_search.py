@@ -13,10 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.labels import (
     Way,
@@ -78,7 +78,7 @@ def limited_search(
     return way_back(graph, start, motions, total, labels) if labels >= 0 else None
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _search(
     first, target, length, cost, head, tail, longest, whole, limit, ahead, start, goal
 ):  # fmt: skip

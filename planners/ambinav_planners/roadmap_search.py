@@ -14,10 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav_planners.belief_roadmap import BeliefRoadmap
 from ambinav_planners.labels import (
     Way,
@@ -163,7 +163,7 @@ def _check_measure(measure: str) -> None:
         raise InputError(f"measure is {measure!r}; choose from {', '.join(MEASURES)}.")
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _deviation(s, weak):
     trace = s[0, 0] + s[1, 1]
     if weak:
@@ -171,7 +171,7 @@ def _deviation(s, weak):
     return math.sqrt(max(trace, 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def no_larger(one, other, margin):
     """Whether covariance `one` is at most margin times the other in every direction.
 
@@ -194,7 +194,7 @@ def no_larger(one, other, margin):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
     """The least deviation that any way can end with.
 
@@ -229,7 +229,7 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
         nodes, f, n, o = before, fs, ns, os
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _covered(last, before, covariance, found, margin, weak, exact):
     """Whether one of the labels of a node, from the last one back, leaves no more."""
     if not exact:  # the last one has the lowest deviation
@@ -244,7 +244,7 @@ def _covered(last, before, covariance, found, margin, weak, exact):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _search(
     first, target, length, carry, noise, seen, covariance, weight, weak, most, most_at_goal,
     margin,

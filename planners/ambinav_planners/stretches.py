@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.service.field import Field, value_at
 from ambinav.threads import run_rows
 from ambinav_planners.along import pieces_of, pose_along
@@ -65,7 +65,7 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
     return Stretches(head, tail, longest, whole)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _bad_stretches(
     begin, end, kind, radius, poses, first, target, length, values, left, low, inverse, level,
     head, tail, longest, whole,
@@ -78,7 +78,7 @@ def _bad_stretches(
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _bad_stretch(kind, radius, a, b, length, values, left, low, inverse, level):
     """Head, tail and longest bad stretch of one motion, and whether all of it is bad."""
     per_turn = values.shape[2] / (2.0 * math.pi)

@@ -27,8 +27,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ambinav.kernels import kernel
 
 Floats = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ class Transfer:
         return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def compose(f1, n1, o1, f2, n2, o2):
     """Blocks F, N, O of two stretches in a row."""
     room = _product(n1, o2)
@@ -85,7 +86,7 @@ def compose(f1, n1, o1, f2, n2, o2):
     return _product(f2, passed), _symmetric_sum(n2, noise), _symmetric_sum(o1, seen)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def carried(f, n, o, covariance):
     """A covariance at the end of a stretch."""
     room = _product(covariance, o)
@@ -95,7 +96,7 @@ def carried(f, n, o, covariance):
     return _symmetric_sum(n, _product(_product(f, left), f.T))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _product(a, b):
     # For matrices this small a loop is several times faster than a call of BLAS.
     size = a.shape[0]
@@ -107,7 +108,7 @@ def _product(a, b):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _symmetric_sum(a, b):
     """A symmetric matrix plus one that is symmetric but for rounding."""
     size = a.shape[0]
@@ -118,7 +119,7 @@ def _symmetric_sum(a, b):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _solved(matrix, first, second):
     """matrix^-1 first and matrix^-1 second, by elimination with row pivots."""
     size = matrix.shape[0]

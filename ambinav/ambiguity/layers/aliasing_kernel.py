@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
@@ -32,6 +31,7 @@ from ambinav.ambiguity.layers.aliasing_sieve import count_odd, holds, sift, stri
 from ambinav.ambiguity.layers.aliasing_signature import SLACK, Signatures, slides
 from ambinav.ambiguity.layers.aliasing_tree import Tree
 from ambinav.ambiguity.returns import LANES
+from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 
 # Row of the slides, beside those of `Returns.data`.
@@ -47,7 +47,7 @@ Rows = tuple[NDArray[np.float32], tuple[NDArray[np.float32], ...]]
 ROUNDING = 1e-3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def turned(wide, q, k, turns, out, to):
     """Copy scan q, turned by k, into out[to]; `wide` of `orbit_rows`, out of shape (2, 5, P)."""
     q, shift, n, to = U(q), U(k), U(turns), U(to)
@@ -58,7 +58,7 @@ def turned(wide, q, k, turns, out, to):
                 out[to, row, begin + i] = wide[q, row, j, i + shift]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def gap_evidence(wide, p, q, k, limit, icap, softness, reach):
     """Evidence that is left, at the least, if the offset may slide each beam by reach * slide.
 
@@ -89,7 +89,7 @@ def gap_evidence(wide, p, q, k, limit, icap, softness, reach):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def evidence_at(pair, limit, icap, use, evidence, ox, oy, ot):
     """Capped evidence against the two scans being one, the second one's pose moved by (o)."""
     total = F0
@@ -108,7 +108,7 @@ def evidence_at(pair, limit, icap, use, evidence, ox, oy, ot):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
     """Whether any ring of offsets leaves so little evidence that the scans may be alike."""
     share = threshold / RINGS
@@ -130,7 +130,7 @@ def possible(wide, p, q, k, limit, icap, softness, tau, threshold):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def keep_best(near, like, where, count, best):
     """Write the places of the most alike, at least `near` apart, into `best`; -1 for none."""
     best[:] = -1
@@ -149,7 +149,7 @@ def keep_best(near, like, where, count, best):
                 alive[i] = False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
     """I of the pair, the best offset, the evidence there per tau, and Phi."""
     alike, ox, oy, ot, _, _, _, _ = compare(pair, 0, 1, limit, icap, use, evidence, tau, c0, c2)
@@ -158,7 +158,7 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
     return alike, ox, oy, ot, apart, apart + 0.5 * ((ox * ox + oy * oy) / c0 + ot * ot / c2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def approach(
     begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
 ):  # fmt: skip
@@ -190,7 +190,7 @@ def approach(
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def search_one(
     p, blocks, wide, orbits, limit, icap, use, evidence, told, x, y, heading, place,
     turns, tau, c0, c2, codes, above, blind, odd, stride, block_low, block_high, lows, widths,
@@ -256,7 +256,7 @@ def search_one(
             found[rank, 3] = like[best[rank]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _search(
     low, high, bundles, poses, wide, orbits, limit, icap, use, evidence, told, x, y, heading,
     place, turns, tau, c0, c2, codes, above, blind, odd, stride, skip, first, last, node_low,

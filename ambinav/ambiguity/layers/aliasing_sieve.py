@@ -9,15 +9,15 @@ two threads that count one array's references wait for each other.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ambinav.ambiguity.kernel import U
+from ambinav.kernels import kernel
 
 CHECK = 12
 """Beams between two looks whether any turn is left."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fewest(acc):
     """The least of the counts."""
     least = np.uint8(255)
@@ -26,7 +26,7 @@ def fewest(acc):
     return least
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def count_odd(bottom, top, p, beams, lows, widths, block, offset, odd, acc):
     """Count in `acc` the beams outside the intervals of each lane; False: too many in all.
 
@@ -64,7 +64,7 @@ def count_odd(bottom, top, p, beams, lows, widths, block, offset, odd, acc):
     return fewest(acc) <= odd
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def holds(low, high, box, least, most, p, blind, odd):
     """Whether a box may hold a signature between least[p] and most[p]."""
     for level in range(least.shape[1]):
@@ -76,14 +76,14 @@ def holds(low, high, box, least, most, p, blind, odd):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def strides(told, stride):
     """The beams that tell something, in strides, so that the first ones see to all sides."""
     order = np.arange(told.size) * stride % told.size
     return order[told[order]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def sift(
     poses, told, codes, above, blind, odd, stride, skip, first, last, node_low, node_high,
     block_low, block_high, lows, widths, offset, lanes, passed,

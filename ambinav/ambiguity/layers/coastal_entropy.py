@@ -34,7 +34,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
@@ -45,6 +44,7 @@ from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.errors import InputError
 from ambinav.geometry.lattice import STEPS
+from ambinav.kernels import kernel
 from ambinav.sensing.fields import as_number
 from ambinav.threads import run_rows
 
@@ -121,7 +121,7 @@ def _among_people(
     return thinned
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def entropy_at(
     row, column, index, first, marks, offsets, data, limit, icap, use, evidence, tau, c0, c2
 ):
@@ -142,7 +142,7 @@ def entropy_at(
     return math.log(total) - weighted / total, count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _entropies(
     low, high, begin, first, rows_columns, index, links, steps, offsets, data, limit, icap, use,
     evidence, tau, c0, c2, out,

@@ -17,7 +17,6 @@ measures what a scan is off by across the surface and so is not drawn by grazing
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.layers.ground import Ground
@@ -25,6 +24,7 @@ from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables, cast_tables, work_space
 from ambinav.localization.information import (
     BeamNoise,
@@ -136,7 +136,7 @@ def _gradients(
     return gradient, 1.0 / lines[:, :, 4]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _lines(low, high, poses, cast, noise, out):
     """Write `information.beam_lines` at each pose (N, 3) to `out` (N, B, 5), which is zero."""
     beams = noise.far.size

@@ -27,7 +27,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.layers.bands import bands
@@ -35,6 +34,7 @@ from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
+from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
@@ -147,7 +147,7 @@ def _why_not(scanner: RangeScanner) -> str | None:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _ranks(
     low, high, begin, first, rows_columns, index, links, distance, cosine, sine, spacing,
     tolerance, out,
@@ -174,7 +174,7 @@ def _ranks(
         out[p - begin] = mask
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def moved(distance, own, other, k, step):
     """Step to another cell and change of ray k's range on it; none where it has no hit."""
     if other < 0 or not np.isfinite(distance[other, k]):
@@ -182,7 +182,7 @@ def moved(distance, own, other, k, step):
     return step, distance[other, k] - own
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def full_rank(distance, i, k, east, west, north, south, cosine, sine, spacing, tolerance):
     """1 if the hit of ray k moves in two directions with x, y and heading, else 0."""
     count = cosine.size

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import scan_rays
+from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
@@ -66,7 +66,7 @@ def beam_hits(
     return hits
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _nearest(
     low, high, distance, segment, incidence, normals, kinds, angles, start, limit, steepest,
     out_distance, out_normal, out_angle, out_kind,

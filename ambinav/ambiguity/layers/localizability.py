@@ -22,7 +22,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.ground import Ground
@@ -31,6 +30,7 @@ from ambinav.ambiguity.layers.occupancy import Occupancy, grid_range, occupancy
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.standing import can_stand
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.localization.information import TABLE, BeamNoise, beam_noise
 from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
@@ -150,7 +150,7 @@ def _possible_around(ground: Ground, poses: Floats, step: float, turn: float) ->
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
     """Each beam's expected range at a pose; its variance is added to `spread`, nan if unknown."""
     co, si = math.cos(theta), math.sin(theta)
@@ -169,7 +169,7 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
         spread[b] += told
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _matrices(
     begin, end, poses, possible, grid, origin, look, start, near, far, variance, step, turn, out
 ):  # fmt: skip

@@ -16,7 +16,6 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_cdt
 
@@ -25,6 +24,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.grid import SegmentGrid
 from ambinav.geometry.raycast import clearances
 from ambinav.geometry.segments import Segments
+from ambinav.kernels import kernel
 
 PEAK: Final = 0.97
 """Occupancy of a cell that a wall runs through: as much as a mapper holds possible."""
@@ -113,7 +113,7 @@ def _distance(
     return clearances(SegmentGrid.build(some), x, y, limit)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def hazard_at(gx, gy, hazard):
     """Hazard at a place given in cells, linear between the centres of cells."""
     u, v = gx - 0.5, gy - 0.5
@@ -127,7 +127,7 @@ def hazard_at(gx, gy, hazard):
     return low * (1.0 - v) + high * v
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def grid_range(px, py, ux, uy, limit, grid, most=math.inf):
     """Mean (metres) and variance (square metres) of the range along a ray on an `Occupancy`.
 

@@ -28,7 +28,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, U, X, Y, invert
@@ -37,6 +36,7 @@ from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
+from ambinav.kernels import kernel
 from ambinav.sensing.fields import as_count, as_number
 from ambinav.threads import run_rows
 
@@ -102,7 +102,7 @@ def perturbation(
     }
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@kernel(fastmath=FAST)
 def recover(data, p, m, limit, icap, use, off, prior, guess, room, tau):
     """One step: the estimate that fits the scan at p best, linearised at m.
 
@@ -159,7 +159,7 @@ def recover(data, p, m, limit, icap, use, off, prior, guess, room, tau):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def cell_at(row, column, index, first, last, possible):
     """Row in the data of the possible cell at this place of the lattice, -1 if there is none."""
     if row < 0 or column < 0 or row >= index.shape[0] or column >= index.shape[1]:
@@ -168,7 +168,7 @@ def cell_at(row, column, index, first, last, possible):
     return q - first if first <= q < last and possible[q - first] else -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def error_left(
     row, column, way, link, steps, index, first, last, links, possible, spacing, data, limit, icap,
     use, size, sigma, tau, iterations,
@@ -205,7 +205,7 @@ def error_left(
     return x, y
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _errors(
     low, high, begin, first, last, rows_columns, index, links, possible, ways, link, steps, spacing,
     data, limit, icap, use, size, sigma, tau, iterations, out,

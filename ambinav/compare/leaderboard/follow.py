@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.drive.course import Course
 from ambinav.drive.follower import pursue
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
+from ambinav.kernels import kernel
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def as_actions(want: Floats, robot: Robot, min_speed: float) -> Floats:
     return actions
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _steer(
     belief, speeds, first, points, along, way, end, goal, turns, piece, stage, p, limits, dt, want
 ):  # fmt: skip

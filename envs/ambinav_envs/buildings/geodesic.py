@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ambinav.geometry import lattice
+from ambinav.kernels import kernel
 
 STEPS = np.vstack(
     [lattice.STEPS, [[2, 1], [1, 2], [-1, 2], [-2, 1], [-2, -1], [-1, -2], [1, -2], [2, -1]]]
@@ -33,7 +33,7 @@ _UPWARDS = np.array([6, 2])
 _SLANTING = np.array([[5, 7], [3, 1]])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def geodesic(seeds, first, moves, links, prices, spacing, field):
     """Write what the cheapest way from each cell to the seeds costs, metres at their prices.
 
@@ -102,7 +102,7 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
     _fill(flat, links.ravel(), price, offsets, lengths, headings)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def follow(moves, prices, spacing, field, towards):
     """Write where the way leads from each cell, of a field by `geodesic`.
 
@@ -135,7 +135,7 @@ def follow(moves, prices, spacing, field, towards):
                         least, towards[row, column] = left, k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _step_headings(count):
     """Which of so many headings a robot has that comes to a cell from its neighbours at `STEPS`."""
     turns = np.empty(len(STEPS), dtype=np.int64)
@@ -144,7 +144,7 @@ def _step_headings(count):
     return turns
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def heading_of(dx, dy, count):
     """Which of so many headings is nearest to a direction."""
     if count == 1:
@@ -152,13 +152,13 @@ def heading_of(dx, dy, count):
     return int(math.floor(math.atan2(dy, dx) * count / (2.0 * math.pi) + 0.5)) % count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _cost(price, cell, other, heading, length):
     """What a step costs that is so many metres long."""
     return length * (np.float32(0.5) * (price[cell, heading] + price[other, heading]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _fill(flat, links, price, offsets, lengths, headings):
     """Go on from the cells that have a distance into those that no wall parts from them.
 
@@ -192,7 +192,7 @@ def _fill(flat, links, price, offsets, lengths, headings):
                         count += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def distance_at(x, y, field, links, low_x, low_y, inverse):
     """What is left of the way from a point, as in the field; inf where none leads to the goal.
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
@@ -16,6 +15,7 @@ from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.sweep import line_free
+from ambinav.kernels import kernel
 from ambinav.service.field import Field
 from ambinav.threads import run_rows
 from ambinav_envs.buildings.geodesic import LENGTHS, SIDES, STEPS, distance_at
@@ -175,7 +175,7 @@ def _labels(free: NDArray[np.bool_], moves: NDArray[np.uint16]) -> NDArray[np.in
     return labels
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _flood(free, moves, columns, labels):
     """Number the parts of the free cells in the order of their first cells."""
     stack = np.empty(free.size, dtype=np.int32)
@@ -196,7 +196,7 @@ def _flood(free, moves, columns, labels):
         part += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _join(low, high, room, links, spacing, low_x, low_y, table, bound, forbidden, moves):
     """Write `Places.moves`."""
     rows, columns = room.shape

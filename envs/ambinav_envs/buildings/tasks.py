@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.sweep import line_free
+from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
 from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic, heading_of
 from ambinav_envs.buildings.places import MARGIN, Places, PlaceTable
@@ -185,7 +185,7 @@ def _no_task(places: Places, shortest: float, longest: float, end: str, farthest
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def draw_into(state, shortest, longest, table, field, task):
     """Draw a start and a goal.
 
@@ -217,7 +217,7 @@ def draw_into(state, shortest, longest, table, field, task):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def start_for(state, shortest, longest, label, table, field, task):
     """Draw a start for a goal whose field and label are known.
 
@@ -245,7 +245,7 @@ def start_for(state, shortest, longest, label, table, field, task):
     return start >= 0, away, far_end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def draw_places(state, table, points):
     """Draw places where the robot can stand with `MARGIN` to spare, to `points` (N, 2)."""
     for k in range(len(points)):
@@ -253,7 +253,7 @@ def draw_places(state, table, points):
         points[k, 0], points[k, 1] = _beside(state, cell, table)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def spread_from(x, y, table, field):
     """Write what the way to a place where the robot fits costs to `field`; see `geodesic`.
 
@@ -274,7 +274,7 @@ def spread_from(x, y, table, field):
     return table.labels.ravel()[seeds[0]] if count > 0 else -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _joined(x, y, table, seeds, first):
     """Write the cells that a place is joined to and how far they are, metres; how many."""
     rows, columns = table.room.shape
@@ -295,7 +295,7 @@ def _joined(x, y, table, seeds, first):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _pick(state, shortest, longest, label, table, field):
     """Draw one of the cells to stand at with this label and within these distances.
 
@@ -324,7 +324,7 @@ def _pick(state, shortest, longest, label, table, field):
     return -1, farthest, far_end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _beside(state, cell, table):
     """A point drawn from the disc about a cell's centre that leaves the robot its margin."""
     x, y = _centre(cell, table)
@@ -334,7 +334,7 @@ def _beside(state, cell, table):
     return x + radius * math.cos(angle), y + radius * math.sin(angle)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _centre(cell, table):
     columns = table.room.shape[1]
     return (
@@ -343,6 +343,6 @@ def _centre(cell, table):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _read(x, y, table, field):
     return distance_at(x, y, field, table.links, table.low_x, table.low_y, 1.0 / table.spacing)

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables, cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
 from ambinav.localization.random import uniform, ziggurats
@@ -101,7 +101,7 @@ def eyes_of(scanner: RangeScanner, tables: CastTables) -> Eyes:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def look(memory, eyes, i, scratch):
     """Read the scanner of robot i where it truly is, into `Memory.readings`."""
     state, settings = memory.state[i], memory.settings[0]
@@ -117,7 +117,7 @@ def look(memory, eyes, i, scratch):
     capture(scratch.ranges, eyes, state.random[EYES], scratch.noise, memory.readings, i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def capture(ranges, eyes, random, noise, readings, row):
     """One reading of each true range: bias and noise, resolution, random and lost ones.
 
@@ -141,7 +141,7 @@ def capture(ranges, eyes, random, noise, readings, row):
         _confuse(eyes.reading[s], random, readings[row, first:end])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _err(ranges, shifts, stds, sensor, noise):
     """Make standard normal numbers what a sensor measures, metres: nan where the range is nan."""
     least, most, steady = sensor[0], sensor[1], sensor[6]
@@ -162,7 +162,7 @@ def _err(ranges, shifts, stds, sensor, noise):
         noise[b] = d + shift + std * noise[b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _round(values, sensor, readings):
     """Readings of what is measured: the middles of bins; inf no echo, -inf too near (or nan)."""
     least, most, resolution, last = sensor[0], sensor[1], sensor[2], sensor[3] - 1.0
@@ -173,7 +173,7 @@ def _round(values, sensor, readings):
         readings[b] = middle if values[b] >= least else -math.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _confuse(sensor, random, readings):
     """Put random readings and lost ones in the place of some."""
     least, most, resolution, bins, odd, lost = sensor[:6]

@@ -5,39 +5,27 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ambinav.kernels import kernel
 from ambinav.localization.information import TABLE
-from ambinav.provenance import code_digest
 from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.layout import SETTINGS, STATE, WHERE, Memory, record
 from ambinav_envs.simulation.pointers import address, array_at
 
-
-def record_for(code: str) -> np.dtype[np.void]:
-    """The type of the record for a checksum of the code, which is part of it.
-
-    numba keeps machine code by the file of the function and by the types of its arguments. It would
-    load that of other layouts, or of other functions that are called, where the file is the same.
-    """
-    whole = np.int64
-    return record(
-        **{f"code_{code}": whole},
-        # How many robots, people and boxes around each.
-        robots=whole, persons=whole, most_boxes=whole,
-        # Of `Memory`.
-        state=whole, where=whole, people=whole, boxes=whole, readings=whole, settings=whole,
-        # Sizes of the arrays of `Eyes`.
-        groups=whole, rays=whole, beams=whole, sensors=whole, edges=whole,
-        # And these.
-        origin=whole, first=whole, cosine=whole, sine=whole, beam=whole, limit=whole,
-        incidence=whole, start=whole, reach=whole, plain=whole, anchor=whole, near=whole,
-        far=whole, sensor=whole, shift=whole, std=whole, run=whole, reading=whole,
-    )  # fmt: skip
-
-
-FIXED = record_for(code_digest()[:16])
+_WHOLE = np.int64
+FIXED = record(
+    # How many robots, people and boxes around each.
+    robots=_WHOLE, persons=_WHOLE, most_boxes=_WHOLE,
+    # Of `Memory`.
+    state=_WHOLE, where=_WHOLE, people=_WHOLE, boxes=_WHOLE, readings=_WHOLE, settings=_WHOLE,
+    # Sizes of the arrays of `Eyes`.
+    groups=_WHOLE, rays=_WHOLE, beams=_WHOLE, sensors=_WHOLE, edges=_WHOLE,
+    # And these.
+    origin=_WHOLE, first=_WHOLE, cosine=_WHOLE, sine=_WHOLE, beam=_WHOLE, limit=_WHOLE,
+    incidence=_WHOLE, start=_WHOLE, reach=_WHOLE, plain=_WHOLE, anchor=_WHOLE, near=_WHOLE,
+    far=_WHOLE, sensor=_WHOLE, shift=_WHOLE, std=_WHOLE, run=_WHOLE, reading=_WHOLE,
+)  # fmt: skip
 """What stays the same from step to step, as addresses like those of `layout.GROUND`.
 
 To hand numba some thirty arrays takes longer than to step a robot.
@@ -66,7 +54,7 @@ def fixed_of(memory: Memory, eyes: Eyes) -> NDArray[np.void]:
     return fixed
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def memory_at(fixed):
     """`Memory`."""
     robots = fixed.robots
@@ -80,7 +68,7 @@ def memory_at(fixed):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def eyes_at(fixed):
     """`Eyes`."""
     rays, beams, sensors = fixed.rays, fixed.beams, fixed.sensors

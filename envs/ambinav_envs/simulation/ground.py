@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ambinav.kernels import kernel
 from ambinav.localization.casting import CastTables
 from ambinav.localization.information import TABLE, BeamNoise
 from ambinav_envs.simulation.layout import GROUND
@@ -14,13 +14,13 @@ from ambinav_envs.simulation.pointers import array_at, fetch
 _BESIDE = 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def ground_of(where):
     """The `GROUND` around a robot."""
     return array_at(where.ground, (1,), GROUND)[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def cast_tables_of(ground, eyes):
     """`CastTables` of a building and a scanner."""
     halves, edges, items = ground.half_edges, ground.edges, ground.items
@@ -41,7 +41,7 @@ def cast_tables_of(ground, eyes):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def beam_noise_of(ground, eyes):
     """`BeamNoise` of a building and a scanner."""
     sensors = eyes.shift.shape[0]
@@ -56,7 +56,7 @@ def beam_noise_of(ground, eyes):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def walls_of(ground):
     """The first two of `CollisionChecker.arrays`."""
     return (
@@ -65,27 +65,27 @@ def walls_of(ground):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def level_of(ground):
     """The layer of the ambiguity map that rewards and windows show."""
     shape = (ground.map_rows, ground.map_columns, ground.level_headings)
     return array_at(ground.level, shape, np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def fisher_of(ground):
     """The layer `fisher`."""
     shape = (ground.map_rows, ground.map_columns, ground.fisher_headings)
     return array_at(ground.fisher, shape, np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def free_of(ground):
     """Which cells of the ambiguity map are free."""
     return array_at(ground.free, (ground.map_rows, ground.map_columns), np.bool_)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def ways_of(where, ground):
     """What the ways to a robot's goal cost, and what links the cells that have them."""
     shape = (ground.field_rows, ground.field_columns)
@@ -95,13 +95,13 @@ def ways_of(where, ground):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def towards_of(where, ground):
     """Where the ways lead, see `follow`."""
     return array_at(where.towards, (ground.field_rows, ground.field_columns), np.int8)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def expect_ways(x, y, where, ground):
     """Ask for what will be read about the ways from a place.
 

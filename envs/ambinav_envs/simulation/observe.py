@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.geometry.obstacles import around
+from ambinav.kernels import kernel
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
 from ambinav_envs.simulation.ground import free_of, ground_of, level_of, towards_of, walls_of
 
@@ -16,7 +15,7 @@ FAR, MOST_FAR = 10.0, 10.0
 MOST_SPREAD = 2.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def observe(memory, eyes, view, i):
     """Write row i of the observation; see `ambinav_envs.spaces`."""
     state, settings = memory.state[i], memory.settings[0]
@@ -36,7 +35,7 @@ def observe(memory, eyes, view, i):
         polar(x, y, co, si, wx, wy, view.waypoint, i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def polar(x, y, co, si, goal_x, goal_y, out, i):
     """Write distance and the cosine and sine of the bearing of a place; (d, 1, 0) on the spot.
 
@@ -51,7 +50,7 @@ def polar(x, y, co, si, goal_x, goal_y, out, i):
         out[i, 2] = min(max((co * dy - si * dx) / distance, -1.0), 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def _uncertainty(cov, co, si, out, i):
     """Write deviations along the weak axis and across, its double angle, that of the heading."""
     mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
@@ -68,7 +67,7 @@ def _uncertainty(cov, co, si, out, i):
     out[i, 4] = min(math.sqrt(max(cov[2, 2], 0.0)), MOST_SPREAD)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _window(x, y, theta, co, si, ground, settings, out, i):
     """Write what the map says around a pose: ambiguity, and what is free.
 
@@ -102,7 +101,7 @@ def _window(x, y, theta, co, si, ground, settings, out, i):
                     out[i, k] = min(max(values[row, column, heading], 0.0), 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def ahead(x, y, goal, distance, where):
     """The place this far on along the way from (x, y), or the goal if that is nearer."""
     ground = ground_of(where)

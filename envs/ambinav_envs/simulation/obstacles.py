@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.drive.people import KEEP, strolled
 from ambinav.drive.world import BISECTIONS, ROUNDING
 from ambinav.geometry.disc_sweep import place
 from ambinav.geometry.gaps import near_arc, near_line
 from ambinav.geometry.obstacles import in_triangles, nearest_gap
+from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
 
 # How often a place is drawn for a box or a person before it is left out.
@@ -22,7 +21,7 @@ TRIES = 200
 SPARE = 0.1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def shade(x, y, theta, people, radius, boxes, count, row, tables, work, reach):
     """Shorten the rays, cast already, that meet a person or a box before the wall.
 
@@ -89,7 +88,7 @@ def shade(x, y, theta, people, radius, boxes, count, row, tables, work, reach):
                 distance[j], hit[j] = into, -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _clear_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
     """Whether a disc meets no box along a path; see `ambinav.drive.world.path`."""
     qx, qy = place(x, y, ux, uy, bend, length)
@@ -119,7 +118,7 @@ def _clear_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
     """How much of a path a disc gets along before it touches a box; 1 for all.
 
@@ -136,7 +135,7 @@ def free_share_of_boxes(x, y, ux, uy, bend, length, reach, boxes, count, row):
     return low
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def walk(people, row, x, y, settings, table, bound, state):
     """Let the people of one robot, which is at (x, y), walk on for a time step."""
     apart = settings.radius + settings.person_radius + KEEP
@@ -151,13 +150,13 @@ def walk(people, row, x, y, settings, table, bound, state):
         people[row, k, 0], people[row, k, 1], people[row, k, 2] = px, py, t
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def _fits(x, y, radius, table):
     """Whether a disc is in the free space."""
     return in_triangles(x, y, table) and nearest_gap(x, y, radius, table) >= radius
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def gather(people, row, x, y, bounds, settings, table, state):
     """Draw a place and a heading for everyone, off the robot at (x, y); False: no room for one.
 
@@ -187,7 +186,7 @@ def gather(people, row, x, y, bounds, settings, table, state):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def clutter(boxes, row, x, y, goal_x, goal_y, bounds, settings, table, state):
     """Draw boxes that leave the robot a way around them; how many found room.
 

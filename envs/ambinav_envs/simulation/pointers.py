@@ -10,10 +10,12 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import carray, njit, types
+from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from ambinav.kernels import kernel
 
 
 def address(array: NDArray[Any], dtype: Any) -> int:
@@ -63,7 +65,7 @@ def _uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return array._getvalue()
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="always")
 def array_at(address, shape, dtype):
     """The C-contiguous array of a shape and a type that lies at an address."""
     return carray(_pointer(address), shape, dtype)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from ambinav.drive.follower import limited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import reckon, report
 from ambinav.drive.world import free_share, path, unicycle
+from ambinav.kernels import kernel
 from ambinav.localization.ekf_update import scratch_for, update_pose
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.random import ziggurat
@@ -72,7 +71,7 @@ STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
 BLOCK = 16
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def move(memory, i, speed, rate):
     """Let robot i try to drive at a speed and a turn rate, and its odometry report that."""
     state, settings, where = memory.state[i], memory.settings[0], memory.where[i]
@@ -109,7 +108,7 @@ def move(memory, i, speed, rate):
         walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def localize(memory, eyes, i, scratch):
     """Let the localizer of robot i, if it is a kernel, take in the readings."""
     state, settings = memory.state[i], memory.settings[0]
@@ -126,14 +125,14 @@ def localize(memory, eyes, i, scratch):
                 state.covariance[k, j] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def errors(state):
     """Error of the estimate: metres and radians, both at least 0."""
     dx, dy = state.mean[0] - state.truth[0], state.mean[1] - state.truth[1]
     return math.sqrt(dx * dx + dy * dy), abs(wrapped(state.mean[2] - state.truth[2]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def judge(memory, i, figures):
     """Decide what has become of robot i, and what the step was worth.
 
@@ -189,7 +188,7 @@ def judge(memory, i, figures):
     tell(state, off, figures, i)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def outcome_of(state, settings):
     """What has become of a robot, one of `OUTCOMES` by code."""
     if state.met:
@@ -201,14 +200,14 @@ def outcome_of(state, settings):
     return TIMEOUT if state.steps >= settings.max_steps else RUNNING
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def near(pose, place, radius):
     """Whether a pose is within a radius of a place."""
     dx, dy = place[0] - pose[0], place[1] - pose[1]
     return dx * dx + dy * dy <= radius * radius
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def tell(state, off, figures, i):
     """Write the figures that a reset has too; the costs are there already."""
     figures[i, COST] = figures[i, COST_COLLISION] + figures[i, COST_LOST]
@@ -222,7 +221,7 @@ def tell(state, off, figures, i):
         figures[i, ODOMETRY + k] = state.odometry[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def act(memory, actions, i):
     """Let robot i drive as its action says, see `spaces.continuous`."""
     settings = memory.settings[0]
@@ -232,7 +231,7 @@ def act(memory, actions, i):
     move(memory, i, speed, rate)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@kernel(forceinline=True)
 def place(memory, i):
     """Put boxes and people around robot i, which is at `truth`; whether there is room for them.
 
@@ -252,7 +251,7 @@ def place(memory, i):
     return gather(memory.people, i, x, y, ground.bounds, settings, table, state.random[WALKERS])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def advance(fixed, view, figures, actions, rows, parts):
     """Step some robots, begin their episodes, or do a part of that.
 
