@@ -1,8 +1,10 @@
 """Does `level` depend on a map's cells, and how far do its walls stand from the building's?
 
-- Rasters of one building, with cells of 2.5, 5 and 10 cm, upright and turned, are read as
-  occupancy maps; `level` at the same places, 0.3 m and more from all walls, is compared.
-  Before: the walls' standard deviation was the cell. Now it is `Environment.map_std`.
+- Rasters of one building, with cells of 2.5, 5 and 10 cm, are read as occupancy maps; `level` at
+  the same places, 0.3 m and more from all walls, is compared (median difference). Of every map the
+  window of 24 m with the most walls, for a laser of 4 m; five buildings, upright and turned, for
+  three scanners. Before: the walls' standard deviation was the cell. Now it is
+  `Environment.map_std`.
 - Logs of seven robots: a map is made from every second scan, and the others are laid on it, each
   shifted and turned to fit best; what remains, measured at right angles to the walls, is the noise
   of scanner and walls together. Beams of up to 8 m that meet a wall at 60 degrees of incidence or
@@ -15,26 +17,24 @@ import argparse
 import math
 import os
 import sys
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
-from harness import add_out, report, table
+from harness import add_out, environment_path, report, table
 from numpy.typing import NDArray
+from raster import CELLS, busiest, medians
 
 import ambinav as an
 from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import FREE, OCCUPIED, OccupancyGrid
+from ambinav.geometry.occupancy import load_map_server
 from ambinav.geometry.segments import WALL
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.grid_map import map_from_log
 from ambinav.logs.log import Log
 
-CELLS = (0.025, 0.05, 0.1)
 ANGLES = (0.0, 0.3)
-SPACING = 0.2
-CLEAR = 0.3
 BUILDINGS = (
     "maps/aws_small_house",
     "maps/willow_full_005",
@@ -55,14 +55,27 @@ def main() -> None:
     folder = Path(os.environ.get("AMBINAV_DATA", ""))
     if not (folder / "maps").is_dir():
         sys.exit("bench_cells.py: AMBINAV_DATA must name the folder that holds maps/ and logs/.")
-    demo = Path(__file__).parents[1] / "configs" / "demo.geojson"
-    paths = [demo, *(folder / f"{name}.yaml" for name in BUILDINGS)]
-    rows = [row for path in paths for row in levels(path)]
-    pairs = [f"{a * 100:g} and {b * 100:g} cm" for a, b in combinations(CELLS, 2)]
+    header = [f"{a * 100:g} and {b * 100:g} cm: before, now" for a, b in combinations(CELLS, 2)]
+    kinds = scanners()
+    laser = next(iter(kinds.values()))
+    every = []
+    for path in sorted(folder.glob("*maps*/*.yaml")):
+        window = environment_from_grid(busiest(load_map_server(path)))
+        every.append([path.stem, *row(window, laser, 0.25)])
+        print(every[-1], file=sys.stderr, flush=True)
+    turned = []
+    for path in [environment_path("demo"), *(folder / f"{name}.yaml" for name in BUILDINGS)]:
+        building = an.load_environment(path)
+        for angle, (name, scanner) in product(ANGLES, kinds.items()):
+            cells = row(building.transformed(angle), scanner, 0.2)
+            turned.append([path.stem, f"{angle:g} rad", name, *cells])
+            print(turned[-1], file=sys.stderr, flush=True)
     parts = [
-        "Median difference of `level`, before -> now:",
-        table(("building", "turned by", "scanner", *pairs), rows, words=3),
-        "Standard deviation of walls and scanner, metres, by the cells of the map:",
+        "## Every map",
+        table(("map", *header), every),
+        "## Turned, and for other scanners",
+        table(("building", "turned by", "scanner", *header), turned, words=3),
+        "## Standard deviation of walls and scanner, metres, by the cells of the map",
         table(
             ("log", *(f"{cell * 100:g} cm" for cell in CELLS)),
             [
@@ -87,41 +100,10 @@ def scanners() -> dict[str, an.RangeScanner]:
     return lasers | {"sonar ring": an.RangeScanner.from_preset("polaroid-6500-ring")}
 
 
-def raster(env: Environment, cell: float) -> OccupancyGrid:
-    """Cells are free where their centres are, all others occupied; walls at odd places in them."""
-    xmin, ymin, xmax, ymax = env.bounds
-    left, low = xmin - 2.37 * cell, ymin - 2.37 * cell
-    x = np.arange(left + cell / 2, xmax + 3 * cell, cell)
-    y = np.arange(low + cell / 2, ymax + 3 * cell, cell)
-    free = np.asarray(env.is_free(*np.meshgrid(x, y)))
-    return OccupancyGrid(np.where(free, FREE, OCCUPIED).astype(np.uint8), cell, (left, low, 0.0))
-
-
-def levels(path: Path) -> list[list[str]]:
-    """Rows of the first table for a building."""
-    building = an.load_environment(path)
-    rows = []
-    for angle in ANGLES:
-        turned = building.transformed(angle)
-        drawn = {cell: environment_from_grid(raster(turned, cell)) for cell in CELLS}
-        for name, scanner in scanners().items():
-            medians = []
-            for std in (None, "cell"):
-                found, at = {}, None
-                for cell, env in drawn.items():
-                    amap = an.build_map(env, scanner, SPACING, map_std=cell if std else None)
-                    if at is None:
-                        rows_columns = np.argwhere(amap.dataset["clearance"].values >= CLEAR)
-                        x, y = amap.dataset["x"].values, amap.dataset["y"].values
-                        at = x[rows_columns[:, 1]], y[rows_columns[:, 0]]
-                    found[cell] = np.asarray(amap.sample("level", *at))
-                pairs = combinations(found.values(), 2)
-                medians.append([float(np.nanmedian(np.abs(a - b))) for a, b in pairs])
-            now, before = medians
-            cells = [f"{b:.3f} -> {a:.3f}" for a, b in zip(now, before, strict=True)]
-            rows.append([path.stem, f"{angle:g} rad", name, *cells])
-            print(rows[-1], file=sys.stderr, flush=True)
-    return rows
+def row(building: Environment, scanner: an.RangeScanner, spacing: float) -> list[str]:
+    """Median differences between the rasters, before and now, two by two."""
+    before, now = (medians(building, scanner, spacing, by_cell) for by_cell in (True, False))
+    return [f"{b:.3f}, {a:.3f}" for b, a in zip(before, now, strict=True)]
 
 
 def deviation(path: Path, cell: float) -> float:

@@ -166,6 +166,18 @@ def test_map_can_be_opened(runner, folder):
     assert "plan.zarr" in again.stdout
 
 
+def test_a_map_for_a_body_leaves_out_where_it_does_not_fit(runner, folder):
+    told = []
+    for radius in ("0", "0.3"):
+        result = runner.invoke(app, [*MAP, "--json", "--robot-radius", radius])
+        assert result.exit_code == 0, result.output
+        told.append(json.loads(result.stdout)["cells"])
+    amap = AmbiguityMap.open(folder / json.loads(result.stdout)["output"])
+    assert told[1] < told[0]
+    assert float(np.nanmin(amap.dataset["clearance"])) >= 0.3 - 1e-6
+    assert json.loads(amap.dataset.attrs["parameters"])["robot_radius"] == 0.3
+
+
 BAD = {
     "no such map": (["audit", "none.yaml", "-s", "scanner.yaml", "-o", "out"], "none.yaml"),
     "unknown suffix": (["map", "scanner.txt", "-s", "scanner.yaml", "-o", "out"], "suffix"),
@@ -178,6 +190,7 @@ BAD = {
     "radius inf": ([*MAP, "--radius", "inf"], "--radius: inf"),
     "map-std negative": ([*MAP, "--map-std", "-0.1"], "--map-std: -0.1"),
     "no headings": ([*MAP, "--headings", "0"], "--headings: 0"),
+    "robot radius negative": ([*MAP, "--robot-radius", "-0.2"], "--robot-radius: -0.2"),
     "negative places": ([*AUDIT, "--places", "-3"], "--places: -3"),
     "output is a file": ([*AUDIT, "-o", "plan.geojson"], "is a file"),
     "output is in use": ([*AUDIT, "-o", "."], "plan.geojson"),

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.cli.running import check_writable, not_negative, progress_bars, reporting
 
 
 def build(
@@ -33,6 +33,15 @@ def build(
     headings: options.Headings = None,
     map_std: options.MapStd = None,
     layers: options.Layers = None,
+    robot_radius: Annotated[
+        float,
+        typer.Option(
+            "--robot-radius",
+            metavar="M",
+            help="Leave out poses at which a disc of so many metres would touch a wall; sensors "
+            "never stand in one.",
+        ),
+    ] = 0.0,
     as_json: options.AsJson = False,
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
@@ -41,6 +50,7 @@ def build(
     """
     with reporting():
         options.check_numbers(spacing, radius, headings, map_std)
+        not_negative(robot_radius, "--robot-radius", "0.2")
         from ambinav.maps import schema
         from ambinav.maps.store import check_target
 
@@ -62,6 +72,7 @@ def build(
                 map_std=map_std,
                 progress=bars("ambiguity"),
                 layers=names,
+                robot_radius=robot_radius,
             )
         seconds = time.perf_counter() - start
         amap.save(output)

@@ -243,6 +243,7 @@ def make_map(
     map_std: float | None,
     progress: Progress,
     layers: tuple[str, ...] = (),
+    robot_radius: float = 0.0,
 ) -> AmbiguityMap:
     """Build the map.
 
@@ -260,4 +261,5 @@ def make_map(
         map_std=map_std,
         progress=progress,
         layers=layers,
+        robot_radius=robot_radius,
     )
