@@ -33,9 +33,9 @@ def can_stand(
 ) -> NDArray[np.bool_]:
     """Whether the robot can stand at the poses (x, y, theta).
 
-    It can where its body, a disc, and all of its sensors are in the free space, and no wall parts
-    a sensor from the robot's centre: behind a thin wall a sensor is in free space again, but the
-    robot would stand on both sides.
+    It can where its body, a disc, its centre and all of its sensors are in the free space and touch
+    no wall, and no wall parts a sensor from the robot's centre: behind a thin wall a sensor is in
+    free space again, but the robot would stand on both sides.
 
     Args:
         env: The environment.
@@ -49,6 +49,8 @@ def can_stand(
         Shape (N,).
     """
     good = np.array(env.is_free(x, y, robot_radius), dtype=np.bool_)
+    # On a wall itself it is left to rounding what a sensor in the robot's centre sees.
+    good &= np.asarray(env.clearance(x, y, 2 * TOUCHING)) > TOUCHING
     sensors = np.unique(scanner.mounts[:, :2], axis=0)
     off = np.hypot(*sensors.T)
     sensors, off = sensors[off > AT_CENTRE], off[off > AT_CENTRE]

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -133,8 +134,11 @@ def in_workers(
         try:
             # The first piece goes alone: after an installation it compiles the kernels, which
             # the other processes then only have to load.
-            yield pieces[0], pool.submit(_call, function, pieces[0]).result()
-            pending = {pool.submit(_call, function, piece): piece for piece in pieces[1:]}
+            with _deaf():
+                first = pool.submit(_call, function, pieces[0])
+            yield pieces[0], first.result()
+            with _deaf():
+                pending = {pool.submit(_call, function, piece): piece for piece in pieces[1:]}
             for future in as_completed(pending):
                 yield pending[future], future.result()
         except BrokenProcessPool as error:
@@ -143,6 +147,16 @@ def in_workers(
             ) from error
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Let the processes that begin meanwhile hear no Ctrl-C, until `_begin` has seen to that."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @dataclass
@@ -158,6 +172,7 @@ def _begin(setup: Setup) -> None:
     import numba
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     numba.set_num_threads(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _worker.setup = setup

@@ -46,7 +46,8 @@ def _occupied(lattice: Lattice) -> NDArray[np.bool_]:
 
 def _drawn(lattice: Lattice) -> NDArray[np.bool_]:
     parts = shapely.get_parts(lattice.environment.free).tolist()
-    outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
+    polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
+    outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons])
     # Closed in the sense of morphology: strips between rooms are filled, corners stay.
     wide = shapely.buffer(outlines, 0.5 * THICKEST, join_style="mitre")
     inside = shapely.union(outlines, shapely.buffer(wide, -0.5 * THICKEST, join_style="mitre"))

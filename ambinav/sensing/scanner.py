@@ -293,9 +293,7 @@ class RangeScanner:
         scanner; else this one. A map of it says how ambiguous it is where the scanner stands:
         what it says of a pose of the robot holds no farther from there than the scanner sits off.
         """
-        # To a nanometre, so that a planar scanner stands in the very centre: rays that meet a
-        # corner exactly then take the same side of it as if it had been mounted there.
-        off = np.round(own_centres(self.mounts, self.sensor_of_beam), 9)
+        off = own_centres(self.mounts, self.sensor_of_beam)
         apart = float(np.hypot(*off.T).max())
         if apart < TOLERANCE or apart > OFF_CENTRE + TOLERANCE:
             return self

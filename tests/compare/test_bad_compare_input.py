@@ -60,7 +60,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "one number": (
         lambda p: p["pairs"][0].update(start=[3]),
-        "pairs[0].start: give x and y in metres, and a heading in radians if it matters",
+        "pairs[0].start: give x and y in metres, and a heading in degrees if it matters",
     ),
     "no pair": (lambda p: p.update(pairs=[]), "pairs is []; it should have at least 1 item."),
     "nowhere to go": (

@@ -138,19 +138,19 @@ def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
 def test_spaces(scenario: dict[str, Any], tmp_path: Path, space: str) -> None:
     radius = 0.0 if space == "se2" else 0.4
     scenario["planning"] = {"space": space, "turning_radius": radius, "iterations": 100}
-    scenario["pairs"] = [{"name": "there", "start": [1, 1, 0], "goal": [7, 2, 1.57]}]
+    scenario["pairs"] = [{"name": "there", "start": [1, 1, 0], "goal": [7, 2, 90]}]
     scenario["routes"] = ["shortest"]
     loaded = load_scenario(write(tmp_path, scenario))
     amap = build_map(loaded.environment, loaded.scanner, spacing=0.2)
     (plan,) = make_plans(loaded, amap)
     assert plan.route.planner == "prmstar" and plan.route.steering == Steering(space, radius)
-    np.testing.assert_allclose(plan.route.poses[[0, -1]], [[1, 1, 0], [7, 2, 1.57]])
+    np.testing.assert_allclose(plan.route.poses[[0, -1]], [[1, 1, 0], [7, 2, np.pi / 2]])
 
 
 def test_a_car_that_knows_where_it_is(scenario: dict[str, Any], tmp_path: Path) -> None:
     """Curves are driven, and a localizer without errors gives pictures all the same."""
     scenario["planning"] = {"space": "reeds-shepp", "turning_radius": 0.4, "iterations": 100}
-    scenario["pairs"] = [{"name": "there", "start": [1, 1, 0], "goal": [7, 2, 1.57]}]
+    scenario["pairs"] = [{"name": "there", "start": [1, 1, 0], "goal": [7, 2, 90]}]
     scenario["routes"] = ["shortest"]
     scenario["drive"] = {"runs": 2}
     scenario["localizer"] = "perfect"

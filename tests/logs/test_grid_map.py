@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambinav.errors import InputError
+from ambinav.geometry.environment import MAPPING_STD
 from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN
 from ambinav.geometry.segments import WALL
 from ambinav.logs.carmen import read_carmen
@@ -120,7 +121,7 @@ def test_a_square_room_comes_out_square():
     assert 15.2 < env.free.area < 16.1
     np.testing.assert_allclose(env.bounds, (0, 0, 4, 4), atol=0.06)
     assert (env.segments.kind == WALL).all()
-    assert env.map_std == 0.05
+    assert env.resolution == 0.05 and env.map_std == MAPPING_STD
     ranges = room(40).scanner().scan(env, *room(40).poses.T)
     assert float(np.quantile(np.abs(ranges - room(40).ranges), 0.9)) < 0.08
 

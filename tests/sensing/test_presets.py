@@ -132,7 +132,8 @@ def test_who_looks_all_around() -> None:
     around = {n for n in preset_names() if RangeScanner.from_preset(n).looks_all_around}
     assert around == {
         *("ldrobot-ld19", "polaroid-6500-ring", "rplidar-a1", "rplidar-a2", "rplidar-a3"),
-        *("rplidar-c1", "rplidar-s2", "turtlebot3-lds", "ydlidar-g4", "ydlidar-x4"),
+        *("rplidar-c1", "rplidar-s2", "turtlebot3-lds", "turtlebot3-lds-02"),
+        *("ydlidar-g4", "ydlidar-x4"),
     }
     # The TurtleBot3's laser sits 3.2 cm off the robot's centre: turning on the spot moves it.
     burger = RangeScanner.from_preset("turtlebot3-lds")
