@@ -41,7 +41,7 @@ from ambinav_planners.reachability import NoWayError
 from ambinav_planners.registry import planner
 
 sys.path.insert(0, str(ROOT))
-from tests.geometry.raw_cells import ROUNDING, route_intrusion
+from tests.geometry.raw_intrusion import ROUNDING, route_intrusion
 
 LIBRARIES = ("ambinav", "numba", "numpy", "ompl", "shapely")
 FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")

@@ -12,8 +12,8 @@ from ambinav.geometry.occupancy import load_map_server
 from ambinav.sensing import RangeScanner
 from benchmarks.raster import busiest, medians
 
-DEMO_MEDIAN = 0.008
-MEDIAN = 0.02
+DEMO_MEDIAN = 0.004
+MEDIAN = 0.016
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3])

@@ -18,7 +18,9 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner
 from tests.geometry import scenes
 
-MEDIAN, PERCENTILE_95 = 0.05, 0.10
+# Medians and 95th percentiles a little above those of benchmarks/results/invariance.md.
+TURNED, HALVED, DOUBLED = (0.0025, 0.04), (0.0025, 0.025), (0.005, 0.07)
+RASTERISED, BY_DEFAULT = 0.001, 0.012
 SHIFT = (0.037, 0.061)
 CELL = 0.05
 
@@ -47,10 +49,10 @@ def differences(one: AmbiguityMap, at: Points, other: AmbiguityMap, there: Point
     return found[np.isfinite(found)]
 
 
-def agree(found: Points) -> None:
+def agree(found: Points, most: tuple[float, float]) -> None:
     median, high = np.median(found), np.percentile(found, 95)
     print(f"median {median:.4f}, 95th percentile {high:.4f}")
-    assert median <= MEDIAN and high <= PERCENTILE_95
+    assert median <= most[0] and high <= most[1]
 
 
 @pytest.mark.parametrize("degrees", [0, 6, 18, 30, 42])
@@ -61,7 +63,7 @@ def test_turned_and_shifted(
     other = build_map(demo.transformed(angle, *SHIFT), laser)
     c, s = math.cos(angle), math.sin(angle)
     there = np.array([[c, -s], [s, c]]) @ points + np.array(SHIFT)[:, None]
-    agree(differences(demo_map, points, other, there))
+    agree(differences(demo_map, points, other, there), TURNED)
 
 
 def test_direction_turns_with_the_building(
@@ -89,13 +91,13 @@ def test_half_the_spacing(demo: Environment, laser: RangeScanner, points: Points
     inside = points[:, np.asarray(part.is_free(*points, 0.05))]
     assert inside.shape[1] > 500
     one, other = (build_map(part, laser, spacing=spacing) for spacing in (0.1, 0.05))
-    agree(differences(one, inside, other, inside))
+    agree(differences(one, inside, other, inside), HALVED)
 
 
 def test_twice_the_spacing(
     demo_map: AmbiguityMap, coarse_map: AmbiguityMap, points: Points
 ) -> None:
-    agree(differences(demo_map, points, coarse_map, points))
+    agree(differences(demo_map, points, coarse_map, points), DOUBLED)
 
 
 def test_permuted_beams(demo: Environment, laser: RangeScanner) -> None:
@@ -143,14 +145,14 @@ def test_through_a_rasterised_map(
     tmp_path: Path,
 ) -> None:
     drawn = load_environment(rasterise(demo, tmp_path))
-    # The same uncertainty of the walls on both sides: that of the drawn map is its resolution.
-    one = build_map(demo, laser, spacing=0.2, map_std=CELL)
+    # The same uncertainty of the walls on both sides.
+    one = build_map(demo, laser, spacing=0.2, map_std=drawn.map_std)
     other = build_map(drawn, laser, spacing=0.2)
     clear = points[:, np.asarray(demo.clearance(*points)) > 0.15]
     found = differences(one, clear, other, clear)
     print(f"median {np.median(found):.4f}, 95th percentile {np.percentile(found, 95):.4f}")
-    assert np.median(found) <= 0.10
+    assert np.median(found) <= RASTERISED
     # By the default map_std as well.
     found = differences(coarse_map, clear, other, clear)
     print(f"default map_std: median {np.median(found):.4f}")
-    assert np.median(found) <= 0.10
+    assert np.median(found) <= BY_DEFAULT
