@@ -31,6 +31,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--places", type=int, default=60, help="in each map (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--sigma-theta", type=float, default=0.05, help="radians")
+    parser.add_argument("--scanners", nargs="+", default=list(SCANNERS), choices=list(SCANNERS))
     add_out(parser)
     args = parser.parse_args()
     folder = Path(os.environ.get("AMBINAV_DATA", ""))
@@ -40,7 +42,8 @@ def main() -> None:
     for group in ("maps", "maps_from_logs", "maps_research_only"):
         paths += sorted((folder / group).glob("*.yaml"))
     parts = []
-    for name, (reach, std) in SCANNERS.items():
+    for name in args.scanners:
+        reach, std = SCANNERS[name]
         scanner = an.RangeScanner.planar(
             sensor=an.RangeSensor(max_range=reach, std=std, resolution=0.001),
             beams=60,
@@ -51,7 +54,8 @@ def main() -> None:
             env = an.load_environment(path)
             if env.free.area > GREATEST:
                 continue
-            found = differences(env, scanner, args.places, np.random.default_rng(args.seed))
+            rng = np.random.default_rng(args.seed)
+            found = differences(env, scanner, args.places, args.sigma_theta, rng)
             whole.append(found)
             rows.append((path.stem, *described(found)))
             print(name, *rows[-1], file=sys.stderr, flush=True)
@@ -67,17 +71,25 @@ HEADER = (
 
 
 def differences(
-    env: an.Environment, scanner: an.RangeScanner, count: int, rng: np.random.Generator
+    env: an.Environment,
+    scanner: an.RangeScanner,
+    count: int,
+    sigma_theta: float,
+    rng: np.random.Generator,
 ) -> Floats:
     """Rows of kernel less brute force at both spacings, and the clearance, shape (N, 3)."""
-    coarse, fine = (an.build_map(env, scanner, spacing) for spacing in SPACINGS)
+    coarse, fine = (
+        an.build_map(env, scanner, spacing, sigma_theta=sigma_theta) for spacing in SPACINGS
+    )
     model = json.loads(coarse.dataset.attrs["parameters"])
     known = coarse.dataset["free"].values & (coarse.dataset["unknown"].values < 0.5)
     cells = rng.permutation(np.argwhere(known))[:count]
     rows = []
     for row, column in cells:
         x, y = float(coarse.dataset["x"][column]), float(coarse.dataset["y"][row])
-        true = level(env, scanner, x, y, map_std=model["map_std"], tau=model["tau"])
+        true = level(
+            env, scanner, x, y, map_std=model["map_std"], tau=model["tau"], sigma_theta=sigma_theta
+        )
         kernel = [nearest(coarse, x, y), nearest(fine, x, y)]
         clearance = float(coarse.dataset["clearance"].values[row, column])
         rows.append([kernel[0] - true, kernel[1] - true, clearance])
