@@ -40,10 +40,12 @@ def stands(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> bool:
     """Whether a robot can stand at a pose: no wall within its body, in or before a sensor."""
-    if not env.is_free(x, y):
+    # A body meets the occupied cells of a map, a sensor the walls that its rays meet.
+    body = env.collision if model.robot_radius > 0.0 else env
+    if not (env.is_free(x, y) and body.is_free(x, y)):
         return False
-    a = env.segments.xy[:, :2] - (x, y)
-    e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
+    a = body.segments.xy[:, :2] - (x, y)
+    e = body.segments.xy[:, 2:] - body.segments.xy[:, :2]
     t = np.clip(-(a * e).sum(axis=1) / (e * e).sum(axis=1), 0.0, 1.0)
     if np.hypot(*(a + t[:, None] * e).T).min() < model.robot_radius:
         return False
