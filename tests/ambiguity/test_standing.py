@@ -226,3 +226,15 @@ def test_a_body_keeps_off_cells_that_rays_pass() -> None:
         # What none of the code above says: how far the cell's square is.
         away = np.hypot(*(np.maximum(np.abs(at - 30.5 * 0.05) - 0.025, 0.0) for at in (x, y)))
         assert found[away == 0.0].all() if radius == 0.0 else not found[away < radius].any()
+
+
+def test_on_a_wall_itself_nobody_stands() -> None:
+    env = scenes.room(4.0, 3.0, np.array([[1.0, 1.0, 3.0, 1.0]]))
+    scanner = RangeScanner.planar(LASER, 36, TURN)
+    model = AmbiguityModel(radius=RADIUS, map_std=0.0, tau=1.0)
+    # On a thin wall, at its end, on the border, and a little off each.
+    poses = [(2.0, 1.0), (1.0, 1.0), (0.0, 2.0), (2.0, 1.001), (0.999, 1.0), (0.001, 2.0)]
+    x, y = np.array(poses).T
+    expected = [False, False, False, True, True, True]
+    assert can_stand(env, scanner, x, y, 0.0).tolist() == expected
+    assert [reference.stands(env, scanner, model, *at, 0.0) for at in poses] == expected
