@@ -36,16 +36,23 @@ def cast(env: Environment, x: float, y: float, angle: float) -> tuple[float, int
     return float(t.min()), int(t.argmin()) if np.isfinite(t.min()) else -1
 
 
+def room(env: Environment, x: float, y: float) -> float:
+    """Distance to the nearest segment, metres."""
+    a = env.segments.xy[:, :2] - (x, y)
+    e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
+    t = np.clip(-(a * e).sum(axis=1) / (e * e).sum(axis=1), 0.0, 1.0)
+    return float(np.hypot(*(a + t[:, None] * e).T).min())
+
+
 def stands(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> bool:
     """Whether a robot can stand at a pose: no wall within its body, in or before a sensor."""
-    if not env.is_free(x, y):
+    # A body meets the occupied cells of a map, a sensor the walls that its rays meet.
+    body = env.collision if model.robot_radius > 0.0 else env
+    if not (env.is_free(x, y) and body.is_free(x, y)):
         return False
-    a = env.segments.xy[:, :2] - (x, y)
-    e = env.segments.xy[:, 2:] - env.segments.xy[:, :2]
-    t = np.clip(-(a * e).sum(axis=1) / (e * e).sum(axis=1), 0.0, 1.0)
-    if np.hypot(*(a + t[:, None] * e).T).min() < model.robot_radius:
+    if room(body, x, y) < model.robot_radius or room(env, x, y) <= TOUCHING:
         return False
     for mx, my in np.unique(scanner.mounts[:, :2], axis=0):
         off, angle = math.hypot(mx, my), theta + math.atan2(my, mx)

@@ -108,7 +108,9 @@ class HeadingPart(_Part):
     """The whole floor with the robot at one heading."""
 
     heading_deg: Degrees
-    level: Share = Field(description="mean over the explored, reachable floor")
+    level: Share = Field(
+        description="mean over the explored, reachable floor where the robot can stand at it"
+    )
     shares: dict[str, Share] = Field(description="share of that floor in each zone")
 
 
@@ -320,19 +322,23 @@ def _zones(audit: Audit) -> tuple[ZonePart, ...]:
 
 
 def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
+    """The headings at which the robot can stand anywhere on the floor that counts."""
     if not audit.amap.has_theta:
         return ()
     data = audit.amap.dataset
-    zone, counted = data["zone"].transpose("theta", "y", "x").values, audit.parts.counted
-    if not counted.any():
-        return ()
-    level = data["level"].transpose("theta", "y", "x").values[:, counted].mean(axis=1)
+    zone, level = (data[name].transpose("theta", "y", "x").values for name in ("zone", "level"))
     parts = []
     for k, heading in enumerate(data["theta"].values.tolist()):
-        counts = np.bincount(zone[k][counted], minlength=len(ZONES))[: len(ZONES)]
-        shares = dict(zip(ZONES, (counts / max(counts.sum(), 1)).tolist(), strict=True))
+        stands = audit.parts.counted & audit.amap.possible[:, :, k]
+        if not stands.any():
+            continue
+        counts = np.bincount(zone[k][stands], minlength=len(ZONES))
         parts.append(
-            HeadingPart(heading_deg=math.degrees(heading), level=float(level[k]), shares=shares)
+            HeadingPart(
+                heading_deg=math.degrees(heading),
+                level=float(level[k][stands].mean()),
+                shares=dict(zip(ZONES, (counts / counts.sum()).tolist(), strict=True)),
+            )
         )
     return tuple(parts)
 

@@ -32,7 +32,7 @@ class EkfParameters:
         alpha3: See there.
         alpha4: See there.
         alpha5: See there.
-        map_std: Deviation of the map's walls, metres; None: what the building's file says.
+        map_std: Deviation of the map's walls, metres; None: `Environment.map_std`.
         gate: Beams that are off by more than so many deviations are left out.
 
     Raises:

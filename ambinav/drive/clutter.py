@@ -61,6 +61,7 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
         checksum=environment.checksum,
         resolution=environment.resolution,
         notes=(*environment.notes, f"{len(obstacles)} obstacles were put into it"),
+        extent=environment.extent,
         drivable=None if drivable is None else drivable.difference(solid),
     )
 

@@ -31,8 +31,8 @@ ROBOT_RADIUS: Final = 0.2
 SLACK: Final = 1e-6
 """Metres that the disc may be smaller: a gap of exactly its width is wide enough."""
 QUAD_SEGS: Final = 16
-"""Chords that stand for a quarter of a circle: at a corner a disc may come nearer than its radius
-by 0.12 % of it."""
+"""Chords that stand for a quarter of a circle. An arc of up to one and a half chords is drawn as
+one, so at a corner a disc may come nearer than its radius by 0.27 % of it."""
 MARGIN_SHARE: Final = 0.25
 """Share of the map's rim from which a piece that lies along it is taken for a page's margin."""
 MARGIN_RIVAL: Final = 0.05

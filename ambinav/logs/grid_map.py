@@ -153,5 +153,7 @@ def map_from_log(
         name=log.name,
         resolution=made.resolution,
         notes=(*made.notes, f"Made from {log.scans} scans of the log {log.name}."),
+        extent=made.extent,
+        occupancy=made.occupancy,
         drivable=made.drivable,
     )

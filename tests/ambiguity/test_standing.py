@@ -18,8 +18,10 @@ from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.standing import can_stand, standing_lattice
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.errors import InputError
+from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import STEPS, Lattice
+from ambinav.geometry.occupancy import FREE, OCCUPIED, OccupancyGrid
 from ambinav.maps.zones import NOT_FREE
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
@@ -203,3 +205,36 @@ def test_no_room_anywhere_is_said() -> None:
         build_map(
             scenes.room(2.0, 2.0), RangeScanner.planar(LASER, 24, TURN), 0.2, robot_radius=-1.0
         )
+
+
+def test_a_body_keeps_off_cells_that_rays_pass() -> None:
+    # A single occupied cell in a room of cells of 5 cm: rays pass it, a body does not.
+    state = np.full((60, 60), OCCUPIED, dtype=np.uint8)
+    state[2:-2, 2:-2] = FREE
+    state[30, 30] = OCCUPIED
+    env = environment_from_grid(OccupancyGrid(state, 0.05, (0.0, 0.0, 0.0)))
+    assert env.is_free(30.5 * 0.05, 30.5 * 0.05)
+    scanner = RangeScanner.planar(LASER, 36, TURN)
+    x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(0.25, 2.8, 0.11)]))
+    for radius in (0.0, 0.2):
+        model = AmbiguityModel(radius=RADIUS, map_std=0.0, tau=1.0, robot_radius=radius)
+        found = can_stand(env, scanner, x, y, 0.0, radius)
+        expected = [
+            reference.stands(env, scanner, model, *at, 0.0) for at in zip(x, y, strict=True)
+        ]
+        np.testing.assert_array_equal(found, expected)
+        # What none of the code above says: how far the cell's square is.
+        away = np.hypot(*(np.maximum(np.abs(at - 30.5 * 0.05) - 0.025, 0.0) for at in (x, y)))
+        assert found[away == 0.0].all() if radius == 0.0 else not found[away < radius].any()
+
+
+def test_on_a_wall_itself_nobody_stands() -> None:
+    env = scenes.room(4.0, 3.0, np.array([[1.0, 1.0, 3.0, 1.0]]))
+    scanner = RangeScanner.planar(LASER, 36, TURN)
+    model = AmbiguityModel(radius=RADIUS, map_std=0.0, tau=1.0)
+    # On a thin wall, at its end, on the border, and a little off each.
+    poses = [(2.0, 1.0), (1.0, 1.0), (0.0, 2.0), (2.0, 1.001), (0.999, 1.0), (0.001, 2.0)]
+    x, y = np.array(poses).T
+    expected = [False, False, False, True, True, True]
+    assert can_stand(env, scanner, x, y, 0.0).tolist() == expected
+    assert [reference.stands(env, scanner, model, *at, 0.0) for at in poses] == expected

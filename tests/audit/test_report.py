@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
+import shapely
 from PIL import Image
 
+import ambinav as an
 from ambinav.audit import pictures
 from ambinav.audit.audit import audit, axis_degrees, metres2, percent
 from ambinav.audit.document import Document, document
 from ambinav.audit.report import check_output, write_report
 from ambinav.errors import InputError
+from ambinav.geometry.reach import find_reach
+from ambinav.geometry.shapes import environment_from_shapes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from tests.maps import synthetic
 
@@ -208,3 +214,21 @@ def test_other_folders_are_never_replaced(tmp_path):
         check_output(tmp_path / "file")
     (tmp_path / "empty").mkdir()
     assert check_output(tmp_path / "empty") == tmp_path / "empty"
+
+
+def test_headings_that_are_impossible_here_and_there_do_not_count():
+    # A laser of 180 degrees 0.3 m ahead of the centre: near a wall some headings are impossible.
+    sensor = an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
+    fan = an.RangeScanner.planar(sensor, 20, math.pi, mount=(0.3, 0.0, 0.0))
+    room = environment_from_shapes([shapely.box(0, 0, 3, 2)])
+    amap = an.build_map(room, fan, spacing=0.2, radius=0.4, headings=4)
+    found = audit(amap, room, fan, reach=find_reach(room, 0.05))
+    assert (found.parts.counted[:, :, np.newaxis] & ~amap.possible).any()
+
+    told = document(found)
+    assert len(told.by_heading) == 4
+    level = amap.dataset["level"].values
+    for k, part in enumerate(told.by_heading):
+        here = level[..., k][found.parts.counted]
+        assert part.level == pytest.approx(np.nanmean(here), abs=1e-4)
+        assert sum(part.shares.values()) == pytest.approx(1.0, abs=5e-4)

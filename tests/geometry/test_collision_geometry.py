@@ -135,6 +135,7 @@ def test_turned_and_cluttered_environments_keep_the_cells() -> None:
     c, s = math.cos(0.5), math.sin(0.5)
     assert not disc(turned, 0.2).poses_free([[c * x - s * y + 3.0, s * x + c * y - 2.0, 0.0]])[0]
     cluttered = with_obstacles(env, [shapely.box(0.5, 0.5, 0.8, 0.8)])
+    assert cluttered.extent == env.extent is not None
     poses = [[x, y, 0.0], [0.65, 0.65, 0.0], [2.3, 1.0, 0.0]]
     assert disc(cluttered, 0.2).poses_free(poses).tolist() == [False, False, True]
     assert disc(cluttered, 0.2, simulated=True).poses_free(poses).tolist() == [True, False, True]

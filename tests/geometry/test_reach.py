@@ -313,3 +313,15 @@ def test_against_a_flood_fill_on_a_fine_lattice(building, data):
     own = [part for part in larger if part.contains(shapely.Point(xy[chosen]))]
     for part in own:
         assert found[shapely.contains_xy(part, *xy.T)].all()
+
+
+def test_round_corners_are_as_near_as_is_said() -> None:
+    # Chords are longest around a corner that turns by one and a half of them.
+    turns = np.radians(np.linspace(1.0, 170.0, 340))
+    nearest = 1.0
+    for turn in turns.tolist():
+        roof = [(0.0, 2.0), (-2.0, 2.0 - 2.0 * math.tan(0.5 * min(turn, 1.5)))]
+        stand = shapely.Polygon([*roof, (-2.0, -3.0), (2.0, -3.0), (2.0, roof[1][1])])
+        reach = find_reach(environment_from_shapes([shapely.box(-5, -5, 5, 5)], [stand]), 0.5)
+        nearest = min(nearest, float(reach.fits.distance(stand)) / 0.5)
+    assert 1.0 - 0.0028 < nearest < 1.0 - 0.0012

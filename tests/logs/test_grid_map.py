@@ -136,6 +136,14 @@ def test_turned_and_shifted_logs_give_the_same_room():
     assert env.free.symmetric_difference(expected.free).area < 0.05 * 16.0
 
 
+def test_where_the_map_ends_and_what_is_solid_in_it_is_known():
+    log = room(40)
+    env, grid = map_from_log(log), ray_counts(log, 0.05).grid()
+    assert env.extent is not None and env.extent.equals(shapely.Polygon(grid.outline()))
+    assert env.occupancy is not None
+    np.testing.assert_array_equal(env.occupancy.state, grid.state)
+
+
 def test_bad_input():
     log = room(3)
     for changes, words in (
