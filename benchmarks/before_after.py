@@ -1,7 +1,8 @@
 """One table of four reports, by map: what was wrong before walls, mounts and footprints were right.
 
-Put together from benchmarks/results/walls.md, collision.md, cells.md and mounts.md; "before" is
-commit 8cec7f4.
+Put together from benchmarks/results/walls.md, collision.md, cells.md and mounts.md. Before: commit
+8cec7f4; of routes, footprints held against the fitted walls alone; of cells, the deviation that was
+a cell.
 
 - Wall cells without a segment within 3 cells (`bench_walls.py`).
 - Routes of the `reference` over cells that the map calls occupied (`bench_collision.py`).

@@ -189,6 +189,12 @@ def test_unknown_preset_offers_the_nearest() -> None:
 
 def test_the_files_hold_nothing_but_known_fields() -> None:
     for name in preset_names():
-        assert set(yaml.safe_load(preset_path(name).read_text())) == {
-            *("name", "description", "source", "parts")
-        }
+        found = set(yaml.safe_load(preset_path(name).read_text()))
+        assert found - {"robot_radius"} == {"name", "description", "source", "parts"}
+
+
+def test_scanners_of_a_known_robot_say_its_radius() -> None:
+    for name in ("turtlebot3-lds", "turtlebot3-lds-02"):
+        scanner = RangeScanner.from_preset(name)
+        # Corners of the box behind the axle, the furthest points of the Burger.
+        assert scanner.robot_radius == pytest.approx(math.hypot(0.032 + 0.07, 0.07), abs=1e-3)

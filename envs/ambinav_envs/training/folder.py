@@ -15,7 +15,7 @@ from typing import Any, Final
 import ambinav
 from ambinav.errors import InputError
 from ambinav.files import replacing
-from ambinav.provenance import code_digest, library_version
+from ambinav.provenance import code_digest, environment_digest, library_version
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of
@@ -79,13 +79,11 @@ def versions() -> dict[str, str]:
 
 
 def buildings(source: BuildingSource) -> dict[str, Any]:
-    """Which buildings there are, and a checksum of the geometry of the first `HASHED` of them."""
+    """Which buildings there are, and a checksum of the content of the first `HASHED` of them."""
     count = HASHED if source.count is None else min(source.count, HASHED)
     digest = hashlib.sha256()
     for number in range(source.first, source.first + count):
-        environment = source.get(number).environment
-        digest.update(environment.segments.xy.tobytes())
-        digest.update(environment.segments.kind.tobytes())
+        digest.update(environment_digest(source.get(number).environment).encode())
     return {
         "name": source.name,
         "first": source.first,
