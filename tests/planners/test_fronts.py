@@ -60,7 +60,7 @@ def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
     fronts = [
         pareto(
             robot, START, (12.0, 6.0), weights=(0.0, 5.0), planner_name="prmstar",
-            seconds=math.inf, iterations=400, seed=3,
+            seconds=math.inf, iterations=800, seed=3,
         )
         for _ in range(2)
     ]  # fmt: skip
