@@ -37,11 +37,8 @@ EDGE: Final = "#555555"
 
 def draw_backdrop(axes: Axes, amap: AmbiguityMap, unknown: str = UNKNOWN_COLOUR) -> None:
     """Fill what is not free, below everything: what is solid, and what is not known."""
-    # Beyond the outermost cells blocks go on, walls do not.
     padding = 3 + max(amap.solid.shape) // 50
-    blocks = ndimage.binary_opening(amap.solid, np.ones((THICK, THICK)))
-    solid = np.pad(blocks, padding, mode="edge")
-    solid[padding:-padding, padding:-padding] = amap.solid
+    solid = _padded_solid(amap, padding)
     picture = np.where(solid[..., np.newaxis], to_rgba(SOLID_COLOUR), to_rgba(unknown))
     bounds = np.array(amap.bounds) + padding * amap.spacing * np.array([-1, -1, 1, 1])
     xmin, ymin, xmax, ymax = bounds.tolist()
@@ -55,6 +52,20 @@ def draw_backdrop(axes: Axes, amap: AmbiguityMap, unknown: str = UNKNOWN_COLOUR)
     )
     axes.set_xlim(limits[0])
     axes.set_ylim(limits[1])
+
+
+def _padded_solid(amap: AmbiguityMap, padding: int) -> NDArray[np.bool_]:
+    """What is solid, with so many cells of margin on each side.
+
+    Blocks of an occupancy map go on beyond the outermost cells, walls do not. A drawn plan ends at
+    its outline, and an obstacle that stands there ends with it.
+    """
+    solid = np.zeros(np.add(amap.solid.shape, 2 * padding), dtype=np.bool_)
+    if amap.dataset.attrs.get("environment_resolution", "null") != "null":
+        blocks = ndimage.binary_opening(amap.solid, np.ones((THICK, THICK)))
+        solid = np.pad(blocks, padding, mode="edge")
+    solid[padding:-padding, padding:-padding] = amap.solid
+    return solid
 
 
 def paint_parts(

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import shapely
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
+from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
+from ambinav.geometry.boundary import environment_from_grid
+from ambinav.geometry.occupancy import OccupancyGrid
+from ambinav.geometry.shapes import environment_from_shapes
 from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.backdrop import _padded_solid
 from ambinav.maps.plot import plot_layer, plot_zones
 from ambinav.maps.zones import COLOURS, UNKNOWN_COLOUR, ZONES
+from ambinav.sensing import RangeScanner, RangeSensor
 from tests.maps import synthetic
 
 
@@ -145,3 +153,18 @@ def test_no_global_drawing_state():
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
+
+
+def test_an_obstacle_at_the_edge_of_a_plan_ends_there() -> None:
+    room, crate = shapely.box(0, 0, 6, 4), shapely.box(2, 0, 2.8, 1.5)
+    drawn = environment_from_shapes([room], [crate])
+    state = np.zeros((40, 60), dtype=np.uint8)
+    state[:15, 20:40] = 1
+    for env, goes_on in ((drawn, False), (environment_from_grid(OccupancyGrid(state, 0.1)), True)):
+        scanner = RangeScanner.planar(
+            RangeSensor(max_range=3.0, std=0.02, resolution=0.01), 12, math.tau
+        )
+        amap = build_map(env, scanner, spacing=0.1)
+        solid = _padded_solid(amap, 5)
+        assert solid[5:20, 5:-5].any()
+        assert solid[:5].any() == goes_on
