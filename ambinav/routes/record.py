@@ -92,8 +92,8 @@ def figures(route: Route) -> Figures:
             "length_m": route.length,
             "exposure_m": route.exposure,
             "longest_bad_m": route.longest_bad,
-            "longest_corridor_m": _known(route.longest_corridor),
-            "longest_open_m": _known(route.longest_open),
+            "longest_corridor_m": known(route.longest_corridor),
+            "longest_open_m": known(route.longest_open),
             "turn_rad": route.turn,
         }
     )
@@ -191,7 +191,8 @@ def _longest(told: Figures, longest: float | None, own: float, other: float) -> 
     return told.longest_bad_m if other == 0.0 else math.nan
 
 
-def _known(metres: float) -> float | None:
+def known(metres: float) -> float | None:
+    """A figure as files hold it: None where it is nan, which says that it is not known."""
     return None if math.isnan(metres) else metres
 
 
