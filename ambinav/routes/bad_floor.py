@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from ambinav.routes.route import Route
 
@@ -49,6 +49,11 @@ class BadFloor:
             sum(part.open for part in parts),
             _longest([part.longest_open for part in parts]),
         )
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """The four figures by the names that they have in files, metres; nan if not known."""
+        return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
 
     def corridor_text(self, digits: int = 1) -> str:
         """Metres in corridor, in brackets the longest stretch."""

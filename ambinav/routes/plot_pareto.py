@@ -78,9 +78,9 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     )
     for axes, (values, longest, label) in zip(panels, told, strict=True):
         _frame(axes, label)
+        _draw(axes, extra, values, dominated)
         if longest is not None:
             _draw_longest(axes, extra, longest, dominated)
-        _draw(axes, extra, values, dominated)
     handles = [Line2D([], [], color=LINE_COLOUR, marker="o", label="not dominated")]
     if dominated.any():
         handles.append(
@@ -150,7 +150,7 @@ def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Mask) -> None:
 def _draw_longest(axes: Axes, extra: Floats, longest: Floats, dominated: Mask) -> None:
     """The longest stretch of each route that is not dominated."""
     order = np.flatnonzero(~dominated)[np.argsort(extra[~dominated], kind="stable")]
-    axes.plot(extra[order], longest[order], color=LONGEST_COLOUR, zorder=2, **_LONGEST)
+    axes.plot(extra[order], longest[order], color=LONGEST_COLOUR, zorder=5, **_LONGEST)
 
 
 def _label(
