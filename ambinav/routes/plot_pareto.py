@@ -170,12 +170,13 @@ def _label(
     if longest is not None and np.isfinite(longest).all():
         lower = axes.transData.transform(np.column_stack([extra, longest])) * scale
         drawn += [*_along(lower[best])]
-    taken = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
+    lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
+    written: list[Bbox] = []
     for group in _touching(place):
         text = _joined([weights[i] for i in group])
         x, y = place[group].mean(axis=0)
-        offset, box = _free_spot(x, y, 0.65 * _FONT * len(text), taken, frame)
-        taken.append(box.padded(4.0, 1.0))
+        offset, box = _free_spot(x, y, 0.65 * _FONT * len(text), lines, written, frame)
+        written.append(box.padded(4.0, 1.0))
         far = math.hypot(*offset) > _FAR
         label = axes.annotate(
             text,
@@ -192,12 +193,12 @@ def _label(
 
 
 def _free_spot(
-    x: float, y: float, width: float, taken: list[Bbox], frame: Bbox
+    x: float, y: float, width: float, lines: list[Bbox], written: list[Bbox], frame: Bbox
 ) -> tuple[tuple[float, float], Bbox]:
     """The best place around a point for a text, and its box; all in points.
 
     That is the first one within the frame where it overlaps nothing, or else the one where it
-    overlaps the least.
+    overlaps the fewest other texts, and then the least of the lines.
     """
     choices = []
     for dx, dy in _AROUND:
@@ -205,7 +206,7 @@ def _free_spot(
         box = Bbox.from_bounds(left, y + dy, width, _FONT + 2.0)
         within = box.x0 >= frame.x0 and box.x1 <= frame.x1
         within = within and box.y0 >= frame.y0 and box.y1 <= frame.y1
-        faults = box.count_overlaps(taken) + (0 if within else len(taken))
+        faults = box.count_overlaps(written) + (0 if within else 1), box.count_overlaps(lines)
         choices.append((faults, (dx, dy), box))
     _, offset, box = min(choices, key=lambda choice: choice[0])
     return offset, box
