@@ -139,11 +139,10 @@ def _show(report: Document, output: Path) -> None:
 
     console = Console(highlight=False)
     zones = Table(box=None, pad_edge=False)
-    for title in ("floor", "area", "of explored, reachable", "of free", "places (longest)"):
+    for title in ("floor", "area", "of explored, reachable", "of free"):
         zones.add_column(title, justify="left" if title == "floor" else "right")
     for zone in report.zones:
-        places = places_text(zone.places, zone.longest_place_m)
-        zones.add_row(zone.zone, metres2(zone.area_m2), percent(zone.share), "", places)
+        zones.add_row(zone.zone, metres2(zone.area_m2), percent(zone.share), "")
     floor = report.floor
     for label, area, of_counted, of_free in (
         ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
@@ -156,8 +155,15 @@ def _show(report: Document, output: Path) -> None:
         ),
         ("free", floor.free_area_m2, "", 1.0),
     ):
-        zones.add_row(label, metres2(area), of_counted, percent(of_free), "")
+        zones.add_row(label, metres2(area), of_counted, percent(of_free))
     console.print(Text(report.summary), "", zones, sep="\n")
+    places = [
+        f"{zone.zone} {places_text(zone.places, zone.longest_place_m)}"
+        for zone in report.zones
+        if zone.places
+    ]
+    if places:
+        console.print("", Text(f"places (the longest): {', '.join(places)}"), sep="\n")
     if report.places:
         worst = Table(box=None, pad_edge=False)
         for title in ("place", "zone", "x, y", "extent", "area", "direction", "level"):
