@@ -134,7 +134,7 @@ def _show(report: Document, output: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import axis_degrees, metres2, percent
+    from ambinav.audit.audit import axis_degrees, metres2, percent, places_text
     from ambinav.maps.floor_parts import unreachable_label
 
     console = Console(highlight=False)
@@ -157,6 +157,13 @@ def _show(report: Document, output: Path) -> None:
     ):
         zones.add_row(label, metres2(area), of_counted, percent(of_free))
     console.print(Text(report.summary), "", zones, sep="\n")
+    places = [
+        f"{zone.zone} {places_text(zone.places, zone.longest_place_m)}"
+        for zone in report.zones
+        if zone.places
+    ]
+    if places:
+        console.print("", Text(f"places (the longest): {', '.join(places)}"), sep="\n")
     if report.places:
         worst = Table(box=None, pad_edge=False)
         for title in ("place", "zone", "x, y", "extent", "area", "direction", "level"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -78,7 +79,15 @@ def test_table_in_both_formats(tmp_path):
     assert [row["dominated"] for row in objects] == [False, False, True]
     assert list(table[0]) == list(objects[0])
     assert objects[1]["bad_m"] == BASE.bad_metres
-    assert objects[1]["corridor_m"] == BASE.zone_metres["corridor"]
+    assert objects[1]["corridor_m"] == BASE.corridor_metres
+    assert objects[1]["longest_corridor_m"] == BASE.longest_corridor > 4.0
+    assert objects[1]["open_m"] == objects[1]["longest_open_m"] == 0.0
+    unknown = ParetoFront((ParetoPoint(0.0, replace(BASE, longest_open=math.nan)),))
+    unknown.save(tmp_path / "front.csv")
+    with (tmp_path / "front.csv").open() as file:
+        assert next(csv.DictReader(file))["longest_open_m"] == ""
+    unknown.save(tmp_path / "front.json")
+    assert json.loads((tmp_path / "front.json").read_text())[0]["longest_open_m"] is None
 
 
 def test_unusable_fronts(tmp_path):
@@ -86,6 +95,14 @@ def test_unusable_fronts(tmp_path):
         ParetoFront(())
     with pytest.raises(InputError, match=r"'\.xlsx'"):
         front((0, 1, 1)).save(tmp_path / "front.xlsx")
+
+
+def with_floor(route, corridor, longest_corridor, wide, longest_open):
+    """The route with other metres in corridor and in open zones."""
+    zones = {**route.zone_metres, "corridor": corridor, "open": wide}
+    return replace(
+        route, zone_metres=zones, longest_corridor=longest_corridor, longest_open=longest_open
+    )
 
 
 def labels(axes) -> list[Annotation]:
@@ -105,14 +122,46 @@ def test_picture_labels_every_weight_and_joins_equal_points():
     assert hollow.get_xdata().tolist() == pytest.approx([20])
 
 
+def test_picture_tells_corridor_and_open_zones_apart():
+    floors = ((8.0, 5.0, 3.0, 3.0), (4.0, 2.0, 0.5, 0.25), (1.0, math.nan, 0.0, 0.0))
+    found = ParetoFront(
+        tuple(
+            ParetoPoint(point.weight, with_floor(point.route, *floor))
+            for point, floor in zip(
+                front((0, 10, 6), (1, 11, 4), (5, 12, 2)).points, floors, strict=True
+            )
+        )
+    )
+    figure = plot_pareto(found)
+    for axes, column, title in zip(figure.axes[1:], (0, 2), ("corridor", "open"), strict=True):
+        assert axes.get_ylabel() == f"length in {title} zones (m)"
+        metres, _, longest = axes.lines
+        assert metres.get_ydata().tolist() == [floor[column] for floor in floors]
+        due = [floor[column + 1] for floor in floors]
+        assert longest.get_ydata().tolist() == pytest.approx(due, nan_ok=True)
+    (legend,) = figure.legends
+    assert "longest stretch" in [text.get_text() for text in legend.get_texts()]
+
+
 @pytest.mark.parametrize("bend", [0.5, 2.0, 8.0])
 def test_labels_overlap_nothing(bend):
     weights = [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0]
     share = [np.exp(-weight / bend) for weight in weights]
     found = front(*((w, 30 + 3 * (1 - s), 3 + 6 * s) for w, s in zip(weights, share, strict=True)))
+    found = ParetoFront(
+        tuple(
+            ParetoPoint(p.weight, with_floor(p.route, 2 + 9 * s, 1 + 4 * s, 5 * s * s, 4 * s * s))
+            for p, s in zip(found.points, share, strict=True)
+        )
+    )
     figure = plot_pareto(found)
     figure.canvas.draw()
-    axes = figure.axes[0]
+    for axes in figure.axes:
+        assert_apart(axes)
+
+
+def assert_apart(axes):
+    """No label of some axes overlaps another one, or reaches out of them."""
     inside = axes.get_window_extent()
     # The text alone, without the line that may lead to it.
     boxes = [super(Annotation, label).get_window_extent() for label in labels(axes)]
