@@ -59,6 +59,9 @@ HALVINGS = 6
 # Where the displacements lead, and the angles of rays that way.
 AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 ANGLES = np.arange(4) * (math.pi / 2)
+# Poses are rounded to so many decimals of a metre: lattices of several spacings give the same pose
+# with other last bits, and a beam that runs along a wall or into a corner would tell them apart.
+DECIMALS = 9
 # Rays cast between two looks at the keyboard, a second or two.
 RAYS_AT_ONCE = 20_000_000
 
@@ -102,7 +105,7 @@ def perturbation(
     most = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
     for h in range(len(ground.headings)):
         rows = np.flatnonzero(ground.possible[:, h])
-        poses = ground.poses(h)
+        poses = ground.poses(h).round(DECIMALS)
         for low in range(0, len(rows), most):
             part = rows[low : low + most]
             run_rows(
@@ -119,9 +122,9 @@ def perturbation(
 
 def free_lengths(ground: Ground, size: float) -> NDArray[np.float32]:
     """Distance to the first segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
-    x, y = ground.points
+    x, y, _ = ground.poses().round(DECIMALS).T
     distance, _, _ = scan_rays(
-        ground.environment, x, y, np.zeros(len(x)), np.zeros((4, 2)), ANGLES, size, incidence=False
+        ground.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
     )
     return distance
 
