@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import bands as banding
-from ambinav.ambiguity.layers.gfm import DIRECTIONS, LAYER, STEP, TURN, gfm, rank_masks, share
+from ambinav.ambiguity.layers.gfm import DIRECTIONS, LAYER, STEP, gfm, rank_masks, share
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.ambiguity.reference import cast
