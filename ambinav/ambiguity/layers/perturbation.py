@@ -57,8 +57,8 @@ CONVERGED = 1e-3
 # A step into a wall is halved so often before the match ends where it stands.
 HALVINGS = 6
 # Where the displacements lead, and the angles of rays that way.
-AXES = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-ANGLES = np.arange(4) * (math.pi / 2)
+AXES: Floats = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+ANGLES: Floats = np.arange(4, dtype=np.float64) * (math.pi / 2)
 # Poses are rounded to so many decimals of a metre: lattices of several spacings give the same pose
 # with other last bits, and a beam that runs along a wall or into a corner would tell them apart.
 DECIMALS = 9
