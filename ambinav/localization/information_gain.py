@@ -4,9 +4,9 @@ Kollar & Roy (2008, "Efficient optimization of information-theoretic exploration
 who search for tours of minimum entropy, Makarenko, Williams, Bourgault & Durrant-Whyte (2002, "An
 experiment in integrated exploration", IROS) and Stachniss, Grisetti & Burgard (2005, "Information
 gain-based exploration using Rao-Blackwellized particle filters", RSS) choose where a robot goes by
-the entropy that a trajectory is expected to take away. They are about mapping and exploration; here the map is known
-and the entropy is that of the pose, after Kollar and Roy of a normal distribution that a Kalman
-filter carries along the trajectory, with the expected information of its scans:
+the entropy that a trajectory is expected to take away. They are about mapping and exploration; here
+the map is known and the entropy is that of the pose, after Kollar and Roy of a normal distribution
+that a Kalman filter carries along the trajectory, with the expected information of its scans:
 
     H(P) = 1/2 ln det(2 pi e P),    gain of scan k = H(P_k before) - H(P_k after)
 
