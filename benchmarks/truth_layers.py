@@ -31,7 +31,7 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 # Layers of each pose by itself.
-POINTWISE = ("fisher", "localizability", "gfm", "clearance")
+POINTWISE = ("fisher", "localizability", "gfm", "clearance", "perturbation")
 # Of each pose and all the others.
 ALIASING = "aliasing"
 COARSE = 0.25

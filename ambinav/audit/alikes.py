@@ -46,8 +46,7 @@ class Alikes:
         sought_from: From how many of the poses; the rest was followed from there.
         share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
             they were not sought.
-        area: Square metres of floor from which a scan more probably places the robot elsewhere,
-            as told by the same poses.
+        area: Square metres of floor where `aliasing` is half or more, as told by the same poses.
         links: The strongest first.
     """
 

@@ -189,8 +189,10 @@ class AlikesPart(_Part):
     poses: int = Field(description="poses of the floor, with their headings if they matter")
     sought_from: int = Field(description="poses from which look-alikes were sought; 0: none")
     spacing_m: Metres
-    share: Share | None = Field(description="mean probability that a scan is from elsewhere")
-    area_m2: SquareMetres | None = Field(description="floor where that is more probable than not")
+    share: Share | None = Field(
+        description="mean share of the poses with the same scan that are elsewhere"
+    )
+    area_m2: SquareMetres | None = Field(description="floor where that is half or more")
     links: tuple[LinkPart, ...] = Field(description="the largest first")
     picture: str | None
 

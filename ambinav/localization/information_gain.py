@@ -1,12 +1,12 @@
 """How much a drive's scans will tell of its poses: expected information gain on a map.
 
-Kollar & Roy (2008, "Trajectory optimization using reinforcement learning for map exploration",
-IJRR 27), Makarenko, Williams, Bourgault & Durrant-Whyte (2002, "An experiment in integrated
-exploration", IROS) and Stachniss, Grisetti & Burgard (2005, "Information gain-based exploration
-using Rao-Blackwellized particle filters", RSS) choose where a robot goes by the entropy that a
-trajectory is expected to take away. They are about mapping and exploration; here the map is known
-and the entropy is that of the pose, after Kollar and Roy of a normal distribution that a Kalman
-filter carries along the trajectory, with the expected information of its scans:
+Kollar & Roy (2008, "Efficient optimization of information-theoretic exploration in SLAM", AAAI),
+who search for tours of minimum entropy, Makarenko, Williams, Bourgault & Durrant-Whyte (2002, "An
+experiment in integrated exploration", IROS) and Stachniss, Grisetti & Burgard (2005, "Information
+gain-based exploration using Rao-Blackwellized particle filters", RSS) choose where a robot goes by
+the entropy that a trajectory is expected to take away. They are about mapping and exploration; here
+the map is known and the entropy is that of the pose, after Kollar and Roy of a normal distribution
+that a Kalman filter carries along the trajectory, with the expected information of its scans:
 
     H(P) = 1/2 ln det(2 pi e P),    gain of scan k = H(P_k before) - H(P_k after)
 

@@ -8,11 +8,13 @@ pose of the lattice, the robot turned by any angle:
     near(p)     = the same over the poses q within R, p itself included
     aliasing(p) = far / (near + far)
 
-`aliasing` is a probability: that a robot which knows nothing but the map, and has scanned once at
-p, is somewhere else than near p. (Each I stands for the integral over q's cell, so the sums are
-integrals over all poses, and with all poses equally likely beforehand that is Bayes' rule.) In a
-building that repeats n times it is 1 - 1/n, however sharply a scan tells the position, up to what
-the linear model of a cell loses at twins between lattice points (docs/layers.md).
+`aliasing` is a share: of the poses whose scans agree with p's by 1 in 100 or more, each weighted
+by how well it agrees, those that are farther than R. It is no probability of where the robot is:
+I compares two noisy scans, not a scan with what a pose is expected to give, its evidence is
+divided by tau and capped, and what agrees less is left out. (Each I stands for the integral over
+q's cell, so the sums are integrals over poses.) In a building that repeats n times it is 1 - 1/n,
+however sharply a scan tells the position, up to what the linear model of a cell loses at twins
+between lattice points (docs/layers.md).
 `aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
 beyond R give the same scan. It is small where scans are sharp, for then a look-alike is a point.
 
@@ -195,9 +197,9 @@ def compute(ground: Ground, least: float = LEAST_LIKENESS) -> dict[str, NDArray[
 
 LAYER = Layer(
     name="aliasing",
-    title="probability that a scan places the robot elsewhere",
+    title="share of the poses with the same scan that are elsewhere",
     unit="1",
-    source="own definition, from the indistinguishability of scans (docs/layers.md)",
+    source="own, from the indistinguishability of scans: docs/layers.md",
     worse="high",
     compute=compute,
     companions={

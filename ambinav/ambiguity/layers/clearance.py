@@ -1,8 +1,8 @@
 """Distance to the nearest wall or frontier, which every map has as a layer already.
 
-Source: the oldest rule of thumb for where a range sensor sees much: stay near walls (Roy, Burgard,
-Fox, Thrun 1999, "Coastal navigation", take it as the name of what they improve on). It is here so
-that it can be judged beside the other layers; far from every wall counts as badly localized.
+No paper's measure: the oldest rule of thumb for where a range sensor sees much, to stay near
+walls, which Roy, Burgard, Fox and Thrun (1999, "Coastal navigation", ICRA) improve on. It is here
+so that it can be judged beside the other layers; far from every wall counts as badly localized.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LAYER = Layer(
     name="clearance",
     title="distance to the nearest wall or frontier",
     unit="m",
-    source="rule of thumb; see Roy, Burgard, Fox, Thrun 1999, Coastal navigation (ICRA)",
+    source="own: a rule of thumb, which coastal navigation improves on (Roy et al. 1999, ICRA)",
     worse="high",
     compute=clearance,
 )

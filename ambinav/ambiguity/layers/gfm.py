@@ -1,9 +1,9 @@
 """How many rays see no more than one straight wall: the geometric feature metric.
 
-Source: Y. Lin, X. Zhang, Y. Liu, D. Wang and H. Lu, "GFM-Planner: perception-aware trajectory
+Source: after Y. Lin, X. Zhang, Y. Liu, D. Wang and H. Lu, "GFM-Planner: perception-aware trajectory
 planning with geometric feature metric", IROS 2025 (arXiv 2507.16233), read in its abstract and its
 published program. A ray's hit point moves in the map when the robot does; the rank of that
-Jacobian, 2 x 3 (x, y, heading), by central differences between neighbouring cells and neighbouring
+Jacobian, 2 x 3 (x, y, heading), by central differences between poses a step apart and neighbouring
 rays, is 1 where all hits lie on one straight wall and 2 where they do not: at corners, edges,
 doors. The metric is the share of the rays with rank 1. Each of 64 directions of the map is one bit
 of a 64-bit number a cell; the metric of any heading and aperture is a count of bits in it
@@ -13,13 +13,15 @@ is left out here.
 Our own reading: hits are exact points on segments, not cells of a grid, so "rank" needs a
 tolerance, and it is the walls' own deviation `map_std`: second singular value of the differences.
 (An exact derivative would be of rank 1 always; the differences see what the robot meets within a
-cell and a step of the rays.) Where the neighbouring cell is not free, a wall parts it off, or its
-ray meets nothing, the pose's own hit stands in; the program instead gives cells beside walls the
-worst value. A ray that meets nothing in range, or the frontier to unknown space, tells nothing
-(rank 0) and has its bit set too. Rays start at the robot's centre, whatever its heading, so a
-neighbour counts if the robot can stand there at any heading. A scanner sees the directions
-that one of its beams looks into, each as far as that beam; a cone has no hit point, so beams wider
-than the step of the directions do not count.
+step of its own and of the rays.) So the metric depends on the step. The program's is a cell of its
+grid, which is its tolerance too; here it is an option, and the poses a step away are cast where
+they are, whatever the spacing of the map. Where a wall parts such a pose off, it is outside the
+free space, or its ray meets nothing, the pose's own hit stands in; the program instead gives cells
+beside walls the worst value. A ray that meets nothing in range, or the frontier to unknown space,
+tells nothing (rank 0) and has its bit set too. Rays start at the robot's centre, and whether its
+body would fit a step away does not matter. A scanner sees the directions that one of its beams
+looks into, each as far as that beam; a cone has no hit point, so beams wider than the step of the
+directions do not count.
 """
 
 from __future__ import annotations
@@ -29,72 +31,108 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.layers.bands import bands
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.errors import InputError
 from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
 from ambinav.kernels import kernel
+from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
 DIRECTIONS = 64
-STEP = 2.0 * math.pi / DIRECTIONS
+TURN = 2.0 * math.pi / DIRECTIONS
+STEP = 0.1
+"""Metres between a pose and those that its hit points are compared with, by default."""
 # Casts are in single precision: differences below this are none, metres.
 FINEST = 1e-4
-# Bits of `Lattice.links` that lead east, north, west and south.
-EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
+# Where the compared poses are, in steps; the rays of `DIRECTIONS` that look that way.
+AXES = ((1, 0), (-1, 0), (0, 1), (0, -1))
+WAYS = (0, DIRECTIONS // 2, DIRECTIONS // 4, 3 * DIRECTIONS // 4)
+# Poses cast at a time, five scans of 64 rays each.
+BATCH = 65536
+# Coordinates are rounded to so many decimals, so that maps of any spacing cast from the same poses.
+DECIMALS = 9
 
 
-def gfm(ground: Ground) -> dict[str, NDArray[np.float32]]:
+def gfm(ground: Ground, *, step: float = STEP) -> dict[str, NDArray[np.float32]]:
     """Share of the directions in the scanner's view whose rays have not the full rank.
 
     Args:
         ground: What the map was made of.
+        step: Distance to the poses that hit points are compared with, metres.
 
     Returns:
         gfm, from 0 (every ray sees a feature) to 1 (none does).
+
+    Raises:
+        InputError: the step is not a positive number.
     """
     views = [_view(ground.scanner, float(heading)) for heading in ground.headings]
     counts = np.zeros((len(ground.points[0]), len(views)), dtype=np.int64)
     for limit in np.unique(np.concatenate([view[view > 0.0] for view in views])):
-        masks = rank_masks(ground, float(limit))
+        masks = rank_masks(ground, float(limit), step)
         for h, view in enumerate(views):
             counts[:, h] += np.bitwise_count(masks & _mask(view == limit))
     seen = np.array([np.count_nonzero(view) for view in views])
     return {"gfm": ground.spread(counts / seen)}
 
 
-def rank_masks(ground: Ground, max_range: float) -> NDArray[np.uint64]:
+def rank_masks(ground: Ground, max_range: float, step: float = STEP) -> NDArray[np.uint64]:
     """The 64 directions of the map as bits, at each free cell.
 
     Args:
         ground: What the map was made of; its scanner plays no part.
         max_range: How far a ray sees, metres.
+        step: Distance to the poses that hit points are compared with, metres.
 
     Returns:
         uint64, shape (P,): bit k is set if the ray in direction 2 pi k / 64 (map frame) has a hit
         point of rank below 2.
+
+    Raises:
+        InputError: the step is not a positive number.
     """
-    env, lattice = ground.environment, ground.lattice
-    x, y = ground.points
-    angles = STEP * np.arange(DIRECTIONS, dtype=np.float64)
-    frontier = np.append(env.segments.kind == FRONTIER, False)
+    step = as_number(step, "step")
+    if not step > 0.0:
+        raise InputError(f"step is {step}; give a positive number of metres.")
+    x, y = (values.round(DECIMALS) for values in ground.points)
+    angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
+    tolerance = max(ground.map_std, FINEST)
     masks = np.empty(len(x), dtype=np.uint64)
-    for band in bands(ground, 1):
-        here = slice(band.first, band.last)
-        distance, segment, _ = scan_rays(
-            env, x[here], y[here], np.zeros(band.last - band.first),
-            np.zeros((DIRECTIONS, 2)), angles, max_range,
-        )  # fmt: skip
-        # No segment is -1, the last of the list.
-        distance[frontier[segment]] = np.inf
+    for low in range(0, len(x), BATCH):
+        part = slice(low, low + BATCH)
+        # A wall within a step counts even where it is out of the rays' range.
+        own, bare = _cast(ground, x[part], y[part], max(max_range, step))
+        beside = []
+        for (i, j), way in zip(AXES, WAYS, strict=True):
+            there, _ = _cast(ground, x[part] + i * step, y[part] + j * step, max_range)
+            there[~(bare[:, way] > step)] = np.inf
+            beside.append(there)
+        own[own > max_range] = np.inf
         run_rows(
-            _ranks, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
-            lattice.index, lattice.links[here], distance, np.cos(angles), np.sin(angles),
-            lattice.spacing, max(ground.map_std, FINEST), masks[band.begin : band.end], least=64,
+            _ranks, len(own), own, *beside, np.cos(angles), np.sin(angles), step, tolerance,
+            masks[part], least=64,
         )  # fmt: skip
     return masks
+
+
+def _cast(
+    ground: Ground, x: NDArray[np.float64], y: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Distance to the wall in each direction, inf without one, and to any segment; (N, 64) each.
+
+    Both are inf or nan where (x, y) is outside the free space, and beyond `reach`.
+    """
+    angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
+    bare, segment, _ = scan_rays(
+        ground.environment, x, y, np.zeros(len(x)), np.zeros((DIRECTIONS, 2)), angles, reach,
+        incidence=False,
+    )  # fmt: skip
+    # No segment is -1, the last of the list.
+    frontier = np.append(ground.environment.segments.kind == FRONTIER, False)
+    return np.where(frontier[segment], np.float32(np.inf), bare), bare
 
 
 def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDArray[np.float64]:
@@ -105,10 +143,10 @@ def share(masks: NDArray[np.uint64], heading: ArrayLike, aperture: float) -> NDA
         heading: Direction of the middle of the field of view, radians, map frame.
         aperture: Its full angle, radians; it holds at least the direction nearest to its middle.
     """
-    middle = np.mod(np.asarray(heading, dtype=np.float64) / STEP, DIRECTIONS)
+    middle = np.mod(np.asarray(heading, dtype=np.float64) / TURN, DIRECTIONS)
     apart = np.abs(np.arange(DIRECTIONS) - middle[..., np.newaxis])
     apart = np.minimum(apart, DIRECTIONS - apart)
-    seen = apart <= np.maximum(aperture / 2.0 / STEP + 1e-9, apart.min(axis=-1, keepdims=True))
+    seen = apart <= np.maximum(aperture / 2.0 / TURN + 1e-9, apart.min(axis=-1, keepdims=True))
     windows = np.packbits(seen, axis=-1, bitorder="little").view("<u8")[..., 0]
     return np.asarray(np.bitwise_count(masks & windows) / np.bitwise_count(windows))
 
@@ -122,15 +160,15 @@ def _mask(seen: NDArray[np.bool_]) -> np.uint64:
 def _view(scanner: RangeScanner, heading: float) -> NDArray[np.float64]:
     """How far the scanner sees in each direction of the map, metres; 0: not at all."""
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
-    rays = np.array([sensor.aperture <= STEP for sensor in sensors])
+    rays = np.array([sensor.aperture <= TURN for sensor in sensors])
     limit = np.array([sensor.max_range for sensor in sensors])[rays]
     yaw = np.mod(scanner.mounts[rays, 2], 2 * math.pi)
     order = np.argsort(yaw)
     yaw, limit = yaw[order], limit[order]
     gap = np.diff(yaw, append=yaw[0] + 2 * math.pi)
     # Within a fan a beam stands for half the way to the next; where none is near, for a step.
-    half = np.clip(np.minimum(gap, np.roll(gap, 1)) / 2.0, STEP / 2.0, STEP)
-    direction = STEP * np.arange(DIRECTIONS) - heading
+    half = np.clip(np.minimum(gap, np.roll(gap, 1)) / 2.0, TURN / 2.0, TURN)
+    direction = TURN * np.arange(DIRECTIONS) - heading
     apart = np.abs(np.mod(direction[:, np.newaxis] - yaw + math.pi, 2 * math.pi) - math.pi)
     nearest = apart.argmin(axis=1)
     within = apart[np.arange(DIRECTIONS), nearest] <= half[nearest] + 1e-9
@@ -139,7 +177,7 @@ def _view(scanner: RangeScanner, heading: float) -> NDArray[np.float64]:
 
 def _why_not(scanner: RangeScanner) -> str | None:
     narrowest = min(sensor.aperture for sensor in scanner.sensors)
-    if narrowest <= STEP:
+    if narrowest <= TURN:
         return None
     return (
         f"all its beams are cones, of {math.degrees(narrowest):g} degrees or more, and the "
@@ -148,76 +186,75 @@ def _why_not(scanner: RangeScanner) -> str | None:
 
 
 @kernel
-def _ranks(
-    low, high, begin, first, rows_columns, index, links, distance, cosine, sine, spacing,
-    tolerance, out,
-):  # fmt: skip
-    count = cosine.size
-    for p in range(begin + low, begin + high):
-        row, column = rows_columns[p, 0], rows_columns[p, 1]
-        i = p - first
-        bits = links[i]
-        east = index[row, column + 1] - first if bits & (1 << EAST) else -1
-        west = index[row, column - 1] - first if bits & (1 << WEST) else -1
-        north = index[row + 1, column] - first if bits & (1 << NORTH) else -1
-        south = index[row - 1, column] - first if bits & (1 << SOUTH) else -1
+def _ranks(low, high, own, east, west, north, south, cosine, sine, step, tolerance, out):
+    for i in range(low, high):
         mask = np.uint64(0)
-        for k in range(count):
-            if (
-                not np.isfinite(distance[i, k])
-                or full_rank(
-                    distance, i, k, east, west, north, south, cosine, sine, spacing, tolerance
-                )
-                == 0
-            ):
+        for k in range(cosine.size):
+            if not np.isfinite(own[i, k]) or not full_rank(
+                own[i], k, east[i, k], west[i, k], north[i, k], south[i, k], cosine, sine, step,
+                tolerance,
+            ):  # fmt: skip
                 mask |= np.uint64(1) << np.uint64(k)
-        out[p - begin] = mask
+        out[i] = mask
 
 
 @kernel(inline="always")
-def moved(distance, own, other, k, step):
-    """Step to another cell and change of ray k's range on it; none where it has no hit."""
-    if other < 0 or not np.isfinite(distance[other, k]):
+def moved(own, there, step):
+    """Step to another pose and change of the ray's range on it; none where it has no hit."""
+    if not np.isfinite(there):
         return 0.0, 0.0
-    return step, distance[other, k] - own
+    return step, there - own
 
 
 @kernel
-def full_rank(distance, i, k, east, west, north, south, cosine, sine, spacing, tolerance):
-    """1 if the hit of ray k moves in two directions with x, y and heading, else 0."""
+def full_rank(distance, k, east, west, north, south, cosine, sine, step, tolerance):
+    """Whether the hit of ray k moves in two directions with x, y and heading.
+
+    Args:
+        distance: Of all rays at the pose itself, (64,), metres; inf without a hit.
+        k: Which ray; it has a hit.
+        east: The ray's distance a step to the east of the pose; not finite without a hit.
+        west: Likewise.
+        north: Likewise.
+        south: Likewise.
+        cosine: Of the rays' directions, (64,).
+        sine: Likewise.
+        step: Metres.
+        tolerance: A singular value up to this is none, metres.
+    """
     count = cosine.size
-    own = np.float64(distance[i, k])
+    own = np.float64(distance[k])
     ux, uy = cosine[k], sine[k]
-    se, de = moved(distance, own, east, k, spacing)
-    sw, dw = moved(distance, own, west, k, -spacing)
-    sn, dn = moved(distance, own, north, k, spacing)
-    ss, ds = moved(distance, own, south, k, -spacing)
+    se, de = moved(own, east, step)
+    sw, dw = moved(own, west, -step)
+    sn, dn = moved(own, north, step)
+    ss, ds = moved(own, south, -step)
     ax, ay = se - sw + (de - dw) * ux, (de - dw) * uy
     bx, by = (dn - ds) * ux, sn - ss + (dn - ds) * uy
     left, right = (k + 1) % count, (k + count - 1) % count
     lx, ly = own * ux, own * uy
     rx, ry = lx, ly
-    if np.isfinite(distance[i, left]):
-        lx, ly = distance[i, left] * cosine[left], distance[i, left] * sine[left]
-    if np.isfinite(distance[i, right]):
-        rx, ry = distance[i, right] * cosine[right], distance[i, right] * sine[right]
+    if np.isfinite(distance[left]):
+        lx, ly = distance[left] * cosine[left], distance[left] * sine[left]
+    if np.isfinite(distance[right]):
+        rx, ry = distance[right] * cosine[right], distance[right] * sine[right]
     cx, cy = lx - rx, ly - ry
     xx = ax * ax + bx * bx + cx * cx
     xy = ax * ay + bx * by + cx * cy
     yy = ay * ay + by * by + cy * cy
     largest = 0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy)
     if largest <= tolerance * tolerance:
-        return 0
+        return False
     # Product of the squared singular values, as a sum of squares: nothing cancels.
     ab, ac, bc = ax * by - ay * bx, ax * cy - ay * cx, bx * cy - by * cx
-    return 1 if (ab * ab + ac * ac + bc * bc) / largest > tolerance * tolerance else 0
+    return (ab * ab + ac * ac + bc * bc) / largest > tolerance * tolerance
 
 
 LAYER = Layer(
     name="gfm",
     title="share of rays whose hit point moves along one straight wall",
     unit="1",
-    source="Lin et al. 2025, GFM-Planner (IROS): share of rays with a hit-point Jacobian of rank 1",
+    source="after Lin et al. 2025, GFM-Planner (IROS): hit-point Jacobians of rank 1",
     worse="high",
     compute=gfm,
     why_not=_why_not,

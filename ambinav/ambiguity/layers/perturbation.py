@@ -1,26 +1,30 @@
 """How badly a small known displacement is recovered from the scan.
 
-Source: K. Chai, L. Xu, Q. Wang, C. Xu, P. Yin and F. Gao, "LF-3PM: a LiDAR-based framework for
-perception-aware planning with perturbation-induced metric", IROS 2024 (arXiv 2408.01649). Only the
-abstract was at hand: an observation is judged by what a perturbation of the pose does to it, cell
-by cell, before anything is planned. All that follows is our own reading.
+Our own, after an idea of K. Chai, L. Xu, Q. Wang, C. Xu, P. Yin and F. Gao, "LF-3PM: a LiDAR-based
+framework for perception-aware planning with perturbation-induced metric", IROS 2024 (arXiv
+2408.01649), of which only the abstract was at hand: an observation is judged by what a perturbation
+of the pose does to it, before anything is planned. Metric and matcher are not theirs.
 
-The robot stands at p and believes to be at p + delta. Its scan is matched against the building by
-Gauss-Newton steps for x, y and the heading: each step stands at the cell nearest to the estimate,
-takes the exact ranges d and their derivatives J there, and solves
+The robot stands at p and believes it is at p + delta. Its scan is matched against the building by
+Gauss-Newton steps for x, y and the heading. Each is linearised at the estimate itself: the ranges
+d and their derivatives J are cast there, and the step solves
 
     (J^T W J / tau + P^-1) step = J^T W (d(p) - d) / tau + P^-1 (p + delta - estimate),
 
 P what was known beforehand: |delta| in x and y, sigma_theta in the heading. W is 1 / variance of
-sensor, bin and map, with beams that do not fit (another surface than at p) weighted down as in
-the kernel's first step. A beam without an echo at p has no point to match. What is left of delta
-is the error. With the errors e1, e2 of two displacements at right angles, averaged over both signs
-of each, E = e1 e1^T + e2 e2^T does not depend on how the two are turned as long as the matching is
-linear; the roots of its eigenvalues are the layer, the error of the worst displacement, and
-`perturbation_minor`, that of the best, metres; the axis of the first is `perturbation_direction`.
-There is no noise in the scan: it only decides how much the scan is worth against P. With nothing
-in range both are |delta|; by default that is R / 2, the deviation of a place anywhere within the
-map's radius R, so that layers in metres agree where a scan tells nothing.
+sensor, bin and map; beams that disagree by more than their noise and the last step explain (they
+meet another surface than at p) are weighted down as in the kernel. A beam without an echo at p has
+no point to match, nor has one that ends in unknown space at either pose; at the estimate a beam is
+followed beyond the sensor's maximum range, for the wall is on the map. Nothing here depends on the
+map's lattice but which poses have a value.
+
+What is left of delta is the error. With the errors e1, e2 of two displacements at right angles,
+averaged over both signs of each, E = e1 e1^T + e2 e2^T does not depend on how the two are turned as
+long as the matching is linear; the roots of its eigenvalues are the layer, the error of the worst
+displacement, and `perturbation_minor`, that of the best, metres; the axis of the first is
+`perturbation_direction`. There is no noise in the scan: it only decides how much the scan is worth
+against P. With nothing in range both are |delta|; by default that is R / 2, the deviation of a
+place anywhere within the map's radius R, so that layers in metres agree where a scan tells nothing.
 """
 
 from __future__ import annotations
@@ -30,22 +34,36 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, U, X, Y, invert
-from ambinav.ambiguity.layers.bands import bands
+from ambinav.ambiguity.kernel import invert
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.ambiguity.returns import BEYOND
 from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
+from ambinav.geometry.fan import scan_rays
 from ambinav.kernels import kernel
+from ambinav.localization.casting import CastTables, cast_tables, expected_ranges, work_space
+from ambinav.localization.information import beam_noise, gradient, sensor_line
 from ambinav.sensing.fields import as_count, as_number
 from ambinav.threads import run_rows
 
+Floats = NDArray[np.float64]
+
 ITERATIONS = 6
-# The match is looked for within so many displacements of where the robot believes to be.
+# The match is looked for within so many displacements of where the robot believes it is.
 WINDOW = 2.0
-# Column and row of the displacements, and the bit of `Lattice.links` that leads each way.
-WAYS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-LINK = np.array([0, 2, 4, 6])
+# A step shorter than this share of what was known beforehand ends the match.
+CONVERGED = 1e-3
+# A step into a wall is halved so often before the match ends where it stands.
+HALVINGS = 6
+# Where the displacements lead, and the angles of rays that way.
+AXES: Floats = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+ANGLES: Floats = np.arange(4, dtype=np.float64) * (math.pi / 2)
+# Poses are rounded to so many decimals of a metre: lattices of several spacings give the same pose
+# with other last bits, and a beam that runs along a wall or into a corner would tell them apart.
+DECIMALS = 9
+# Rays cast between two looks at the keyboard, a second or two.
+RAYS_AT_ONCE = 20_000_000
 
 
 def perturbation(
@@ -59,9 +77,9 @@ def perturbation(
 
     Args:
         ground: What the map was made of.
-        displacement: How far off the robot believes to be, metres; None: half the radius of the
+        displacement: How far off the robot believes it is, metres; None: half the radius of the
             map's neighbourhood.
-        iterations: Gauss-Newton steps, at least 1.
+        iterations: Gauss-Newton steps at most, at least 1.
         tau: How many beams carry one independent piece of evidence, at least 1.
 
     Returns:
@@ -77,22 +95,22 @@ def perturbation(
     tau = as_number(tau, "tau")
     if tau < 1.0:
         raise InputError(f"tau is {tau}; give at least 1.")
-    lattice, table, spacing = ground.lattice, ground.table, ground.spacing
-    steps = round(size / spacing)
-    # As many rows as the ambiguity itself needs: the casts are then shared with layers that do.
-    reach = max(steps + 1, math.floor(ground.radius / spacing + 1e-9))
-    found = np.empty((3, len(ground.points[0]), len(ground.headings)))
+    beams = ground.scanner.beams
+    cast = cast_tables(ground.environment, ground.scanner, np.arange(beams))
+    farther = _farther(cast)
+    noise = beam_noise(ground.environment, ground.scanner, ground.map_std)
+    inverse_cap = ground.table.inverse_cap[:beams].astype(np.float64)
+    free = free_lengths(ground, size)
+    found = np.zeros((3, len(ground.points[0]), len(ground.headings)))
+    most = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
     for h in range(len(ground.headings)):
-        links = ground.links(h)
-        possible = np.ascontiguousarray(ground.possible[:, h])
-        for band in bands(ground, reach):
+        rows = np.flatnonzero(ground.possible[:, h])
+        poses = ground.poses(h).round(DECIMALS)
+        for low in range(0, len(rows), most):
+            part = rows[low : low + most]
             run_rows(
-                _errors, band.end - band.begin, band.begin, band.first, band.last,
-                lattice.rows_columns, lattice.index, links[band.first : band.last],
-                possible[band.first : band.last], WAYS, LINK, steps, spacing,
-                ground.returns(h, band.part).data, table.limit, table.inverse_cap, table.use, size,
-                ground.model.sigma_theta, tau, iterations,
-                found[:, band.begin : band.end, h], least=16,
+                _errors, len(part), part, poses, free, cast, farther, noise, inverse_cap, size,
+                ground.model.sigma_theta, tau, iterations, found[:, :, h], least=16,
             )  # fmt: skip
     major, minor, direction = (ground.spread(values) for values in principal_axes(*found))
     return {
@@ -102,41 +120,85 @@ def perturbation(
     }
 
 
-@kernel(fastmath=FAST)
-def recover(data, p, m, limit, icap, use, off, prior, guess, room, tau):
-    """One step: the estimate that fits the scan at p best, linearised at m.
+def free_lengths(ground: Ground, size: float) -> NDArray[np.float32]:
+    """Distance to the first segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
+    x, y, _ = ground.poses().round(DECIMALS).T
+    distance, _, _ = scan_rays(
+        ground.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
+    )
+    return distance
+
+
+def _farther(cast: CastTables) -> CastTables:
+    """The same beams, followed `BEYOND` their maximum range."""
+    return cast._replace(limit=cast.limit + BEYOND, reach=cast.reach + BEYOND)
+
+
+@kernel
+def lines_at(x, y, theta, cast, frontier, work, ranges, ray, edge, line):
+    """Cast the beams at a pose.
 
     Args:
-        data: See `Returns`, float32, (N, 5, P).
-        p: The row of the true pose.
-        m: The row of the pose to linearise at.
-        limit: Maximum range of each beam, metres, (P,).
-        icap: Inverse cap of each beam, (P,).
-        use: 1 for a beam, 0 for padding, (P,).
-        off: The last estimate less m: x, y (metres) and theta (radians).
+        x: Metres, map frame.
+        y: Metres, map frame.
+        theta: Radians.
+        cast: See `casting.CastTables`; all beams.
+        frontier: Which border edges are the frontier to unknown space, (K,).
+        work: See `casting.work_space`.
+        ranges: Written, (B,), metres; see `casting.expected_ranges`.
+        ray: Work space, int32, (B,).
+        edge: Work space, int32, (B,).
+        line: Written, (B, 4): range (metres; inf where the beam meets no wall), and its
+            derivatives by x, y (1) and theta (metres per radian).
+
+    Returns:
+        Whether all sensors are in the free space; if not, `line` means nothing.
+    """
+    expected_ranges(x, y, theta, cast, work, ranges, ray, edge)
+    co, si = math.cos(theta), math.sin(theta)
+    for b in range(ranges.size):
+        if math.isnan(ranges[b]):
+            return False
+        j, k = ray[b], edge[b]
+        line[b, 0] = math.inf
+        if j < 0 or frontier[k]:
+            continue
+        line[b, 0] = ranges[b]
+        line[b, 1], line[b, 2], line[b, 3] = gradient(
+            ranges[b], 0.0, co, si, cast.cosine[j], cast.sine[j], cast.start[j, 0],
+            cast.start[j, 1], cast.normal[k, 0], cast.normal[k, 1],
+        )  # fmt: skip
+    return True
+
+
+@kernel
+def gauss_newton(scan, line, inverse_cap, off_x, off_y, off_theta, prior, room, tau):
+    """One step from the estimate that `line` was cast at.
+
+    Args:
+        scan: Range (metres) and inverse variance (0: no point to match) at the true pose, (B, 2).
+        line: See `lines_at`.
+        inverse_cap: Inverse of the most evidence that each beam can give, (B,).
+        off_x: The believed pose less the estimate, metres.
+        off_y: Likewise.
+        off_theta: Likewise, radians.
         prior: Inverse variances in x and y, and in theta.
-        guess: The believed pose less m: x and y.
-        room: Variances of the last estimate in x and y, and in theta: a beam that disagrees no
-            more than these can make it is not weighted down.
+        room: Variances of the estimate in x and y, and in theta: a beam that disagrees no more
+            than these can make it is not weighted down.
         tau: Beams per independent piece of evidence.
 
     Returns:
-        The estimate less m: x, y, theta.
+        x, y (metres) and theta (radians).
     """
-    size, p, m = U(limit.size), U(p), U(m)
-    g0, g1, g2 = F0, F0, F0
-    a, b, c, d, e, f = F0, F0, F0, F0, F0, F0
-    o0, o1, o2 = np.float32(off[0]), np.float32(off[1]), np.float32(off[2])
-    r0, r2 = np.float32(0.5 * room[0]), np.float32(0.5 * room[1])
-    for i in range(size):
-        gx, gy, gt = data[m, X, i], data[m, Y, i], data[m, T, i]
-        echo = data[p, D, i] < limit[i]
-        inverse = use[i] / (data[p, S, i] + data[m, S, i]) if echo else F0
-        r = data[p, D, i] - data[m, D, i]
-        z = r - gx * o0 - gy * o1 - gt * o2
-        wide = (gx * gx + gy * gy) * r0 + gt * gt * r2
-        u = z * z * inverse * QUARTER / (F1 + wide * inverse)
-        t = F1 / (F1 + u * icap[i])
+    g0 = g1 = g2 = a = b = c = d = e = f = 0.0
+    for i in range(scan.shape[0]):
+        if not (scan[i, 1] > 0.0 and line[i, 0] < math.inf):
+            continue
+        gx, gy, gt, inverse = line[i, 1], line[i, 2], line[i, 3], scan[i, 1]
+        r = scan[i, 0] - line[i, 0]
+        wide = (gx * gx + gy * gy) * room[0] + gt * gt * room[1]
+        u = 0.5 * r * r * inverse / (1.0 + wide * inverse)
+        t = 1.0 / (1.0 + u * inverse_cap[i])
         w = inverse * t * t
         g0 += w * r * gx
         g1 += w * r * gy
@@ -151,7 +213,8 @@ def recover(data, p, m, limit, icap, use, off, prior, guess, room, tau):
     i00, i01, i02, i11, i12, i22, _ = invert(
         a * s + prior[0], b * s, c * s, d * s + prior[0], e * s, f * s + prior[1]
     )
-    h0, h1, h2 = g0 * s + prior[0] * guess[0], g1 * s + prior[0] * guess[1], g2 * s
+    h0, h1 = g0 * s + prior[0] * off_x, g1 * s + prior[0] * off_y
+    h2 = g2 * s + prior[1] * off_theta
     return (
         i00 * h0 + i01 * h1 + i02 * h2,
         i01 * h0 + i11 * h1 + i12 * h2,
@@ -160,73 +223,86 @@ def recover(data, p, m, limit, icap, use, off, prior, guess, room, tau):
 
 
 @kernel
-def cell_at(row, column, index, first, last, possible):
-    """Row in the data of the possible cell at this place of the lattice, -1 if there is none."""
-    if row < 0 or column < 0 or row >= index.shape[0] or column >= index.shape[1]:
-        return -1
-    q = index[row, column]
-    return q - first if first <= q < last and possible[q - first] else -1
-
-
-@kernel
 def error_left(
-    row, column, way, link, steps, index, first, last, links, possible, spacing, data, limit, icap,
-    use, size, sigma, tau, iterations,
+    px, py, ptheta, axis, free, scan, farther, frontier, inverse_cap, size, sigma, tau, iterations,
+    work, ranges, ray, edge, line,
 ):  # fmt: skip
-    """What is left of the displacement `size` along `way`, x and y, metres."""
-    p = index[row, column] - first
-    m, mx, my = p, 0, 0
-    # As far as possible cells lead, for a robot cannot be expected behind a wall.
-    for _ in range(steps):
-        if not links[m] & (1 << link):
+    """What is left of the displacement `size` along `axis`, x and y, metres."""
+    believed_x, believed_y = px + size * axis[0], py + size * axis[1]
+    # No robot expects to stand behind a wall: the match then starts nearer by halves.
+    share = 1.0
+    for _ in range(HALVINGS):
+        x, y, theta = px + share * size * axis[0], py + share * size * axis[1], ptheta
+        if share * size < free and lines_at(
+            x, y, theta, farther, frontier, work, ranges, ray, edge, line
+        ):
             break
-        mx, my = mx + way[0], my + way[1]
-        m = index[row + my, column + mx] - first
+        share /= 2.0
+    else:
+        x, y = px, py
+        lines_at(x, y, theta, farther, frontier, work, ranges, ray, edge, line)
     prior = (1.0 / (size * size), 1.0 / (sigma * sigma))
-    believed_x, believed_y = size * way[0], size * way[1]
-    x, y, theta = believed_x, believed_y, 0.0
     room = (size * size, sigma * sigma)
     for _ in range(iterations):
-        cx, cy = mx * spacing, my * spacing
-        x, y, theta = recover(
-            data, p, m, limit, icap, use, (x - cx, y - cy, theta), prior,
-            (believed_x - cx, believed_y - cy), room, tau,
+        dx, dy, dtheta = gauss_newton(
+            scan, line, inverse_cap, believed_x - x, believed_y - y, ptheta - theta, prior, room,
+            tau,
         )  # fmt: skip
-        x, y = x + cx, y + cy
-        strayed = math.hypot(x - believed_x, y - believed_y) / (WINDOW * size)
+        strayed = math.hypot(x + dx - believed_x, y + dy - believed_y) / (WINDOW * size)
         if strayed > 1.0:
-            x = believed_x + (x - believed_x) / strayed
-            y = believed_y + (y - believed_y) / strayed
-        room = (spacing * spacing / 4.0, sigma * sigma)
-        nx, ny = round(x / spacing), round(y / spacing)
-        q = cell_at(row + ny, column + nx, index, first, last, possible)
-        if q >= 0:
-            m, mx, my = q, nx, ny
-    return x, y
+            dx = believed_x + (x + dx - believed_x) / strayed - x
+            dy = believed_y + (y + dy - believed_y) / strayed - y
+        if math.hypot(dx, dy) / size + abs(dtheta) / sigma < CONVERGED:
+            return x + dx - px, y + dy - py
+        share = 1.0
+        for _ in range(HALVINGS):
+            if lines_at(
+                x + share * dx, y + share * dy, theta + share * dtheta, farther, frontier, work,
+                ranges, ray, edge, line,
+            ):  # fmt: skip
+                break
+            share /= 2.0
+        else:
+            break
+        dx, dy, dtheta = share * dx, share * dy, share * dtheta
+        x, y, theta = x + dx, y + dy, theta + dtheta
+        room = (dx * dx + dy * dy, dtheta * dtheta)
+    return x - px, y - py
 
 
 @kernel
 def _errors(
-    low, high, begin, first, last, rows_columns, index, links, possible, ways, link, steps, spacing,
-    data, limit, icap, use, size, sigma, tau, iterations, out,
+    low, high, rows, poses, free, cast, farther, noise, inverse_cap, size, sigma, tau, iterations,
+    out,
 ):  # fmt: skip
+    beams = noise.far.size
+    work = work_space(cast.cosine.size)
+    ranges, line, scan = np.empty(beams), np.empty((beams, 4)), np.empty((beams, 2))
+    ray, edge = np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32)
     for i in range(low, high):
-        row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
+        p = rows[i]
+        px, py, ptheta = poses[p, 0], poses[p, 1], poses[p, 2]
+        expected_ranges(px, py, ptheta, cast, work, ranges, ray, edge)
+        for b in range(beams):
+            scan[b, 0], scan[b, 1] = ranges[b], 0.0
+            if ray[b] >= 0 and ranges[b] > noise.near[b] and not noise.frontier[edge[b]]:
+                _, _, variance = sensor_line(ranges[b], b, noise)
+                scan[b, 1] = 1.0 / variance
         xx, xy, yy = 0.0, 0.0, 0.0
         for k in range(4):
             x, y = error_left(
-                row, column, ways[k], link[k], steps, index, first, last, links, possible, spacing,
-                data, limit, icap, use, size, sigma, tau, iterations,
+                px, py, ptheta, AXES[k], free[p, k], scan, farther, noise.frontier, inverse_cap,
+                size, sigma, tau, iterations, work, ranges, ray, edge, line,
             )  # fmt: skip
             xx, xy, yy = xx + 0.5 * x * x, xy + 0.5 * x * y, yy + 0.5 * y * y
-        out[0, i], out[1, i], out[2, i] = xx, xy, yy
+        out[0, p], out[1, p], out[2, p] = xx, xy, yy
 
 
 LAYER = Layer(
     name="perturbation",
     title="error left of a small displacement, worst direction",
     unit="m",
-    source="Chai et al. 2024, LF-3PM (IROS): perturbation-induced metric",
+    source="own, after the idea of Chai et al. 2024, LF-3PM (IROS): docs/layers.md",
     worse="high",
     compute=perturbation,
     companions={

@@ -1,4 +1,4 @@
-"""Ranks of hit-point Jacobians: against numpy's SVD, closed forms, and bits counted one by one."""
+"""Ranks of hit-point Jacobians: closed forms, and bits counted one by one."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers import bands as banding
-from ambinav.ambiguity.layers.gfm import DIRECTIONS, LAYER, STEP, gfm, rank_masks, share
+from ambinav.ambiguity.layers import gfm as module
+from ambinav.ambiguity.layers.gfm import DIRECTIONS, LAYER, TURN, gfm, rank_masks, share
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import chosen_layers
-from ambinav.ambiguity.reference import cast
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER, Segments
@@ -35,49 +34,9 @@ def ground_of(env: Environment, scanner: RangeScanner = LASER) -> Ground:
     return Ground.of(build_map(env, scanner, spacing=0.2, max_beams=66), env)
 
 
-def hit(env: Environment, x: float, y: float, k: int, limit: float) -> Floats | None:
-    """Hit point of the ray in direction k, or None where there is none."""
-    angle = STEP * (k % DIRECTIONS)
-    d, segment = cast(env, x, y, angle)
-    if segment < 0 or d > limit or env.segments.kind[segment] == FRONTIER:
-        return None
-    return np.array([x + d * math.cos(angle), y + d * math.sin(angle)])
-
-
-def bad(ground: Ground, x: float, y: float, k: int, limit: float) -> bool:
-    """Whether the hit-point Jacobian of a ray has not the full rank, by the definition."""
-    env, h = ground.environment, ground.spacing
-    own = hit(env, x, y, k, limit)
-    if own is None:
-        return True
-
-    def at(dx: float, dy: float, turn: int) -> Floats:
-        angle, length = math.atan2(dy, dx), math.hypot(dx, dy)
-        if length > 0.0 and (not env.is_free(x + dx, y + dy) or cast(env, x, y, angle)[0] < length):
-            return own
-        there = hit(env, x + dx, y + dy, k + turn, limit)
-        return own if there is None else there
-
-    rows = [at(h, 0, 0) - at(-h, 0, 0), at(0, h, 0) - at(0, -h, 0), at(0, 0, 1) - at(0, 0, -1)]
-    return bool(np.linalg.matrix_rank(np.array(rows), tol=ground.map_std) < 2)
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_bits_are_the_ranks_that_svd_gives(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    ground = ground_of(scenes.scene(seed, size=12.0, blocks=9, thin=4))
-    masks = rank_masks(ground, 4.0)
-    x, y = ground.points
-    chosen = rng.choice(len(x), 25, replace=False)
-    expected = [[bad(ground, x[p], y[p], k, 4.0) for k in range(DIRECTIONS)] for p in chosen]
-    found = np.unpackbits(masks[chosen].view(np.uint8), bitorder="little").reshape(25, -1)
-    # A ray that meets a corner exactly may take either side.
-    assert (found != np.array(expected)).mean() < 0.002
-
-
 def test_between_straight_walls_no_ray_sees_more_than_its_wall() -> None:
     ground = ground_of(scenes.room(20.0, 2.0).transformed(0.3))
-    layer = gfm(ground)["gfm"][ground.free]
+    layer = gfm(ground, step=0.2)["gfm"][ground.free]
     x, y = ground.points
     along = math.cos(0.3) * x + math.sin(0.3) * y
     assert (layer[np.abs(along - 10.0) < 5.0] == 1.0).all()
@@ -91,8 +50,8 @@ def test_rays_about_the_corners_of_a_room_have_full_rank() -> None:
     mask = int(rank_masks(ground, 4.0)[p])
     good = {k for k in range(DIRECTIONS) if not mask >> k & 1}
     corners = np.arctan2([4 - y[p], 4 - y[p], -y[p], -y[p]], [4 - x[p], -x[p], -x[p], 4 - x[p]])
-    apart = np.subtract.outer([k * STEP for k in good], corners) + math.pi
-    apart = np.abs(np.mod(apart, 2 * math.pi) - math.pi) / STEP
+    apart = np.subtract.outer([k * TURN for k in good], corners) + math.pi
+    apart = np.abs(np.mod(apart, 2 * math.pi) - math.pi) / TURN
     assert (apart.min(axis=0) < 1.5).all()
     assert (apart.min(axis=1) < 2.5).all()
 
@@ -114,52 +73,79 @@ def test_out_of_range_and_frontier_tell_nothing() -> None:
     aperture=st.floats(0.0, 2 * math.pi),
 )
 def test_share_counts_the_bits_in_view(mask: int, heading: float, aperture: float) -> None:
-    apart = [abs(math.remainder(k * STEP - heading, 2 * math.pi)) for k in range(DIRECTIONS)]
+    apart = [abs(math.remainder(k * TURN - heading, 2 * math.pi)) for k in range(DIRECTIONS)]
     view = [k for k in range(DIRECTIONS) if apart[k] <= aperture / 2]
     if min((abs(a - aperture / 2) for a in apart), default=1.0) < 1e-6:
         return
     view = view or [int(np.argmin(apart))]
     expected = sum(mask >> k & 1 for k in view) / len(view)
     found = share(np.array([mask], dtype=np.uint64), heading, aperture)
-    if aperture > STEP:
+    if aperture > TURN:
         assert float(found[0]) == pytest.approx(expected)
     assert 0.0 <= float(found[0]) <= 1.0
     # A turn of the building by a step turns the bits by one.
     turned = ((mask << 1) | (mask >> 63)) & (2**64 - 1)
-    again = share(np.array([turned], dtype=np.uint64), heading + STEP, aperture)
-    assert float(again[0]) == pytest.approx(float(found[0]), abs=1.0 if aperture < STEP else 0.0)
+    again = share(np.array([turned], dtype=np.uint64), heading + TURN, aperture)
+    assert float(again[0]) == pytest.approx(float(found[0]), abs=1.0 if aperture < TURN else 0.0)
 
 
 def test_headings_of_a_fan_are_windows_of_the_mask() -> None:
-    fan = RangeScanner.planar(NEAR, 33, 32 * STEP)
+    fan = RangeScanner.planar(NEAR, 33, 32 * TURN)
     ground = ground_of(scenes.room(5.0, 3.0), fan)
     layer = gfm(ground)["gfm"]
     assert layer.shape == (*ground.free.shape, 8)
     masks = rank_masks(ground, 4.0)
     for h, heading in enumerate(ground.headings):
-        np.testing.assert_allclose(layer[ground.free, h], share(masks, heading, 32 * STEP))
+        np.testing.assert_allclose(layer[ground.free, h], share(masks, heading, 32 * TURN))
 
 
 def test_each_ray_sees_as_far_as_its_beam() -> None:
-    front = RangeScanner.planar(FAR, 16, 15 * STEP)
-    rear = RangeScanner.planar(NEAR, 16, 15 * STEP, (0.0, 0.0, math.pi))
+    front = RangeScanner.planar(FAR, 16, 15 * TURN)
+    rear = RangeScanner.planar(NEAR, 16, 15 * TURN, (0.0, 0.0, math.pi))
     ground = ground_of(scenes.room(14.0, 3.0), RangeScanner.mixed(front, rear))
     layer = gfm(ground)["gfm"]
     x, y = ground.points
     p = int(np.argmin(np.hypot(x - 7.1, y - 1.5)))
     # Ahead the end of the room is in range, behind it is not.
-    ahead = share(rank_masks(ground, 12.0), 0.0, 15 * STEP)[p]
-    behind = share(rank_masks(ground, 4.0), math.pi, 15 * STEP)[p]
+    ahead = share(rank_masks(ground, 12.0), 0.0, 15 * TURN)[p]
+    behind = share(rank_masks(ground, 4.0), math.pi, 15 * TURN)[p]
     assert ahead < behind == 1.0
     assert layer[ground.free, 0][p] < layer[ground.free, 4][p] + 1e-6
 
 
-def test_bands_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_batches_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     ground = ground_of(scenes.scene(4, size=12.0, blocks=9, thin=4))
     whole = rank_masks(ground, 4.0)
-    monkeypatch.setattr(banding, "BAND_BYTES", 500_000)
-    assert len(list(banding.bands(ground, 1))) > 2
+    monkeypatch.setattr(module, "BATCH", 700)
     np.testing.assert_array_equal(rank_masks(ground, 4.0), whole)
+
+
+def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
+    """The poses of a lattice are among those of one three times as fine."""
+    fine, coarse = (
+        Ground.of(build_map(demo, LASER, spacing=spacing, radius=0.8), demo)
+        for spacing in (0.25, 0.75)
+    )
+    here, there = gfm(fine)["gfm"], gfm(coarse)["gfm"]
+    x, y = coarse.points
+    column = np.rint((x - fine.lattice.x[0]) / 0.25).astype(int)
+    row = np.rint((y - fine.lattice.y[0]) / 0.25).astype(int)
+    np.testing.assert_array_equal(there[coarse.free], here[row, column])
+    # It is the step that counts.
+    assert (gfm(coarse, step=0.3)["gfm"] != there)[coarse.free].mean() > 0.3
+
+
+def test_a_wider_step_meets_more_features() -> None:
+    ground = ground_of(scenes.room(4.0, 4.0))
+    wide = rank_masks(ground, 4.0, 1.0)
+    narrow = rank_masks(ground, 4.0, 0.01)
+    assert np.bitwise_count(wide).mean() < np.bitwise_count(narrow).mean()
+
+
+@pytest.mark.parametrize("step", [0.0, -0.1, math.nan, math.inf])
+def test_bad_step(step: float) -> None:
+    with pytest.raises(InputError, match="step"):
+        gfm(ground_of(scenes.room(1.0, 1.0)), step=step)
 
 
 def test_a_scanner_of_cones_cannot_have_it() -> None:

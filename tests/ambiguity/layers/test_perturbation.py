@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers import bands as banding
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.reference import beams
@@ -105,21 +104,18 @@ def test_ends_where_only_what_was_believed_pulls(env: Environment, x: float, y: 
 
 
 def test_one_step_is_the_regularised_least_squares_step() -> None:
-    """One step from a free cell, without outliers: numpy's solution with exact casts."""
+    """One step, without outliers: numpy's solution with exact casts."""
     ground = ground_of(scenes.room(4.0, 3.0), outlier_share=1e-9)
     x, y = 1.55, 1.35
     here = beams(ground.environment, ground.scanner, ground.model, x, y, 0.0)
     errors = []
     for way in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-        # Two cells of 0.1 m off, the third is farther than the displacement.
-        step = 0.2 * np.array(way)
-        qx, qy = x + step[0], y + step[1]
-        there = beams(ground.environment, ground.scanner, ground.model, qx, qy, 0.0)
-        weight = 2.0 / (here[2] + there[2])
+        step = SIZE * np.array(way)
+        there = beams(ground.environment, ground.scanner, ground.model, x + step[0], y + step[1], 0)
+        weight = 1.0 / here[2]
         prior = np.diag([SIZE**-2, SIZE**-2, ground.model.sigma_theta**-2])
-        believed = np.append(SIZE * np.array(way) - step, 0.0)
         total = (there[1] * weight[:, None]).T @ there[1] + prior
-        pull = there[1].T @ (weight * (here[0] - there[0])) + prior @ believed
+        pull = there[1].T @ (weight * (here[0] - there[0]))
         errors.append(np.linalg.solve(total, pull)[:2] + step)
     expected = np.linalg.svd(np.array(errors), compute_uv=False) / math.sqrt(2)
     found = perturbation(ground, iterations=1)
@@ -169,13 +165,32 @@ def test_a_fan_has_an_error_for_each_heading() -> None:
     assert values[0] == pytest.approx(SIZE, rel=0.02)
 
 
-def test_bands_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    ground = ground_of(scenes.room(4.0, 3.0, np.array([1.0, 0.0, 1.5, 1.8])))
-    whole = perturbation(ground)
-    monkeypatch.setattr(banding, "BAND_BYTES", 200_000)
-    assert len(list(banding.bands(ground, 5))) > 2
-    for name, values in perturbation(ground).items():
-        np.testing.assert_array_equal(values, whole[name])
+def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
+    """The poses of a lattice are among those of one three times as fine."""
+    fine, coarse = (ground_of(demo, spacing=spacing, radius=0.8) for spacing in (0.25, 0.75))
+    here, there = perturbation(fine), perturbation(coarse)
+    x, y = coarse.points
+    column = np.rint((x - fine.lattice.x[0]) / 0.25).astype(int)
+    row = np.rint((y - fine.lattice.y[0]) / 0.25).astype(int)
+    np.testing.assert_allclose(fine.lattice.x[column], x)
+    assert len(x) > 1000
+    for name, values in there.items():
+        np.testing.assert_array_equal(values[coarse.free], here[name][row, column])
+
+
+def test_no_start_behind_a_wall() -> None:
+    """The next room, 4 cm away, is where the robot believes it is, but not where it looks."""
+    env = scenes.environment(
+        shapely.union_all([shapely.box(0, 0, 3, 3), shapely.box(3.04, 0, 7, 3)])
+    )
+    alone = ground_of(scenes.room(3.0, 3.0))
+    found, expected = perturbation(ground_of(env)), perturbation(alone)
+    for x in (2.75, 2.85, 2.95):
+        one, other = (
+            at(ground, layer["perturbation"], x, 1.45)
+            for ground, layer in ((ground_of(env), found), (alone, expected))
+        )
+        assert one == pytest.approx(other, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,240 @@
+"""What the layers `gfm`, `perturbation` and `wall_normals` depend on, and what they agree with.
+
+`gfm` and `perturbation` at the same poses of maps with spacings of 0.1 and 0.3 m; `gfm` at other
+steps, and beside the definition of the published program of GFM-Planner on a grid (hits are whole
+cells, the step is one cell, a rank is exact) and on the same walls in a grid shifted by a third of
+a cell; `wall_normals` beside the smaller eigenvalue of sum n n^T over what a scan sees.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+
+import numpy as np
+from harness import ENVIRONMENTS, add_out, environment_path, report, table
+from map_case import plain_scanner
+from numpy.typing import NDArray
+from scipy.stats import spearmanr
+
+from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.perturbation import perturbation
+from ambinav.ambiguity.layers.wall_normals import wall_normals
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.segments import WALL
+
+LIBRARIES = ("ambinav", "numpy", "scipy")
+MAPS = ("demo", "freiburg-079", "nav2_depot", "aws_small_house")
+FINE, COARSE = 0.1, 0.3
+STEPS = (0.025, 0.05, 0.1, 0.2, 0.3)
+WIDE = 1.0
+"""Metres to the nearest wall from which a place counts as wide."""
+CELL = 0.05
+"""Edge of the published program's cells here, metres."""
+SHIFT = (0.37, 0.61)
+"""By how much of a cell the second grid is shifted."""
+SAMPLE = 1500
+FARTHEST = 100.0
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Poses that maps of both spacings have: their numbers in each, and whether they are wide."""
+
+    fine: Ground
+    coarse: Ground
+    in_fine: NDArray[np.intp]
+    in_coarse: NDArray[np.intp]
+    wide: Mask
+
+
+def main() -> None:
+    """Measure as the command line says, and report."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("maps", nargs="*", help=f"default: {' '.join(MAPS)}")
+    parser.add_argument("--seed", type=int, default=1, help="default: %(default)s")
+    add_out(parser)
+    args = parser.parse_args()
+    lattice, steps, program, normals = [], [], [], []
+    for name in args.maps or MAPS:
+        if name not in ENVIRONMENTS:
+            parser.error(f"map {name!r}: choose from {', '.join(sorted(ENVIRONMENTS))}.")
+        env = load_environment(environment_path(name))
+        shared = shared_poses(env)
+        lattice.append((name, len(shared.wide), int(shared.wide.sum()), *of_spacings(shared)))
+        steps.append((name, *of_steps(shared)))
+        program.append((name, *of_program(env, np.random.default_rng(args.seed))))
+        normals.append((name, *of_normals(shared)))
+    body = "\n\n".join(
+        [
+            "60 beams of 4 m; rank correlations (Spearman). Wide: "
+            f"{WIDE:g} m or more from every wall; in brackets there alone.",
+            f"Same poses of maps with spacings of {FINE:g} and {COARSE:g} m. As it was: with the "
+            "spacing for the step of `gfm`.",
+            table(
+                ("map", "poses", "wide", "`perturbation`", "`gfm`", "`gfm` as it was"), lattice
+            ),
+            f"`gfm` at other steps than {STEP:g} m, against that, and its mean.",
+            table(("map", *(f"{step:g} m" for step in STEPS)), steps),
+            f"`gfm` without a limit of range and the published program's definition on cells of "
+            f"{CELL:g} m, at {SAMPLE} of its cells.",
+            table(
+                (
+                    "map", f"ours, step {STEP:g} m", f"ours, step {CELL:g} m",
+                    "itself, grid shifted", f"itself, cells of {2 * CELL:g} m",
+                ),
+                program,
+            ),
+            "`wall_normals` and the smaller eigenvalue over what the scan sees, a beam each.",
+            table(("map", "rank correlation"), normals),
+        ]
+    )  # fmt: skip
+    report("What layers depend on", LIBRARIES, body, args.out)
+
+
+def shared_poses(env: Environment) -> Shared:
+    """Maps of both spacings; the poses of the coarse one are among those of the fine one."""
+    fine, coarse = (Ground.of(build_map(env, plain_scanner(), s), env) for s in (FINE, COARSE))
+    x, y = coarse.points
+    column = np.rint((x - fine.lattice.x[0]) / FINE).astype(np.intp)
+    row = np.rint((y - fine.lattice.y[0]) / FINE).astype(np.intp)
+    number = fine.lattice.index[row, column]
+    both = np.flatnonzero(number >= 0)
+    wide = np.asarray(env.clearance(x[both], y[both])) >= WIDE
+    return Shared(fine, coarse, number[both], both, wide)
+
+
+def correlation(first: Floats, second: Floats) -> str:
+    """Two digits; a dash where one of them is the same everywhere."""
+    if min(len(first), np.ptp(first), np.ptp(second)) == 0:
+        return "-"
+    return f"{spearmanr(first, second).statistic:.2f}"
+
+
+def both_of(first: Floats, second: Floats, wide: Mask) -> str:
+    """Everywhere, and in brackets in wide places."""
+    return f"{correlation(first, second)} ({correlation(first[wide], second[wide])})"
+
+
+def of_spacings(shared: Shared) -> tuple[str, str, str]:
+    """Agreement of maps of two spacings: perturbation, gfm, and gfm with the spacing as step."""
+    found = []
+    for fine, coarse in (
+        (perturbation(shared.fine), perturbation(shared.coarse)),
+        (gfm(shared.fine), gfm(shared.coarse)),
+        (gfm(shared.fine, step=FINE), gfm(shared.coarse, step=COARSE)),
+    ):
+        name = next(iter(fine))
+        one = fine[name][shared.fine.free][shared.in_fine]
+        other = coarse[name][shared.coarse.free][shared.in_coarse]
+        found.append(both_of(one, other, shared.wide))
+    return found[0], found[1], found[2]
+
+
+def of_steps(shared: Shared) -> list[str]:
+    """Rank correlation of gfm at each step with that at the default, and its mean."""
+    values = {s: gfm(shared.coarse, step=s)["gfm"][shared.coarse.free] for s in (*STEPS, STEP)}
+    part = shared.in_coarse
+    return [
+        f"{both_of(values[s][part], values[STEP][part], shared.wide)}; {values[s].mean():.2f}"
+        for s in STEPS
+    ]
+
+
+def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, str, str]:
+    """Agreement of the definition on cells with ours at two steps, and with itself on others."""
+    lattice = Lattice.over(env, CELL)
+    column, row = np.meshgrid(np.arange(len(lattice.x)), np.arange(len(lattice.y)))
+    x, y = lattice.x[column], lattice.y[row]
+    here = np.pad(~lattice.free, 1, constant_values=True)
+    there = np.pad(
+        ~np.asarray(env.is_free(x + SHIFT[0] * CELL, y + SHIFT[1] * CELL)),
+        1, constant_values=True,
+    )  # fmt: skip
+    cells = np.argwhere(apart_from_walls(here) & apart_from_walls(there)) - 1
+    cells = cells[np.sort(rng.permutation(len(cells))[:SAMPLE])]
+    free = np.zeros_like(lattice.free)
+    free[cells[:, 0], cells[:, 1]] = True
+    ground = Ground.of(build_map(env, plain_scanner(), COARSE), env)
+    ground = replace(ground, lattice=replace(lattice, free=free))
+    ours = [
+        np.bitwise_count(rank_masks(ground, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
+    ]
+    one, other = (rank_one(grid, cells + 1) for grid in (here, there))
+    wider = Lattice.over(env, 2 * CELL)
+    grid = np.pad(~wider.free, 1, constant_values=True)
+    row = np.rint((lattice.y[cells[:, 0]] - wider.y[0]) / (2 * CELL)).astype(np.intp) + 1
+    column = np.rint((lattice.x[cells[:, 1]] - wider.x[0]) / (2 * CELL)).astype(np.intp) + 1
+    open_there = apart_from_walls(grid)[row, column]
+    coarse = rank_one(grid, np.column_stack([row, column])[open_there])
+    return (
+        correlation(ours[0], one),
+        correlation(ours[1], one),
+        correlation(one, other),
+        correlation(one[open_there], coarse),
+    )
+
+
+def apart_from_walls(occupied: Mask) -> Mask:
+    """Free cells whose eight neighbours are free."""
+    near = np.ones_like(occupied)
+    rows, columns = occupied.shape
+    near[1:-1, 1:-1] = False
+    for i in range(3):
+        for j in range(3):
+            near[1:-1, 1:-1] |= occupied[i : rows - 2 + i, j : columns - 2 + j]
+    return ~near
+
+
+def rank_one(occupied: Mask, cells: NDArray[np.intp]) -> Floats:
+    """Share of the 64 rays whose differences of hit cells have the rank 1, at cells (N, 2)."""
+    own, east, north = hit_cells(occupied, cells), np.array([0, 1]), np.array([1, 0])
+    rows = np.stack(
+        [
+            hit_cells(occupied, cells + east) - hit_cells(occupied, cells - east),
+            hit_cells(occupied, cells + north) - hit_cells(occupied, cells - north),
+            np.roll(own, -1, axis=1) - np.roll(own, 1, axis=1),
+        ],
+        axis=2,
+    )
+    minors = [
+        rows[:, :, i, 0] * rows[:, :, j, 1] - rows[:, :, i, 1] * rows[:, :, j, 0]
+        for i, j in ((0, 1), (0, 2), (1, 2))
+    ]
+    parallel = ~np.any(minors, axis=0)
+    return np.asarray((parallel & rows.any(axis=(2, 3))).mean(axis=1))
+
+
+def hit_cells(occupied: Mask, cells: NDArray[np.intp]) -> NDArray[np.int64]:
+    """Row and column of the cell that each of the 64 rays from cells (N, 2) meets, (N, 64, 2)."""
+    angle = TURN * np.arange(DIRECTIONS)
+    found = np.zeros((len(cells), DIRECTIONS, 2), dtype=np.int64)
+    pose, ray = (part.ravel() for part in np.indices((len(cells), DIRECTIONS)))
+    length = 0
+    while len(pose):
+        length += 1
+        row = np.rint(cells[pose, 0] + length * np.sin(angle[ray])).astype(np.int64)
+        column = np.rint(cells[pose, 1] + length * np.cos(angle[ray])).astype(np.int64)
+        met = occupied[row, column]
+        found[pose[met], ray[met]] = np.stack([row[met], column[met]], axis=1)
+        pose, ray = pose[~met], ray[~met]
+    return found
+
+
+def of_normals(shared: Shared) -> tuple[str]:
+    """Agreement of wall_normals with the eigenvalue over what the scan sees."""
+    hits = shared.coarse.hits()
+    seen = np.where((hits.kind == WALL)[..., np.newaxis], hits.normal, 0.0)
+    smaller = np.linalg.eigvalsh(np.einsum("pbi,pbj->pij", seen, seen))[:, 0]
+    layer = wall_normals(shared.coarse)["wall_normals"][shared.coarse.free]
+    return (both_of(layer[shared.in_coarse], smaller[shared.in_coarse], shared.wide),)
+
+
+if __name__ == "__main__":
+    main()
