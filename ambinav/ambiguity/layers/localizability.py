@@ -144,7 +144,7 @@ def _possible_around(ground: Ground, poses: Floats, step: float, turn: float) ->
     for side, sign in enumerate((1.0, -1.0)):
         for axis, (dx, dy, dt) in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, turn))):
             found[:, axis, side] = can_stand(
-                ground.environment, ground.mounted or ground.scanner, x + sign * dx, y + sign * dy,
+                ground.environment, ground.full_scanner, x + sign * dx, y + sign * dy,
                 heading + sign * dt, ground.model.robot_radius,
             )  # fmt: skip
     return found
