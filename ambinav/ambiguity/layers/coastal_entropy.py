@@ -26,11 +26,13 @@ p is, in the mean of both,
 
 k = E[rho''(n)] (`expected_evidence`): noise alone uses up some of what a capped beam can tell, at
 e = 0.05 a quarter of it. The integral over a cell then is that of I (docs/model.md), with evidence
-and cap of this size. The weight within a cell is that of a point anywhere in it, h^2 / 12, not the
-h^2 / 4 of the tensor, whose overlapping cells would leave nearly 2 bits where the pose is known
-exactly. Noise also moves the whole posterior, by a Gaussian as wide as itself: the entropy of its
-cells is the mean over that, by a rule of seven points that is exact to the fifth order. To move
-the posterior against the cells is in closed form, so no beam is compared twice. Then
+and cap of this size, over each quarter of the cell where the robot can stand: beside rough walls
+scans are not linear over a whole one. The weight within a quarter is that of a point anywhere in
+it, 1/12 of its squared edge, not the h^2 / 4 of the tensor, whose overlapping cells would leave
+nearly 2 bits where the pose is known exactly. Noise also moves the whole posterior, by a Gaussian
+as wide as itself: the entropy of its cells is the mean over that, by a rule of seven points that
+is exact to the fifth order. To move the posterior against the cells is in closed form, so no beam
+is compared twice. Then
 
     H(p) = E[- sum_q b(q) log2 b(q)]   bits, from 0 to log2 of the number of cells,
 
@@ -54,7 +56,8 @@ from ambinav.ambiguity.kernel import FAST, compare, reach
 from ambinav.ambiguity.layers.bands import bands
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
-from ambinav.ambiguity.returns import BeamTable
+from ambinav.ambiguity.returns import BeamTable, beam_returns
+from ambinav.ambiguity.standing import can_stand
 from ambinav.errors import InputError
 from ambinav.geometry.lattice import STEPS
 from ambinav.kernels import kernel
@@ -65,8 +68,10 @@ from ambinav.threads import run_rows
 PEOPLE = 0.05
 # Nobody sees past so many people in the mean: e^-20 of the evidence is nothing.
 CROWD = np.float32(20.0)
-# Squared spacing over the variance of a point that is anywhere in its cell.
-CELL = 12.0
+# Squared edge over the variance of a point that is anywhere in a square.
+SQUARE = 12.0
+# A cell is compared by its quarters: scans of rough walls are linear over 5 cm, but not over 10.
+QUARTERS = np.array([(-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)])
 # Noise that a normal distribution is integrated over, in deviations, for `expected_evidence`.
 NOISE = np.linspace(-10.0, 10.0, 4001)
 # The rule for means over a normal distribution of the plane: its middle, and six points around.
@@ -102,14 +107,14 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
     found = np.empty((2, len(ground.points[0]), len(ground.headings)), dtype=np.float32)
     for h in range(len(ground.headings)):
         links = ground.links(h)
-        for band in bands(ground, steps):
-            data = _known(ground.returns(h, band.part).data, table, share, people)
+        for band in bands(ground, steps, 2 * (1 + len(QUARTERS))):
+            data, rows = _quarters(ground, h, band.part)
             run_rows(
                 _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
-                lattice.index, links[band.first : band.last], STEPS, offsets, data,
-                table.limit, inverse_cap, table.use, told, model.tau,
-                lattice.spacing**2 / CELL, model.sigma_theta**2, prior, SHIFTS, WEIGHTS,
-                found[:, band.begin : band.end, h], least=8,
+                lattice.index, links[band.first : band.last], STEPS, offsets, rows,
+                _known(data, table, share, people), table.limit, inverse_cap, table.use, told,
+                model.tau, (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2, prior, SHIFTS,
+                WEIGHTS, found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
     entropy, gain = (ground.spread(values) for values in found)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
@@ -121,6 +126,36 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
     rows, columns = (one.ravel() for one in np.meshgrid(axis, axis, indexing="ij"))
     near = rows**2 + columns**2 <= radius**2 * (1 + 1e-9)
     return np.stack([rows[near], columns[near]], axis=1)
+
+
+def _quarters(
+    ground: Ground, heading: int, part: slice
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Scans of N poses at their cells' centres, then of the middles of the cells' quarters.
+
+    Returns:
+        Beam returns, shape (5 N, 5, P), and the rows of each cell's quarters, shape (N, 4): -1
+        where the robot cannot stand there, and the centre's where it can stand in none.
+    """
+    x, y = (axis[part] for axis in ground.points)
+    count, angle, robot = len(x), float(ground.headings[heading]), ground.model.robot_radius
+    data = np.zeros((5 * count, 5, len(ground.table.limit)), dtype=np.float32)
+    data[:, 4] = 1.0
+    rows = np.full((count, len(QUARTERS)), -1, dtype=np.int32)
+    steps = np.vstack([np.zeros((1, 2)), ground.spacing * QUARTERS])
+    for k, (dx, dy) in enumerate(steps.tolist()):
+        beam_returns(
+            ground.environment, ground.scanner, ground.table, x + dx, y + dy, angle,
+            data[k * count : (k + 1) * count],
+        )  # fmt: skip
+        if k > 0:
+            stands = can_stand(
+                ground.environment, ground.full_scanner, x + dx, y + dy, angle, robot
+            )
+            rows[stands, k - 1] = k * count + np.flatnonzero(stands)
+    nowhere = (rows < 0).all(axis=1)
+    rows[nowhere, 0] = np.flatnonzero(nowhere)
+    return data, rows
 
 
 def expected_evidence(odd: float) -> tuple[float, float]:
@@ -176,40 +211,49 @@ def _known(
     data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
 ) -> NDArray[np.float32]:
     """Beam returns with twice the evidence, as at a known pose, as far as nobody is in the way."""
-    known = data.copy()
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
-    known[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
-    return known
+    data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
+    return data
 
 
 @kernel(fastmath=FAST)
 def likelihoods(
-    row, column, index, first, marks, offsets, data, limit, icap, use, evidence, tau, c0, c2, found
-):
-    """Compare the pose with each marked cell; the marked cells' number.
+    row, column, index, first, marks, offsets, rows, data, limit, icap, use, evidence, tau, c0, c2,
+    scan, cell, found,
+):  # fmt: skip
+    """Compare the pose with itself, then with the quarters of each marked cell.
 
-    Written to `found`, a row a cell: I, the best offset x and y and its covariance xx, xy, yy, of
-    the pose's own cell first.
+    Written a row each: which scan, int32, `scan`; which cell, -1 for the pose itself, int32,
+    `cell`; and log of I (less that of the quarters in the cell), the best offset x and y and its
+    covariance xx, xy, yy, `found`.
+
+    Returns:
+        How many rows there are.
     """
     k = np.abs(offsets).max()
     side = 2 * k + 1
     p = index[row, column] - first
+    scan[0], cell[0], found[0, 0] = p, -1, 0.0
     count = 1
     for o in range(offsets.shape[0]):
         if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
             continue
         q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
+        low = count
+        for part in range(rows.shape[1]):
+            if rows[q, part] >= 0:
+                scan[count], cell[count] = rows[q, part], o
+                count += 1
+        for n in range(low, count):
+            found[n, 0] = -math.log(count - low)
+    for n in range(count):
         alike, ox, oy, _, sxx, sxy, syy, _ = compare(
-            data, p, q, limit, icap, use, evidence, tau, c0, c2
+            data, p, scan[n], limit, icap, use, evidence, tau, c0, c2
         )
-        at = 0
-        if q != p:
-            at = count
-            count += 1
-        found[at, 0] = alike
-        found[at, 1], found[at, 2] = ox, oy
-        found[at, 3], found[at, 4], found[at, 5] = sxx, sxy, syy
+        found[n, 0] += math.log(max(alike, 1e-300))
+        found[n, 1], found[n, 2] = ox, oy
+        found[n, 3], found[n, 4], found[n, 5] = sxx, sxy, syy
     return count
 
 
@@ -217,10 +261,9 @@ def likelihoods(
 def noise_root(xx, xy, yy, c0, prior):
     """Symmetric root (xx, xy, yy) of the covariance by which noise moves the posterior.
 
-    (xx, xy, yy) is the covariance of the offset within the pose's own cell, which is known to
-    deviate by c0 beforehand, the neighbourhood by 1 / prior. With A what the scan tells, the
-    posterior of the neighbourhood is (A + prior)^-1, and noise moves it by one of covariance
-    (A + prior)^-1 A (A + prior)^-1.
+    (xx, xy, yy) is the covariance of the offset at the pose after the scan, if it is c0 before.
+    With A what the scan tells and `prior` what is known before it, the posterior of the whole
+    neighbourhood is (A + prior)^-1, and noise moves it by (A + prior)^-1 A (A + prior)^-1.
     """
     half, mean = 0.5 * math.hypot(xx - yy, 2.0 * xy), 0.5 * (xx + yy)
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
@@ -234,51 +277,55 @@ def noise_root(xx, xy, yy, c0, prior):
 
 
 @kernel
-def entropy_of(found, count, c0, prior, shifts, weights, scratch):
-    """Expected entropy of the cells that `likelihoods` has found, nats."""
+def entropy_of(cell, found, count, c0, prior, shifts, weights, scratch):
+    """Expected entropy of the cells that `likelihoods` has compared, nats; and their number."""
     xx, xy, yy = noise_root(found[0, 3], found[0, 4], found[0, 5], c0, prior)
-    expected = 0.0
+    expected, cells = 0.0, 0
     for k in range(weights.size):
-        # In units of the cell's variance.
+        # In units of the quarters' variance.
         ux = (xx * shifts[k, 0] + xy * shifts[k, 1]) / c0
         uy = (xy * shifts[k, 0] + yy * shifts[k, 1]) / c0
         most = -math.inf
-        for q in range(count):
-            # The Gaussian of a cell that is moved by -u against the posterior, over that of one
-            # that is not, in the mean of the posterior within the cell.
-            moved = 0.5 * (found[q, 3] * ux * ux + 2.0 * found[q, 4] * ux * uy)
-            moved += 0.5 * found[q, 5] * uy * uy - found[q, 1] * ux - found[q, 2] * uy
-            alike = max(found[q, 0], 1e-300)
-            scratch[q] = math.log(alike) + moved
-            most = max(most, scratch[q])
-        total, weighted = 0.0, 0.0
-        for q in range(count):
-            share = math.exp(scratch[q] - most)
-            total += share
-            weighted += share * (scratch[q] - most)
+        for n in range(1, count):
+            # The Gaussian of a quarter that is moved by -u over that of one that is not, in the
+            # mean of the posterior within the quarter; what all have in common is left out.
+            moved = 0.5 * (found[n, 3] * ux * ux + 2.0 * found[n, 4] * ux * uy)
+            moved += 0.5 * found[n, 5] * uy * uy - found[n, 1] * ux - found[n, 2] * uy
+            scratch[n] = found[n, 0] + moved
+            most = max(most, scratch[n])
+        total, weighted, share, cells = 0.0, 0.0, 0.0, 0
+        for n in range(1, count):
+            share += math.exp(scratch[n] - most)
+            if n + 1 == count or cell[n + 1] != cell[n]:
+                total += share
+                if share > 0.0:
+                    weighted += share * math.log(share)
+                share = 0.0
+                cells += 1
         expected += weights[k] * (math.log(total) - weighted / total)
-    return expected
+    return expected, cells
 
 
 @kernel
 def _entropies(
-    low, high, begin, first, rows_columns, index, links, steps, offsets, data, limit, icap, use,
-    evidence, tau, c0, c2, prior, shifts, weights, out,
+    low, high, begin, first, rows_columns, index, links, steps, offsets, rows, data, limit, icap,
+    use, evidence, tau, c0, c2, prior, shifts, weights, out,
 ):  # fmt: skip
     side = 2 * np.abs(offsets).max() + 1
     marks = np.empty(side * side, dtype=np.uint8)
     queue = np.empty(side * side, dtype=np.int32)
-    found = np.empty((offsets.shape[0], 6))
-    scratch = np.empty(offsets.shape[0])
+    size = 1 + offsets.shape[0] * rows.shape[1]
+    scan, cell = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
+    found, scratch = np.empty((size, 6)), np.empty(size)
     for i in range(low, high):
         row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
         count = likelihoods(
-            row, column, index, first, marks, offsets, data, limit, icap, use, evidence, tau, c0,
-            c2, found,
+            row, column, index, first, marks, offsets, rows, data, limit, icap, use, evidence, tau,
+            c0, c2, scan, cell, found,
         )  # fmt: skip
-        nats = entropy_of(found, count, c0, prior, shifts, weights, scratch)
-        most = math.log2(count)
+        nats, cells = entropy_of(cell, found, count, c0, prior, shifts, weights, scratch)
+        most = math.log2(cells)
         bits = min(max(nats / math.log(2.0), 0.0), most)
         out[0, i], out[1, i] = bits, most - bits
 
