@@ -7,10 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
+from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
+from tests.ambiguity.layers import brute_rays
+
+Floats = NDArray[np.float64]
 
 BUILDINGS = ("drawn", "recorded")
 DRAWN = Path(__file__).parents[3] / "configs" / "demo.geojson"
@@ -48,3 +53,17 @@ def some(ground: Ground, count: int, seed: int) -> list[tuple[int, int]]:
     possible = np.argwhere(ground.possible)
     rng = np.random.default_rng(seed)
     return [(int(p), int(h)) for p, h in rng.permutation(possible)[:count]]
+
+
+def standing_poses(
+    env: Environment, mounts: Floats, x: Floats, y: Floats, theta: Floats
+) -> NDArray[np.bool_]:
+    """Whether centre and sensors are in the free space, with no wall between."""
+    good = shapely.contains_xy(env.free, x, y)
+    for mx, my in np.unique(np.round(mounts[:, :2], 9), axis=0):
+        off = math.hypot(mx, my)
+        if off > 0.0:
+            angle = theta + math.atan2(my, mx)
+            found, _ = brute_rays.cast(env.segments.xy, x, y, angle, off)
+            good &= ~np.isfinite(found)
+    return np.asarray(good)

@@ -46,7 +46,9 @@ def oracle_cells(
 
     def stands(px: float, py: float) -> bool:
         return bool(
-            standing_poses(env, mounts, np.array([px]), np.array([py]), np.array([heading]))
+            oracle_cases.standing_poses(
+                env, mounts, np.array([px]), np.array([py]), np.array([heading])
+            )
         )
 
     def parted(px: float, py: float, dx: float, dy: float) -> bool:
@@ -67,20 +69,6 @@ def oracle_cells(
                 found.add(to)
                 todo.append(to)
     return h * np.array(sorted(found), dtype=np.float64)
-
-
-def standing_poses(
-    env: Environment, mounts: Floats, x: Floats, y: Floats, theta: Floats
-) -> NDArray[np.bool_]:
-    """Whether centre and sensors are in the free space, with no wall between."""
-    good = shapely.contains_xy(env.free, x, y)
-    for mx, my in np.unique(np.round(mounts[:, :2], 9), axis=0):
-        off = math.hypot(mx, my)
-        if off > 0.0:
-            angle = theta + math.atan2(my, mx)
-            found, _ = brute_rays.cast(env.segments.xy, x, y, angle, off)
-            good &= ~np.isfinite(found)
-    return np.asarray(good)
 
 
 def sampled(
@@ -124,7 +112,9 @@ def sampled(
     py = y + cells[:, None, 1] + h * (drawn[:, 1] - 0.5)
     theta = np.broadcast_to(heading + model.sigma_theta * norm.ppf(drawn[:, 2]), px.shape)
     there = ranges(px, py, theta)
-    stands = standing_poses(env, mounts, px.ravel(), py.ravel(), theta.ravel()).reshape(px.shape)
+    stands = oracle_cases.standing_poses(
+        env, mounts, px.ravel(), py.ravel(), theta.ravel()
+    ).reshape(px.shape)
     here = ranges(*(np.array([v]) for v in pose))[0]
 
     def together(values: Floats) -> Floats:
