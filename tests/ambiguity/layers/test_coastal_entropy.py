@@ -16,7 +16,7 @@ from scipy.stats import norm, qmc, spearmanr
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import bands as banding
-from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy
+from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy, expected_evidence
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reference import reachable
@@ -324,3 +324,20 @@ def test_refuses_what_is_no_number_of_people(people: float) -> None:
     ground = ground_of(scenes.room(1.0, 1.0))
     with pytest.raises(InputError, match="people"):
         coastal_entropy(ground, people=people)
+
+
+@pytest.mark.parametrize("odd", [1e-6, 0.01, 0.05, 0.3, 0.99])
+def test_what_a_beam_tells_is_the_mean_over_its_noise(odd: float) -> None:
+    """Of sampled readings: a small difference, and one that is as large as can be."""
+    noise = np.random.default_rng(1).normal(size=200_000)
+    noise = np.concatenate([noise, -noise])
+
+    def told(z: Floats) -> Floats:
+        return np.asarray(-np.log((1.0 - odd) * np.exp(-0.5 * z**2) + odd))
+
+    small, most = expected_evidence(odd)
+    mean = (told(noise + 0.3) - told(noise)).mean()
+    assert small == pytest.approx((1.0 - odd) * mean / (0.5 * 0.3**2), rel=0.06, abs=1e-4)
+    assert most == pytest.approx((1.0 - odd) * (told(noise + 60.0) - told(noise)).mean(), rel=0.02)
+    assert 0.0 < small < 1.0
+    assert 0.0 < most < -math.log(odd)
