@@ -49,12 +49,13 @@ def expected_covariance(
             sigma_theta where the map has no heading_radius. The place deviates by no more than
             the map's neighbourhood allows: where nothing is in range by half of its radius, in a
             corridor by 1 / sqrt(3) of it, and a little more for the cells.
-            "fisher": what one scan leaves of `prior`. None: "ambiguity" of a map, "fisher" of an
-            environment.
+            "fisher": what one scan of all beams leaves of `prior`, as the layer `fisher` has it for
+            its own prior. None: "ambiguity" of a map, "fisher" of an environment.
         scanner: For "fisher"; None: the map's own.
         prior: For "fisher": covariance without the scan, shape (3, 3) or (N, 3, 3); None: 0.5 m
             along x and y, 15 degrees.
-        map_std: For "fisher", as for `information.scan_information`.
+        map_std: For "fisher", as for `information.scan_information`; None: what the map of
+            ambiguity was made with, or the environment's.
 
     Returns:
         Shape (N, 3, 3), square metres and radians; nan where the map has no value: outside of
@@ -72,6 +73,7 @@ def expected_covariance(
         environment, scanner = place_and_scanner(place, scanner)
         usual = np.diag(USUAL_PRIOR)
         before = as_covariances(usual if prior is None else prior, "prior", len(rows))
+        map_std = walls_std(place, map_std)
         found = posteriors(before, scan_information(environment, scanner, rows, map_std))
         inside = np.asarray(environment.is_free(rows[:, 0], rows[:, 1]))
         return np.where(inside[:, np.newaxis, np.newaxis], found, np.nan)
@@ -109,13 +111,30 @@ def place_and_scanner(
     return place.environment, RangeScanner.from_yaml_text(text, file=f"{place.source}: scanner")
 
 
-def _of_radii(amap: AmbiguityMap, rows: Floats) -> Floats:
-    told = json.loads(amap.dataset.attrs["parameters"])
-    if "sigma_theta" not in told:
+def walls_std(place: AmbiguityMap | Environment, map_std: float | None) -> float | None:
+    """The given deviation of the walls, or else that which a map was made with, metres.
+
+    None, which stands for the environment's own, where an environment is given and no deviation.
+
+    Raises:
+        InputError: the map does not tell it.
+    """
+    if map_std is not None or isinstance(place, Environment):
+        return map_std
+    return _parameter(place, "map_std")
+
+
+def _parameter(place: AmbiguityMap, name: str) -> float:
+    told = json.loads(place.dataset.attrs["parameters"])
+    if name not in told:
         raise InputError(
-            f"{amap.source}: its parameters lack sigma_theta; make the map again with "
-            "`ambinav map`."
+            f"{place.source}: its parameters lack {name}; make the map again with `ambinav map`."
         )
+    return float(told[name])
+
+
+def _of_radii(amap: AmbiguityMap, rows: Floats) -> Floats:
+    known = _parameter(amap, "sigma_theta")
     x, y, theta = rows.T
 
     def at(layer: str) -> Floats:
@@ -123,7 +142,7 @@ def _of_radii(amap: AmbiguityMap, rows: Floats) -> Floats:
         return np.asarray(amap.sample(layer, x, y, heading), dtype=np.float64)
 
     major, minor, direction = (at(name) for name in ("major_radius", "minor_radius", "direction"))
-    turn = np.full(len(rows), float(told["sigma_theta"]))
+    turn = np.full(len(rows), known)
     if "heading_radius" in amap.layers:
         turn = np.minimum(turn, at("heading_radius"))
     c, s = np.cos(direction), np.sin(direction)

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
-from ambinav.localization.expected import place_and_scanner
+from ambinav.localization.expected import place_and_scanner, walls_std
 from ambinav.localization.information import as_poses
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.online import as_covariances
@@ -87,7 +87,7 @@ def information_gain(
         prior: Covariance of the first pose before its scan, shape (3, 3), positive definite.
         odometry: How odometry errs between the poses; None: AMCL's defaults.
         seen: At which poses a scan is made, bool, shape (N,); None: at all.
-        map_std: As for `information.scan_information`.
+        map_std: As for `expected.expected_covariance`.
         unit: "bits" or "nats".
 
     Raises:
@@ -106,6 +106,7 @@ def information_gain(
             "than 0."
         )
     environment, scanner = place_and_scanner(place, scanner)
+    map_std = walls_std(place, map_std)
     ekf = ExtendedKalmanFilter(environment, scanner, odometry, map_std=map_std)
     after = ekf.predicted_covariances(rows, first, seen)
     without = ekf.predicted_covariances(rows, first, np.zeros(len(rows), dtype=np.bool_))

@@ -138,11 +138,11 @@ def plot_layer(
     else:
         # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
         # are the dark ones. cividis fades into the greys.
-        worse = data.attrs.get("worse", "high")
-        colours, unknown = "viridis_r" if worse == "high" else "viridis", UNKNOWN_COLOUR
+        low_is_bad = data.attrs.get("worse") == "low" or data.attrs.get("better") == "high"
+        colours, unknown = "viridis" if low_is_bad else "viridis_r", UNKNOWN_COLOUR
         if parts is not None:
             values = np.where(parts.counted, values, np.nan)
-        norm = _scale(layer, values, added="worse" in data.attrs)
+        norm = _scale(layer, values, added="source" in data.attrs)
         values = np.clip(values, norm.vmin, norm.vmax)
     if parts is not None:
         values = np.where(parts.counted, values, np.nan)

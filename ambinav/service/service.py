@@ -74,7 +74,8 @@ class AmbiguityService:
         amap.floor(layer)
         if schema.is_axis(layer) or schema.is_nearest(layer):
             raise InputError(f"layer {layer!r} is no amount; a cost needs one such as level.")
-        if amap.dataset[layer].attrs.get("worse") == "low":
+        attrs = amap.dataset[layer].attrs
+        if attrs.get("worse") == "low" or attrs.get("better") == "high":
             raise InputError(
                 f"layer {layer!r} is high where a robot is well localized; a cost needs one that "
                 "is high where it is not, such as level."

@@ -6,12 +6,15 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.occupancy import OccupancyGrid
+from ambinav.geometry.shapes import environment_from_shapes
 from ambinav.localization.expected import expected_covariance
+from ambinav.localization.information_gain import information_gain
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.sensing import RangeScanner, RangeSensor
@@ -280,3 +283,29 @@ def test_the_map_knows_how_sure_its_walls_are() -> None:
     there = expected_covariance(amap, poses, source="fisher")
     here = expected_covariance(building, poses, source="fisher", scanner=scanner)
     np.testing.assert_allclose(here, there, rtol=1e-9)
+    gains = [
+        information_gain(place, scanner, poses, np.diag([0.04, 0.04, 0.01])).total
+        for place in (amap, building)
+    ]
+    assert gains[0] == pytest.approx(gains[1], rel=1e-9)
+    assert information_gain(amap, None, poses, np.diag([0.04, 0.04, 0.01])).total == gains[0]
+
+
+def test_what_a_map_was_made_with_counts_in_what_is_computed_from_it() -> None:
+    """Walls that are given as less sure than the building's kind says are so everywhere."""
+    building = environment_from_shapes([shapely.box(0, 0, 4, 3)])
+    scanner = RangeScanner.planar(
+        sensor=RangeSensor(max_range=5.0, std=0.02, resolution=0.01), beams=24, aperture=math.tau
+    )
+    amap = build_map(building, scanner, spacing=0.5, map_std=0.1)
+    poses, prior = [[1.0, 1.0, 0.0]], np.diag([0.04, 0.04, 0.01])
+    options = {"prior": prior, "map_std": 0.1}
+    there = expected_covariance(amap, poses, source="fisher", prior=prior)
+    here = expected_covariance(building, poses, scanner=scanner, **options)
+    np.testing.assert_allclose(there, here, rtol=1e-9)
+    told = information_gain(amap, None, poses, prior).total
+    assert told == pytest.approx(
+        information_gain(building, scanner, poses, **options).total, rel=1e-9
+    )
+    small = information_gain(amap, None, poses, prior, map_std=0.02).total
+    assert small > told + 1.0

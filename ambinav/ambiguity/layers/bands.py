@@ -32,7 +32,7 @@ class Band:
     part: slice
 
 
-def bands(ground: Ground, reach: int) -> Iterator[Band]:
+def bands(ground: Ground, reach: int, scans: int = 1) -> Iterator[Band]:
     """Bands such that the beam returns of one and its neighbours take about `BAND_BYTES`.
 
     It is exceeded only where a single row and its neighbours are more.
@@ -40,9 +40,10 @@ def bands(ground: Ground, reach: int) -> Iterator[Band]:
     Args:
         ground: The map's lattice and beams.
         reach: How many rows a neighbour may be off.
+        scans: How many scans are held of each pose.
     """
     poses = len(ground.points[0])
-    most = BAND_BYTES // (5 * 4 * len(ground.table.limit))
+    most = BAND_BYTES // (scans * 5 * 4 * len(ground.table.limit))
     if poses <= most:
         yield Band(0, poses, 0, poses, WHOLE)
         return

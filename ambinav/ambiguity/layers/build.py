@@ -101,6 +101,8 @@ def _variables(
         }
         if name == layer.name:
             attrs["worse"] = layer.worse
+        elif name in layer.high_is_good:
+            attrs["better"] = "high"
         if options:
             attrs["options"] = json.dumps(options, default=str, sort_keys=True)
         key = f"{name}_{summary}" if summary else name

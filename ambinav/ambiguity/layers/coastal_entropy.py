@@ -1,7 +1,7 @@
 """What is left to be told of the pose when a scan has been taken: coastal navigation.
 
-Source: N. Roy, W. Burgard, D. Fox and S. Thrun, "Coastal navigation: mobile robot navigation with
-uncertainty in dynamic environments", ICRA 1999: the robot keeps to where a scan is expected to
+Source: after N. Roy, W. Burgard, D. Fox and S. Thrun, "Coastal navigation: mobile robot navigation
+with uncertainty in dynamic environments", ICRA 1999: the robot keeps to where a scan is expected to
 leave the least entropy of its pose, E_s[H(pose | scan s)], in a building where people block
 beams. The paper itself was not at hand; all that follows is our own reading.
 
@@ -9,17 +9,32 @@ Before the scan the robot is as probably in one cell of the neighbourhood as in 
 cells within the map's radius R that free steps between possible poses lead to. Readings r_i make
 the cell q as probable as
 
-    b(q) ~ integral over q's cell of exp(-1/2 sum_i z_i^2 / tau),   z_i = (r_i - d_i(q)) / s_i.
+    b(q) ~ integral over q's cell of exp(-sum_i rho(z_i) / tau),   z_i = (r_i - d_i(q)) / s_i,
+    rho(z) = -log((1 - e) exp(-z^2 / 2) + e).
 
-For the readings that p gives in the mean that is the map's own indistinguishability I(p, q) with
-twice the evidence (tau halved), integrated as docs/model.md says; I itself has half of it, -log
-rho = z^2 / 4, for there both scans are noisy. The weight within a cell is that of a point anywhere
-in it, h^2 / 12, not the h^2 / 4 of the tensor, whose overlapping cells would leave nearly 2 bits
-where the pose is known exactly. With d linear in the pose and Gaussian noise the posterior of every
-scan has the same entropy, so that of the mean scan is the expected one; the tests compare it with
-sampled scans where ranges are not linear. Then
+e is the share of beams that meet what is not on the map (the model's `outlier_share`, with the
+sensor's random and lost readings). exp(-z^2 / 2) is the likelihood of a noisy reading at a known
+pose, relative to its peak; an odd beam tells no pose from another, so its relative likelihood is 1.
+Hence rho ends at -log e: the cap of the model's own indistinguishability I(p, q), where the same
+share is mixed with exp(-z^2 / 4), for there both scans are noisy. Twice the evidence of I, then,
+under the same cap; halving tau would double both, and stand for a share of e^2.
 
-    H(p) = - sum_q b(q) log2 b(q)   bits, from 0 to log2 of the number of cells,
+The readings are those at p, with their noise n and their odd beams. What a beam tells of q against
+p is, in the mean of both,
+
+    E[rho(n + z) - rho(n)] = (1 - e) (k z^2 / 2 for small z, -log e - E[rho(n)] for large ones),
+
+k = E[rho''(n)] (`expected_evidence`): noise alone uses up some of what a capped beam can tell, at
+e = 0.05 a quarter of it. The integral over a cell then is that of I (docs/model.md), with evidence
+and cap of this size, over each quarter of the cell where the robot can stand: beside rough walls
+scans are not linear over a whole one. The weight within a quarter is that of a point anywhere in
+it, 1/12 of its squared edge, not the h^2 / 4 of the tensor, whose overlapping cells would leave
+nearly 2 bits where the pose is known exactly. Noise also moves the whole posterior, by a Gaussian
+as wide as itself: the entropy of its cells is the mean over that, by a rule of seven points that
+is exact to the fifth order. To move the posterior against the cells is in closed form, so no beam
+is compared twice. Then
+
+    H(p) = E[- sum_q b(q) log2 b(q)]   bits, from 0 to log2 of the number of cells,
 
 which rises by 2 bits where the spacing is halved and nothing else changes. `coastal_entropy_gain`
 is that number of bits less H: what the scan tells.
@@ -36,12 +51,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.indistinguishability import FINE, evidence_table
+from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
 from ambinav.ambiguity.kernel import FAST, compare, reach
 from ambinav.ambiguity.layers.bands import bands
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import Layer
-from ambinav.ambiguity.returns import BeamTable
+from ambinav.ambiguity.returns import BeamTable, beam_returns
+from ambinav.ambiguity.standing import can_stand
 from ambinav.errors import InputError
 from ambinav.geometry.lattice import STEPS
 from ambinav.kernels import kernel
@@ -52,8 +68,17 @@ from ambinav.threads import run_rows
 PEOPLE = 0.05
 # Nobody sees past so many people in the mean: e^-20 of the evidence is nothing.
 CROWD = np.float32(20.0)
-# Squared spacing over the variance of a point that is anywhere in its cell.
-CELL = 12.0
+# Squared edge over the variance of a point that is anywhere in a square.
+SQUARE = 12.0
+# A cell is compared by its quarters: scans of rough walls are linear over 5 cm, but not over 10.
+QUARTERS = np.array([(-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)])
+# Noise that a normal distribution is integrated over, in deviations, for `expected_evidence`.
+NOISE = np.linspace(-10.0, 10.0, 4001)
+# The rule for means over a normal distribution of the plane: its middle, and six points around.
+SHIFTS = np.array(
+    [(0.0, 0.0), *((2 * math.cos(k), 2 * math.sin(k)) for k in math.pi / 3 * np.arange(6))]
+)
+WEIGHTS = np.array([1 / 2, *[1 / 12] * 6])
 
 
 def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDArray[np.float32]]:
@@ -74,19 +99,22 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
         raise InputError(f"people is {people}; give at least 0 per metre.")
     lattice, table, model = ground.lattice, ground.table, ground.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
-    told = _evidence(table)
+    share, inverse_cap = _known_pose(table)
+    told = _evidence(table, share)
+    # What is known before the scan is the neighbourhood.
+    prior = 4.0 / model.radius**2
     offsets = _disc(steps, model.radius / lattice.spacing)
     found = np.empty((2, len(ground.points[0]), len(ground.headings)), dtype=np.float32)
     for h in range(len(ground.headings)):
         links = ground.links(h)
-        for band in bands(ground, steps):
-            data = _among_people(ground.returns(h, band.part).data, table, people)
+        for band in bands(ground, steps, 2 * (1 + len(QUARTERS))):
+            data, rows = _quarters(ground, h, band.part)
             run_rows(
                 _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
-                lattice.index, links[band.first : band.last], STEPS, offsets, data,
-                table.limit, table.inverse_cap, table.use, told, model.tau / 2.0,
-                lattice.spacing**2 / CELL, model.sigma_theta**2,
-                found[:, band.begin : band.end, h], least=8,
+                lattice.index, links[band.first : band.last], STEPS, offsets, rows,
+                _known(data, table, share, people), table.limit, inverse_cap, table.use, told,
+                model.tau, (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2, prior, SHIFTS,
+                WEIGHTS, found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
     entropy, gain = (ground.spread(values) for values in found)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
@@ -100,64 +128,204 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
     return np.stack([rows[near], columns[near]], axis=1)
 
 
-def _evidence(table: BeamTable) -> NDArray[np.float32] | None:
-    """Table of evidence, one row a beam, or None where all bins are fine."""
+def _quarters(
+    ground: Ground, heading: int, part: slice
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Scans of N poses at their cells' centres, then of the middles of the cells' quarters.
+
+    Returns:
+        Beam returns, shape (5 N, 5, P), and the rows of each cell's quarters, shape (N, 4): -1
+        where the robot cannot stand there, and the centre's where it can stand in none.
+    """
+    x, y = (axis[part] for axis in ground.points)
+    count, angle, robot = len(x), float(ground.headings[heading]), ground.model.robot_radius
+    data = np.zeros((5 * count, 5, len(ground.table.limit)), dtype=np.float32)
+    data[:, 4] = 1.0
+    rows = np.full((count, len(QUARTERS)), -1, dtype=np.int32)
+    steps = np.vstack([np.zeros((1, 2)), ground.spacing * QUARTERS])
+    for k, (dx, dy) in enumerate(steps.tolist()):
+        beam_returns(
+            ground.environment, ground.scanner, ground.table, x + dx, y + dy, angle,
+            data[k * count : (k + 1) * count],
+        )  # fmt: skip
+        if k > 0:
+            stands = can_stand(
+                ground.environment, ground.full_scanner, x + dx, y + dy, angle, robot
+            )
+            rows[stands, k - 1] = k * count + np.flatnonzero(stands)
+    nowhere = (rows < 0).all(axis=1)
+    rows[nowhere, 0] = np.flatnonzero(nowhere)
+    return data, rows
+
+
+def expected_evidence(odd: float) -> tuple[float, float]:
+    """What a beam tells at a known pose, in the mean over its noise and over its being odd.
+
+    Args:
+        odd: Share of beams that are odd, e, above 0 and below 1.
+
+    Returns:
+        (1 - e) E[rho''(n)], what small differences count, and (1 - e) (-log e - E[rho(n)]), the
+        most that a beam can tell; see the module.
+    """
+    normal = np.exp(-0.5 * NOISE**2)
+    weight = normal / normal.sum()
+    mixed = (1.0 - odd) * normal + odd
+    fits = (1.0 - odd) * normal / mixed
+    # rho' = z fits and fits' = - z fits (1 - fits).
+    bend = fits * (1.0 - NOISE**2 * (1.0 - fits))
+    most = weight @ (np.log(mixed) - math.log(odd))
+    return (1.0 - odd) * float(weight @ bend), (1.0 - odd) * float(most)
+
+
+def _known_pose(table: BeamTable) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Of each beam what small differences count and 1 / the most it tells, shape (P,)."""
+    caps, which = np.unique(table.inverse_cap, return_inverse=True)
+    told = np.ones((len(caps), 2))
+    for k, inverse in enumerate(caps.tolist()):
+        if inverse > 0.0:  # it is 0 for padding
+            told[k] = expected_evidence(math.exp(-1.0 / inverse))
+    share, cap = told[which].T.astype(np.float32)
+    return share, 1.0 / cap
+
+
+def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float32] | None:
+    """Table of evidence for the variance that `_known` gives, or None where all bins are fine.
+
+    One row a beam. A difference of z deviations is there one of z sqrt(2 share).
+    """
     if table.width.max() <= FINE:
         return None
-    widths, beam = np.unique(table.width, return_inverse=True)
-    return np.asarray(evidence_table(widths)[np.pad(beam, (0, len(table.limit) - len(beam)))])
+    width = np.pad(table.width, (0, len(share) - table.beams), constant_values=table.width[0])
+    kinds, beam = np.unique(np.stack([width, share], axis=1), axis=0, return_inverse=True)
+    # As in `evidence_table`.
+    z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
+    rows = []
+    for wide, told in kinds.tolist():
+        apart = z / math.sqrt(2.0 * told)
+        rows.append(evidence(apart, wide) / (apart * apart / 4.0))
+    return np.array(rows, dtype=np.float32)[beam.reshape(-1)]
 
 
-def _among_people(
-    data: NDArray[np.float32], table: BeamTable, people: float
+def _known(
+    data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
 ) -> NDArray[np.float32]:
-    """Beam returns whose evidence counts as often as nobody is in the beam's way."""
-    if people == 0.0:
-        return data
-    thinned = data.copy()
+    """Beam returns with twice the evidence, as at a known pose, as far as nobody is in the way."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
-    thinned[:, 4] *= np.exp(np.minimum(met, CROWD))
-    return thinned
+    data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
+    return data
 
 
 @kernel(fastmath=FAST)
-def entropy_at(
-    row, column, index, first, marks, offsets, data, limit, icap, use, evidence, tau, c0, c2
-):
-    """Entropy of the pose's cell among the marked ones, and how many they are; nats."""
+def likelihoods(
+    row, column, index, first, marks, offsets, rows, data, limit, icap, use, evidence, tau, c0, c2,
+    scan, cell, found,
+):  # fmt: skip
+    """Compare the pose with itself, then with the quarters of each marked cell.
+
+    Written a row each: which scan, int32, `scan`; which cell, -1 for the pose itself, int32,
+    `cell`; and log of I (less that of the quarters in the cell), the best offset x and y and its
+    covariance xx, xy, yy, `found`.
+
+    Returns:
+        How many rows there are.
+    """
     k = np.abs(offsets).max()
     side = 2 * k + 1
     p = index[row, column] - first
-    total, weighted, count = 0.0, 0.0, 0
+    scan[0], cell[0], found[0, 0] = p, -1, 0.0
+    count = 1
     for o in range(offsets.shape[0]):
         if marks[(offsets[o, 0] + k) * side + offsets[o, 1] + k] != 2:
             continue
         q = index[row + offsets[o, 0], column + offsets[o, 1]] - first
-        count += 1
-        alike = compare(data, p, q, limit, icap, use, evidence, tau, c0, c2)[0]
-        total += alike
-        if alike > 0.0:
-            weighted += alike * math.log(alike)
-    return math.log(total) - weighted / total, count
+        low = count
+        for part in range(rows.shape[1]):
+            if rows[q, part] >= 0:
+                scan[count], cell[count] = rows[q, part], o
+                count += 1
+        for n in range(low, count):
+            found[n, 0] = -math.log(count - low)
+    for n in range(count):
+        alike, ox, oy, _, sxx, sxy, syy, _ = compare(
+            data, p, scan[n], limit, icap, use, evidence, tau, c0, c2
+        )
+        found[n, 0] += math.log(max(alike, 1e-300))
+        found[n, 1], found[n, 2] = ox, oy
+        found[n, 3], found[n, 4], found[n, 5] = sxx, sxy, syy
+    return count
+
+
+@kernel
+def noise_root(xx, xy, yy, c0, prior):
+    """Symmetric root (xx, xy, yy) of the covariance by which noise moves the posterior.
+
+    (xx, xy, yy) is the covariance of the offset at the pose after the scan, if it is c0 before.
+    With A what the scan tells and `prior` what is known before it, the posterior of the whole
+    neighbourhood is (A + prior)^-1, and noise moves it by (A + prior)^-1 A (A + prior)^-1.
+    """
+    half, mean = 0.5 * math.hypot(xx - yy, 2.0 * xy), 0.5 * (xx + yy)
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    wide = max(1.0 / (mean + half) - 1.0 / c0, 0.0)
+    narrow = max(1.0 / (mean - half) - 1.0 / c0, 0.0)
+    wide, narrow = math.sqrt(wide) / (wide + prior), math.sqrt(narrow) / (narrow + prior)
+    c, s = math.cos(angle), math.sin(angle)
+    return (
+        wide * c * c + narrow * s * s, (wide - narrow) * c * s, wide * s * s + narrow * c * c,
+    )  # fmt: skip
+
+
+@kernel
+def entropy_of(cell, found, count, c0, prior, shifts, weights, scratch):
+    """Expected entropy of the cells that `likelihoods` has compared, nats; and their number."""
+    xx, xy, yy = noise_root(found[0, 3], found[0, 4], found[0, 5], c0, prior)
+    expected, cells = 0.0, 0
+    for k in range(weights.size):
+        # In units of the quarters' variance.
+        ux = (xx * shifts[k, 0] + xy * shifts[k, 1]) / c0
+        uy = (xy * shifts[k, 0] + yy * shifts[k, 1]) / c0
+        most = -math.inf
+        for n in range(1, count):
+            # The Gaussian of a quarter that is moved by -u over that of one that is not, in the
+            # mean of the posterior within the quarter; what all have in common is left out.
+            moved = 0.5 * (found[n, 3] * ux * ux + 2.0 * found[n, 4] * ux * uy)
+            moved += 0.5 * found[n, 5] * uy * uy - found[n, 1] * ux - found[n, 2] * uy
+            scratch[n] = found[n, 0] + moved
+            most = max(most, scratch[n])
+        total, weighted, share, cells = 0.0, 0.0, 0.0, 0
+        for n in range(1, count):
+            share += math.exp(scratch[n] - most)
+            if n + 1 == count or cell[n + 1] != cell[n]:
+                total += share
+                if share > 0.0:
+                    weighted += share * math.log(share)
+                share = 0.0
+                cells += 1
+        expected += weights[k] * (math.log(total) - weighted / total)
+    return expected, cells
 
 
 @kernel
 def _entropies(
-    low, high, begin, first, rows_columns, index, links, steps, offsets, data, limit, icap, use,
-    evidence, tau, c0, c2, out,
+    low, high, begin, first, rows_columns, index, links, steps, offsets, rows, data, limit, icap,
+    use, evidence, tau, c0, c2, prior, shifts, weights, out,
 ):  # fmt: skip
     side = 2 * np.abs(offsets).max() + 1
     marks = np.empty(side * side, dtype=np.uint8)
     queue = np.empty(side * side, dtype=np.int32)
+    size = 1 + offsets.shape[0] * rows.shape[1]
+    scan, cell = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
+    found, scratch = np.empty((size, 6)), np.empty(size)
     for i in range(low, high):
         row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
-        nats, count = entropy_at(
-            row, column, index, first, marks, offsets, data, limit, icap, use, evidence, tau, c0,
-            c2,
+        count = likelihoods(
+            row, column, index, first, marks, offsets, rows, data, limit, icap, use, evidence, tau,
+            c0, c2, scan, cell, found,
         )  # fmt: skip
-        most = math.log2(count)
+        nats, cells = entropy_of(cell, found, count, c0, prior, shifts, weights, scratch)
+        most = math.log2(cells)
         bits = min(max(nats / math.log(2.0), 0.0), most)
         out[0, i], out[1, i] = bits, most - bits
 
@@ -166,7 +334,7 @@ LAYER = Layer(
     name="coastal_entropy",
     title="expected entropy of the pose after a scan",
     unit="bits",
-    source="Roy, Burgard, Fox and Thrun 1999, Coastal navigation (ICRA)",
+    source="after Roy, Burgard, Fox and Thrun 1999, Coastal navigation (ICRA)",
     worse="high",
     compute=coastal_entropy,
     companions={"coastal_entropy_gain": ("what a scan is expected to tell of the pose", "bits")},

@@ -103,6 +103,11 @@ class Ground:
             scanner,
         )
 
+    @property
+    def full_scanner(self) -> RangeScanner:
+        """All beams of the scanner, mounted as those of `scanner` are."""
+        return self.mounted or self.scanner
+
     def over(self, lattice: Lattice) -> Ground:
         """The same on another lattice, less the points at which the robot cannot stand.
 
@@ -110,16 +115,14 @@ class Ground:
             InputError: no point is left.
         """
         lattice, _ = standing_lattice(
-            lattice, self.mounted or self.scanner, self.headings, self.model.robot_radius
+            lattice, self.full_scanner, self.headings, self.model.robot_radius
         )
         return replace(self, lattice=lattice)
 
     @cached_property
     def possible(self) -> NDArray[np.bool_]:
         """Whether the robot can stand at the free cells, shape (P, K): see `standing`."""
-        return standing(
-            self.lattice, self.mounted or self.scanner, self.headings, self.model.robot_radius
-        )
+        return standing(self.lattice, self.full_scanner, self.headings, self.model.robot_radius)
 
     def links(self, heading: int = 0) -> NDArray[np.uint8]:
         """`Lattice.links` between cells where the robot can stand at this heading, shape (P,)."""

@@ -1,17 +1,20 @@
 """Localizability after Wang and Chen: how the expected ranges on a probabilistic grid change.
 
-Source: Y. Wang, W. Chen, J. Wang, W. Wang, "Localizability estimation for mobile robots based on
-probabilistic grid map and its applications to localization", MFI 2012, and "Active global
+Source: after Y. Wang, W. Chen, J. Wang, W. Wang, "Localizability estimation for mobile robots based
+on probabilistic grid map and its applications to localization", MFI 2012, and "Active global
 localization based on localizability for mobile robots", Robotica 2014. The static localizability
 matrix is the Fisher information of the scan with each beam's change of range taken by finite
 differences of its expected range on the grid, over the variance of its range, which comes from the
 sensor and from the occupancy of the cells that it may end in: sum_i d_i d_i^T / s_i^2, d_i the
-differences by x, y and theta. Its determinant is the index, its weak axis the direction.
+differences by x, y and theta. Its determinant is their index, its weak axis the direction.
 
 Our own reading: the grid is made from the walls, and rays are followed smoothly through it
-(`occupancy`); differences are central; the index is the determinant about x, y and theta; the
-direction is the weak axis of the xy block of the inverse, theta marginalised, under the prior that
-`fisher` has, and localizability_radius is its radius in metres. Where the robot cannot stand a step
+(`occupancy`); differences are central; the beams are those of the map, thinned. The layer is the
+radius in metres along the weak axis of the xy block of the inverse, theta marginalised, under the
+prior that `fisher` has. Their index, about x, y and theta, is kept beside it as
+localizability_determinant: in a corridor it is a product of two large numbers and one that is 0 but
+for what the grid's roughness leaves, and so differs by orders with the angle at which the corridor
+lies on the grid. Where the robot cannot stand a step
 to one side, the difference is from the pose itself to the other. A beam that more likely than not
 ends in unknown space tells nothing. A beam with a cone reads the smallest of its rays' expected
 ranges; that oblique surfaces return no echo to it is not in the grid.
@@ -93,7 +96,7 @@ def localizability(
     odometry_std: float | None = None,
     heading_std: float | None = None,
 ) -> dict[str, NDArray[np.float32]]:
-    """Determinant of the localizability matrix, and radius and direction of what it leaves.
+    """Radius and direction of what the localizability matrix leaves, and its determinant.
 
     Args:
         ground: What the map was made of.
@@ -105,8 +108,8 @@ def localizability(
         heading_std: As for `fisher`.
 
     Returns:
-        localizability (1 / (m^4 rad^2)), localizability_radius (metres) and
-        localizability_direction (radians).
+        localizability (metres), localizability_direction (radians) and
+        localizability_determinant (1 / (m^4 rad^2)).
 
     Raises:
         InputError: a number is out of its range.
@@ -129,11 +132,11 @@ def localizability(
             matrices = localizability_matrices(
                 grid, ground.scanner, noise, poses[part], step, turn, around
             )
-            # Rounding may bring that of a singular matrix below 0.
-            found[0, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
             radius, _, direction = marginal_radii(matrices, place, heading)
-            found[1, part, h], found[2, part, h] = radius, direction
-    names = ("localizability", "localizability_radius", "localizability_direction")
+            found[0, part, h], found[1, part, h] = radius, direction
+            # Rounding may bring that of a singular matrix below 0.
+            found[2, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
+    names = ("localizability", "localizability_direction", "localizability_determinant")
     return {name: ground.spread(values) for name, values in zip(names, found, strict=True)}
 
 
@@ -144,7 +147,7 @@ def _possible_around(ground: Ground, poses: Floats, step: float, turn: float) ->
     for side, sign in enumerate((1.0, -1.0)):
         for axis, (dx, dy, dt) in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, turn))):
             found[:, axis, side] = can_stand(
-                ground.environment, ground.mounted or ground.scanner, x + sign * dx, y + sign * dy,
+                ground.environment, ground.full_scanner, x + sign * dx, y + sign * dy,
                 heading + sign * dt, ground.model.robot_radius,
             )  # fmt: skip
     return found
@@ -219,13 +222,17 @@ def _usual_cell(ground: Ground) -> float:
 
 LAYER = Layer(
     name="localizability",
-    title="determinant of the localizability matrix",
-    unit="1/(m^4 rad^2)",
-    source="Wang, Chen, Wang, Wang 2012, Localizability estimation for mobile robots (MFI)",
-    worse="low",
+    title="localizability on a probabilistic grid, major radius",
+    unit="m",
+    source="after Wang, Chen, Wang and Wang 2012, Localizability estimation (MFI)",
+    worse="high",
     compute=localizability,
     companions={
-        "localizability_radius": ("localizability, major radius", "m"),
         "localizability_direction": ("localizability, axis of the major radius", "rad"),
+        "localizability_determinant": (
+            "determinant of the localizability matrix",
+            "1/(m^4 rad^2)",
+        ),
     },
+    high_is_good=("localizability_determinant",),
 )

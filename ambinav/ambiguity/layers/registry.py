@@ -59,6 +59,7 @@ class Layer:
         companions: Title and unit of each further array that `compute` gives. Their names begin
             with the layer's and an underscore; one that ends in "_direction" is an axis
             (radians, period pi).
+        high_is_good: Companions that are high where a robot is well localized: no costs.
         slow: Left out of `ALL`; it has to be named.
     """
 
@@ -70,6 +71,7 @@ class Layer:
     compute: Callable[..., Mapping[str, NDArray[np.float32]]]
     why_not: Callable[[RangeScanner], str | None] = any_scanner
     companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    high_is_good: tuple[str, ...] = ()
     slow: bool = False
 
     def __post_init__(self) -> None:
@@ -92,6 +94,11 @@ class Layer:
                 raise InputError(f"layer {name!r}: every map has a layer of that name; rename it.")
         if self.worse not in ("high", "low"):
             raise InputError(f"layer {self.name!r}: worse is {self.worse!r}; give high or low.")
+        for name in self.high_is_good:
+            if name not in self.companions:
+                raise InputError(
+                    f"layer {self.name!r}: high_is_good names {name!r}; give names of companions."
+                )
         for name in self.companions:
             if not name.startswith(f"{self.name}_"):
                 raise InputError(

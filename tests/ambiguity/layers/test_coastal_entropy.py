@@ -11,15 +11,22 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import norm, qmc, spearmanr
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import bands as banding
-from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy
+from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy, expected_evidence
 from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reference import reachable
+from ambinav.ambiguity.standing import standing_lattice
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing import RangeScanner, RangeSensor
+from tests.ambiguity.layers import brute_rays, oracle_cases
 from tests.geometry import scenes
 
 Floats = NDArray[np.float64]
@@ -32,32 +39,99 @@ def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float)
     return Ground.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
 
 
-def sampled(ground: Ground, x: float, y: float, people: float, rng: np.random.Generator) -> float:
-    """Expected entropy in bits by the definition: sampled scans, poses and people, exact casts."""
-    h, model = ground.spacing, ground.model
-    cells = sorted(reachable(ground.environment, x, y, h, model.radius))
-    limit = ground.scanner.max_range
-    # Poses anywhere in each cell.
-    count, scans = 150, 80
-    place = rng.uniform(-h / 2, h / 2, (len(cells), count, 2)) + h * np.array(cells)[:, None]
-    theta = rng.normal(0.0, model.sigma_theta, (len(cells), count))
-    there = ground.scanner.scan(ground.environment, x + place[..., 0], y + place[..., 1], theta)
-    there = np.minimum(there, limit)
-    # Outside of the walls there is no pose.
-    outside = np.isnan(there).any(axis=-1)
-    here = np.minimum(ground.scanner.scan(ground.environment, x, y, 0.0), limit)
-    std = math.hypot(0.05, model.map_std)
-    cap = -math.log(model.outlier_share)
+def oracle_cells(
+    env: Environment, mounts: Floats, heading: float, x: float, y: float, h: float, radius: float
+) -> Floats:
+    """Offsets of the cells of the disc that free steps lead to, shape (N, 2), metres."""
+
+    def stands(px: float, py: float) -> bool:
+        return bool(
+            oracle_cases.standing_poses(
+                env, mounts, np.array([px]), np.array([py]), np.array([heading])
+            )
+        )
+
+    def parted(px: float, py: float, dx: float, dy: float) -> bool:
+        angle, length = math.atan2(dy, dx), math.hypot(dx, dy)
+        found, _ = brute_rays.cast(env.segments.xy, px, py, angle, length)  # type: ignore[arg-type]
+        return bool(found < length)
+
+    found, todo = {(0, 0)}, [(0, 0)]
+    while todo:
+        i, j = todo.pop()
+        for di, dj in itertools.product((-1, 0, 1), repeat=2):
+            to = (i + di, j + dj)
+            if to in found or math.hypot(*to) * h > radius * (1 + 1e-9):
+                continue
+            if stands(x + to[0] * h, y + to[1] * h) and not parted(
+                x + i * h, y + j * h, di * h, dj * h
+            ):
+                found.add(to)
+                todo.append(to)
+    return h * np.array(sorted(found), dtype=np.float64)
+
+
+def sampled(
+    env: Environment,
+    scanner: RangeScanner,
+    model: AmbiguityModel,
+    h: float,
+    pose: tuple[float, float, float],
+    rng: np.random.Generator,
+    *,
+    people: float = 0.0,
+    poses: int = 256,
+    scans: int = 120,
+) -> float:
+    """Expected entropy in bits by the definition: scans, poses and people drawn at random.
+
+    A beam is odd with the model's share, whatever it then reads, and a reading is as likely as the
+    mixture says: a normal distribution relative to its peak, and the share. As many neighbouring
+    beams as tau says err together.
+    """
+    x, y, heading = pose
+    sensor, mounts, xy = scanner.sensors[0], scanner.mounts, env.segments.xy
+    std = math.sqrt(sensor.std_at(0.0) ** 2 + sensor.resolution**2 / 12 + model.map_std**2)
+    limit, odd, beams = sensor.max_range, model.outlier_share, len(mounts)
+
+    def ranges(px: Floats, py: Floats, theta: Floats) -> Floats:
+        c, s = np.cos(theta)[..., None], np.sin(theta)[..., None]
+        mx, my, yaw = mounts.T
+        found, which, _ = brute_rays.cone(
+            xy, px[..., None] + c * mx - s * my, py[..., None] + s * mx + c * my,
+            theta[..., None] + yaw, sensor.aperture, limit, sensor.max_incidence or math.inf,
+        )  # fmt: skip
+        # Beams that end in unknown space tell nothing.
+        unknown = (which >= 0) & (env.segments.kind[which] == FRONTIER)
+        return np.where(unknown, np.nan, np.clip(found, sensor.min_range, limit))
+
+    cells = oracle_cells(env, mounts, heading, x, y, h, model.radius)
+    # Poses anywhere in each cell, well spread.
+    drawn = qmc.Sobol(3, seed=rng).random(poses)
+    px = x + cells[:, None, 0] + h * (drawn[:, 0] - 0.5)
+    py = y + cells[:, None, 1] + h * (drawn[:, 1] - 0.5)
+    theta = np.broadcast_to(heading + model.sigma_theta * norm.ppf(drawn[:, 2]), px.shape)
+    there = ranges(px, py, theta)
+    stands = oracle_cases.standing_poses(
+        env, mounts, px.ravel(), py.ravel(), theta.ravel()
+    ).reshape(px.shape)
+    here = ranges(*(np.array([v]) for v in pose))[0]
+
+    def together(values: Floats) -> Floats:
+        return np.repeat(values, round(model.tau))[:beams]
+
     found = []
     for _ in range(scans):
-        # As many neighbouring beams as tau says share what is wrong with them.
-        noise = np.repeat(rng.normal(0.0, std, len(here)), round(model.tau))[: len(here)]
-        scan = np.where(here < limit, np.minimum(here + noise, limit), limit)
-        seen = rng.random(len(here)) < np.exp(-people * here)
-        told = (scan - there) ** 2 / (4.0 * std**2)
-        told = 2.0 * told / np.sqrt(1.0 + (told / cap) ** 2)
+        reads = np.minimum(here + together(rng.normal(0.0, std, beams)), limit)
+        reads = np.where(here >= limit, limit, reads)
+        is_odd = together(rng.random(beams)) < odd
+        reads = np.where(is_odd, together(rng.uniform(0.0, limit, beams)), reads)
+        reads = np.where(np.isnan(here), np.nan, reads)
+        seen = rng.random(beams) < np.exp(-people * np.where(np.isnan(here), 0.0, here))
+        fits = np.exp(-0.5 * ((reads - there) / std) ** 2)
+        told = -np.log((1.0 - odd) * np.where(np.isnan(fits), 1.0, fits) + odd)
         likely = np.exp(-(told * seen).sum(axis=-1) / model.tau)
-        b = np.where(outside, 0.0, likely).mean(axis=1)
+        b = np.where(stands, likely, 0.0).sum(axis=1) / stands.sum(axis=1)
         b = b[b > 0.0] / b.sum()
         found.append(-(b * np.log2(b)).sum())
     return float(np.mean(found))
@@ -79,8 +153,62 @@ def test_is_what_sampled_scans_leave(env: Environment, x: float, y: float, peopl
     ground = ground_of(env, MANY, radius=0.3)
     layer = coastal_entropy(ground, people=people)["coastal_entropy"]
     i = np.abs(ground.lattice.y - y).argmin(), np.abs(ground.lattice.x - x).argmin()
-    expected = sampled(ground, x, y, people, np.random.default_rng(5))
-    assert float(layer[i]) == pytest.approx(expected, abs=0.35)
+    rng = np.random.default_rng(5)
+    expected = sampled(
+        env, MANY, ground.model, ground.spacing, (x, y, 0.0), rng, people=people, poses=512
+    )
+    print(f"{layer[i]:.2f} {expected:.2f}")
+    assert float(layer[i]) == pytest.approx(expected, abs=0.3)
+
+
+def patches(
+    env: Environment, scanner: RangeScanner, seed: int, count: int
+) -> tuple[Ground, Floats]:
+    """A lattice of 0.1 m about some places of a building, and these: x, y, heading, (N, 3)."""
+    lattice = Lattice.over(env, 0.1)
+    x, y = lattice.points
+    rng = np.random.default_rng(seed)
+    headings = np.zeros(1) if scanner.looks_all_around else np.array([0.0, 1.0])
+    whole, _ = standing_lattice(lattice, scanner, headings)
+    x, y = whole.points
+    at = rng.permutation(len(x))[:count]
+    near, _ = cKDTree(np.column_stack([x[at], y[at]])).query(np.column_stack([x, y]))
+    model = AmbiguityModel(radius=0.3, map_std=0.03, tau=independent_tau(scanner))
+    ground = Ground(
+        env, scanner, whole.among(near < 0.5), headings, not scanner.looks_all_around, model
+    )
+    poses = [(x[p], y[p], headings[k % len(headings)]) for k, p in enumerate(at)]
+    return ground, np.array(poses)
+
+
+@pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
+@pytest.mark.parametrize("scanner", [oracle_cases.laser(24), oracle_cases.sonars()])
+def test_against_brute_force(
+    which: str, scanner: RangeScanner, request: pytest.FixtureRequest
+) -> None:
+    env = oracle_cases.building(which, request)
+    ground, poses = patches(env, scanner, 4, 12)
+    layer = coastal_entropy(ground, people=0.0)["coastal_entropy"]
+    layer = layer if layer.ndim == 3 else layer[..., None]
+    rng = np.random.default_rng(2)
+    found = []
+    for x, y, heading in poses:
+        row = np.abs(ground.lattice.y - y).argmin()
+        column = np.abs(ground.lattice.x - x).argmin()
+        value = layer[row, column, np.abs(ground.headings - heading).argmin()]
+        if not np.isnan(value):  # nan: a pose of the other heading, with a sensor in a wall
+            expected = sampled(
+                env, scanner, ground.model, 0.1, (x, y, heading), rng, poses=64, scans=60
+            )
+            found.append((float(value), expected))
+    told, expected = np.array(found).T
+    off, rank = np.abs(told - expected), spearmanr(told, expected).statistic
+    print(f"{which} {scanner.name}: n {len(told)}, off by {np.median(off):.2f} at the median")
+    print(f"{off.max():.2f} at most, {np.mean(told - expected):.2f} in the mean, rank {rank:.2f}")
+    assert np.median(off) < 0.2
+    assert off.max() < 0.7
+    assert abs(np.mean(told - expected)) < 0.2
+    assert rank > 0.75
 
 
 def enumerated(ground: Ground, x: float, y: float, rng: np.random.Generator) -> float:
@@ -196,3 +324,20 @@ def test_refuses_what_is_no_number_of_people(people: float) -> None:
     ground = ground_of(scenes.room(1.0, 1.0))
     with pytest.raises(InputError, match="people"):
         coastal_entropy(ground, people=people)
+
+
+@pytest.mark.parametrize("odd", [1e-6, 0.01, 0.05, 0.3, 0.99])
+def test_what_a_beam_tells_is_the_mean_over_its_noise(odd: float) -> None:
+    """Of sampled readings: a small difference, and one that is as large as can be."""
+    noise = np.random.default_rng(1).normal(size=200_000)
+    noise = np.concatenate([noise, -noise])
+
+    def told(z: Floats) -> Floats:
+        return np.asarray(-np.log((1.0 - odd) * np.exp(-0.5 * z**2) + odd))
+
+    small, most = expected_evidence(odd)
+    mean = (told(noise + 0.3) - told(noise)).mean()
+    assert small == pytest.approx((1.0 - odd) * mean / (0.5 * 0.3**2), rel=0.06, abs=1e-4)
+    assert most == pytest.approx((1.0 - odd) * (told(noise + 60.0) - told(noise)).mean(), rel=0.02)
+    assert 0.0 < small < 1.0
+    assert 0.0 < most < -math.log(odd)

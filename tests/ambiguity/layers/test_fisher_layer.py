@@ -11,13 +11,16 @@ from hypothesis import strategies as st
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.fisher import ray_information
+from ambinav.ambiguity.layers.fisher import fisher, ray_information
 from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.marginal import marginal_radii
 from ambinav.errors import InputError
 from ambinav.geometry.segments import FRONTIER, Segments
+from ambinav.localization.expected import expected_covariance
 from ambinav.localization.information import scan_information
+from ambinav.localization.information_gain import information_gain
 from ambinav.sensing import RangeScanner, RangeSensor
+from tests.ambiguity.layers import brute_rays, oracle_cases
 from tests.geometry import scenes
 
 # Shifted, so that no beam meets a corner exactly.
@@ -161,3 +164,111 @@ def test_beams_that_share_evidence_tell_less() -> None:
     )
     with pytest.raises(InputError, match=r"tau is 0\.5"):
         with_layers(amap, "fisher", fisher={"tau": 0.5})
+
+
+@pytest.mark.parametrize("beams", [180, 360, 720])
+@pytest.mark.parametrize("mount", [(0.0, 0.0, 0.0), (0.1, 0.05, 0.0)])
+def test_the_layer_is_the_covariance_to_expect(
+    beams: int, mount: tuple[float, float, float]
+) -> None:
+    """All beams, thinned as the map is: for the same prior the layer is the bound itself."""
+    scanner = RangeScanner.planar(
+        RangeSensor(max_range=6.0, std=0.02, resolution=0.01), beams, 2 * math.pi, mount=mount
+    )
+    amap = build_map(ROOM, scanner, 0.5, map_std=0.05, layers="fisher")
+    ground = Ground.of(amap)
+    assert ground.scanner.beams == 60
+    poses = ground.poses()
+    prior = np.diag([0.25**2, 0.25**2, ground.model.sigma_theta**2])
+    # A map without headings is of the scanner in the robot's centre.
+    expected = expected_covariance(
+        amap, poses, source="fisher", scanner=scanner.centred, prior=prior
+    )
+    values = np.linalg.eigvalsh(expected[:, :2, :2])
+    layers = [amap.dataset[name].values[ground.free] for name in ("fisher", "fisher_minor")]
+    np.testing.assert_allclose(layers[0], np.sqrt(values[:, 1]), rtol=1e-5)
+    np.testing.assert_allclose(layers[1], np.sqrt(values[:, 0]), rtol=1e-5)
+    before = np.broadcast_to(np.linalg.inv(prior), (len(poses), 3, 3))
+    told = before + scan_information(ROOM, scanner.centred, poses, 0.05)
+    np.testing.assert_allclose(np.linalg.inv(told), expected, rtol=1e-9, atol=1e-15)
+    gain = information_gain(amap, scanner.centred, poses[3], prior, unit="nats")
+    half = 0.5 * (np.linalg.slogdet(prior)[1] - np.linalg.slogdet(expected[3])[1])
+    assert gain.total == pytest.approx(half, rel=1e-9)
+
+
+def test_more_beams_tell_more() -> None:
+    """Beside 60 beams a turn 240 halve the bound, which a thinned scan would not."""
+    sensor = RangeSensor(max_range=6.0, std=0.02, resolution=0.01)
+    few, many = (
+        build_map(ROOM, RangeScanner.planar(sensor, n, 2 * math.pi), 0.5, layers="fisher")
+        for n in (60, 240)
+    )
+    ratio = few.dataset["fisher"].values / many.dataset["fisher"].values
+    assert np.nanmedian(ratio) == pytest.approx(2.0, rel=0.1)
+
+
+def to_line(
+    pose: np.ndarray, n: np.ndarray, point: np.ndarray, mx: float, my: float, turn: float
+) -> float:
+    """Length of a ray from a sensor at (mx, my) to the line through a point across n."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    start = np.array([pose[0] + c * mx - s * my, pose[1] + s * mx + c * my])
+    u = np.array([math.cos(pose[2] + turn), math.sin(pose[2] + turn)])
+    return float(n @ (point - start) / (n @ u))
+
+
+def brute_information(
+    ground: Ground, pose: np.ndarray, scanner: RangeScanner, heading: float
+) -> np.ndarray:
+    """Each beam's ray against the line that it ends on, moved a little: (3, 3)."""
+    env, h = ground.environment, 1e-5
+    total = np.zeros((3, 3))
+    for sensor, (mx, my, yaw) in zip(
+        (scanner.sensors[i] for i in scanner.sensor_of_beam), scanner.mounts, strict=True
+    ):
+        c, s = math.cos(heading), math.sin(heading)
+        found, which, look = brute_rays.cone(
+            env.segments.xy, pose[0] + c * mx - s * my, pose[1] + s * mx + c * my, heading + yaw,
+            sensor.aperture, sensor.max_range, sensor.max_incidence or math.inf,
+        )  # fmt: skip
+        k = int(which)
+        if k < 0 or not found > sensor.min_range or env.segments.kind[k] == FRONTIER:
+            continue
+        x0, y0, x1, y1 = env.segments.xy[k]
+        n = np.array([y0 - y1, x1 - x0]) / math.hypot(x1 - x0, y1 - y0)
+        here = np.array([*pose[:2], heading])
+        line = (n, np.array([x0, y0]), mx, my, float(look) - heading)
+        g = np.array(
+            [to_line(here + d, *line) - to_line(here - d, *line) for d in h * np.eye(3)]
+        ) / (2 * h)
+        facing = abs(n @ [math.cos(float(look)), math.sin(float(look))])
+        g *= min(facing / 0.05, 1.0)  # 1 / cos b is held at 20
+        total += np.outer(g, g) / (
+            sensor.std_at(float(found)) ** 2 + sensor.resolution**2 / 12 + ground.map_std**2
+        )
+    return total
+
+
+@pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
+@pytest.mark.parametrize("scanner", [oracle_cases.laser(), oracle_cases.sonars()])
+def test_against_brute_force(
+    which: str, scanner: RangeScanner, request: pytest.FixtureRequest
+) -> None:
+    env = oracle_cases.building(which, request)
+    ground = Ground.of(build_map(env, scanner, 0.5, map_std=0.03), env)
+    found = fisher(ground)
+    x, y = ground.points
+    rows, columns = np.nonzero(ground.free)
+    off = []
+    for p, h in oracle_cases.some(ground, 40, 7):
+        heading = float(ground.headings[h])
+        told = brute_information(ground, np.array([x[p], y[p]]), scanner, heading)
+        prior = np.diag([0.25**-2, 0.25**-2, ground.model.sigma_theta**-2])
+        values = np.linalg.eigvalsh(np.linalg.inv(told + prior)[:2, :2])
+        at = (rows[p], columns[p], h) if ground.has_theta else (rows[p], columns[p])
+        layer = [float(found[name][at]) for name in ("fisher", "fisher_minor")]
+        off.append(np.abs(np.log(layer) - 0.5 * np.log(values[::-1])).max())
+    print(np.sort(off)[-5:])
+    # A ray into a corner may end on either wall.
+    assert np.quantile(off, 0.95) < 1e-3
+    assert np.max(off) < 0.05

@@ -45,7 +45,8 @@ def test_with_the_map_or_after_it_is_the_same_on_any_number_of_threads(
     later = with_layers(plain, names)
     added = set(at_once.layers) - set(plain.layers)
     assert added == {
-        "fisher", "fisher_minor", "fisher_direction", "localizability", "localizability_radius",
+        "fisher", "fisher_minor", "fisher_direction", "localizability",
+        "localizability_determinant",
         "localizability_direction", "wall_normals", "wall_normals_strong",
         "wall_normals_direction",
     }  # fmt: skip
@@ -106,6 +107,13 @@ def test_the_service_takes_them_for_costs(turning: AmbiguityMap) -> None:
     service = AmbiguityService(turning, layer="fisher", weight=10.0)
     expected = 1.0 + 10.0 * turning.sample("fisher", 2.5, 1.0, 0.3)
     assert service.cost(2.5, 1.0, 0.3) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_companion_that_is_high_where_it_is_good_is_no_cost(laser: RangeScanner) -> None:
+    amap = build_map(scenes.room(3.0, 2.0), laser, 0.5, layers="localizability")
+    assert AmbiguityService(amap, layer="localizability").cost(1.5, 1.0) > 1.0
+    with pytest.raises(InputError, match="'localizability_determinant' is high where a robot is"):
+        AmbiguityService(amap, layer="localizability_determinant")
 
 
 def test_options_of_a_layer(laser: RangeScanner) -> None:

@@ -77,7 +77,9 @@ def dark(axes: object, x: float, y: float) -> float:
     return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)
 
 
-@pytest.mark.parametrize("name", ["fisher", "localizability", "wall_normals"])
+@pytest.mark.parametrize(
+    "name", ["fisher", "localizability", "localizability_determinant", "wall_normals"]
+)
 def test_dark_is_badly_localized(amap: AmbiguityMap, name: str) -> None:
     axes = plot_layer(amap, name)
     assert dark(axes, 10.0, 1.5) < dark(axes, 1.0, 1.5) - 0.2
@@ -87,9 +89,9 @@ def test_dark_is_badly_localized(amap: AmbiguityMap, name: str) -> None:
 
 
 def test_what_spans_powers_is_drawn_by_powers(amap: AmbiguityMap) -> None:
-    norm = plot_layer(amap, "localizability").images[0].norm
+    norm = plot_layer(amap, "localizability_determinant").images[0].norm
     assert isinstance(norm, LogNorm)
-    assert norm.vmax == pytest.approx(np.nanmax(amap.dataset["localizability"].values))
+    assert norm.vmax == pytest.approx(np.nanmax(amap.dataset["localizability_determinant"].values))
     assert not isinstance(plot_layer(amap, "fisher").images[0].norm, LogNorm)
 
 

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
+from scipy.stats import spearmanr
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.localizability import localizability_matrices
+from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.localizability import localizability, localizability_matrices
 from ambinav.ambiguity.layers.occupancy import PEAK, Occupancy, grid_range, occupancy
+from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.information import beam_noise, scan_information
 from ambinav.sensing import RangeScanner, RangeSensor
+from tests.ambiguity.layers import oracle_cases
 from tests.geometry import scenes
+
+Floats = NDArray[np.float64]
 
 ROOM = scenes.scene(3, size=8.0, blocks=4, thin=2)
 POINTS = scenes.points_inside(ROOM, 12, 5, margin=0.3)
@@ -198,16 +207,39 @@ def test_a_corridor_is_weak_along_itself(corridor: Environment) -> None:
     x, y = 15 * math.cos(0.4) - math.sin(0.4), 15 * math.sin(0.4) + math.cos(0.4)
     assert amap.sample("localizability_direction", x, y) == pytest.approx(0.4, abs=0.15)
     end_x, end_y = x - 13.5 * math.cos(0.4), y - 13.5 * math.sin(0.4)
-    assert amap.sample("localizability", x, y) < 0.1 * amap.sample("localizability", end_x, end_y)
-    assert amap.sample("localizability_radius", x, y) > 4 * amap.sample(
-        "localizability_radius", end_x, end_y
+    index = "localizability_determinant"
+    assert amap.sample(index, x, y) < 0.1 * amap.sample(index, end_x, end_y)
+    assert amap.sample("localizability", x, y) > 4 * amap.sample("localizability", end_x, end_y)
+
+
+def test_the_radius_hardly_depends_on_how_a_corridor_lies() -> None:
+    """The determinant does, by orders: it is why the layer is the radius."""
+    scanner = RangeScanner.planar(
+        RangeSensor(max_range=4.0, std=0.02, resolution=0.01), 60, 2 * math.pi
     )
+    radius, index, off = [], [], []
+    for degrees in (0.0, 7.0, 23.0, 45.0, 61.0, 77.0):
+        angle = math.radians(degrees)
+        ground = Ground.of(build_map(scenes.room(30.0, 2.0).transformed(angle), scanner, 0.25))
+        found = {k: v[ground.free] for k, v in localizability(ground).items()}
+        x, y = ground.points
+        along = math.cos(angle) * x + math.sin(angle) * y
+        across = -math.sin(angle) * x + math.cos(angle) * y
+        middle = (np.abs(along - 15.0) < 3.0) & (np.abs(across - 1.0) < 0.6)
+        radius.append(np.median(found["localizability"][middle]))
+        index.append(np.log10(np.median(found["localizability_determinant"][middle]) + 1e-20))
+        off.append(np.abs(np.sin(found["localizability_direction"][middle] - angle)).max())
+    print(np.round(radius, 3), np.round(index, 1))
+    assert max(radius) == pytest.approx(0.25, rel=0.01)  # the prior: nothing is told along it
+    assert min(radius) > 0.6 * max(radius)
+    assert max(off) < math.sin(math.radians(2.0))
+    assert max(index) - min(index) > 10.0
 
 
 def test_where_nothing_is_in_range_nothing_is_told() -> None:
     amap = build_map(scenes.room(12.0, 12.0), fan(), 0.5, layers="localizability")
-    assert amap.sample("localizability", 6.0, 6.0) == 0.0
-    assert amap.sample("localizability_radius", 6.0, 6.0) == pytest.approx(0.25)
+    assert amap.sample("localizability_determinant", 6.0, 6.0) == 0.0
+    assert amap.sample("localizability", 6.0, 6.0) == pytest.approx(0.25)
 
 
 def test_a_frontier_tells_nothing() -> None:
@@ -233,3 +265,124 @@ def test_bad_options(laser: RangeScanner) -> None:
     ):
         with pytest.raises(InputError, match=message):
             with_layers(amap, "localizability", localizability=options)
+
+
+def brute_grid(env: Environment, cell: float, blur: float) -> dict[str, Any]:
+    """Hazard and what is unknown, of the layer's grid, which begins two cells beside a building."""
+    x0, y0 = env.bounds[0] - 2 * cell, env.bounds[1] - 2 * cell
+    columns, rows = (math.ceil((env.bounds[k + 2] - env.bounds[k]) / cell) + 4 for k in range(2))
+    x, y = np.meshgrid(x0 + (np.arange(columns) + 0.5) * cell, y0 + (np.arange(rows) + 0.5) * cell)
+    lines = shapely.linestrings(env.segments.xy.reshape(-1, 2, 2))
+    points = shapely.points(x.ravel(), y.ravel())
+    wall = env.segments.kind != FRONTIER
+    away = []
+    for kind in (wall, ~wall):
+        away.append(np.full(x.shape, np.inf))
+        if kind.any():
+            (at, _), found = shapely.STRtree(lines[kind]).query_nearest(
+                points, max_distance=1.0, return_distance=True, all_matches=False
+            )
+            away[-1].flat[at] = found
+    to_wall, to_frontier = away
+    spread, within = max(blur, cell / 2), math.sqrt(0.5) * cell
+    chance = PEAK * np.exp(-0.5 * (to_wall / spread) ** 2)
+    chance[to_wall >= max(3.0 * spread, within)] = 0.0
+    unknown = (to_frontier < within) | (~shapely.contains_xy(env.free, x, y) & (chance == 0.0))
+    unknown &= to_wall >= within
+    hazard = -np.log1p(-np.where(unknown, 0.0, chance))
+    return {"x0": x0, "y0": y0, "cell": cell, "hazard": hazard, "unknown": unknown}
+
+
+def brute_ranges(grid: dict[str, Any], x: Floats, y: Floats, angle: Floats, limit: float) -> Floats:
+    """Mean, variance and whether unknown of rays by small steps, shape (3, N)."""
+    cell, step = grid["cell"], grid["cell"] / 10
+    t = (np.arange(math.ceil(limit / step)) + 0.5) * step
+    u = (x[:, None] + t * np.cos(angle)[:, None] - grid["x0"]) / cell
+    v = (y[:, None] + t * np.sin(angle)[:, None] - grid["y0"]) / cell
+    hazard = map_coordinates(grid["hazard"], [v - 0.5, u - 0.5], order=1)
+    rows, columns = grid["unknown"].shape
+    at = np.clip(v.astype(int), 0, rows - 1), np.clip(u.astype(int), 0, columns - 1)
+    stopped = np.logical_or.accumulate(grid["unknown"][at], axis=1)
+    passed = np.exp(-np.cumsum(hazard, axis=1) * step / cell)
+    left = np.where(stopped, 1.0, passed).min(axis=1) * stopped.any(axis=1)
+    passed = np.where(stopped, 0.0, passed)
+    mean = passed.sum(axis=1) * step
+    square = (2.0 * t * passed).sum(axis=1) * step
+    return np.stack([mean, square - mean**2, left])
+
+
+def brute_radius(
+    env: Environment,
+    grid: dict[str, Any],
+    scanner: RangeScanner,
+    model: AmbiguityModel,
+    pose: Floats,
+) -> tuple[float, float]:
+    """The layer and its determinant by the definition."""
+    sensor, mounts, limit = scanner.sensors[0], scanner.mounts, scanner.max_range
+    half = math.ceil(math.degrees(sensor.aperture) / 4.0 - 1e-9)
+    fan = np.linspace(-sensor.aperture / 2, sensor.aperture / 2, 2 * half + 1)
+
+    def expected(at: Floats) -> Floats:
+        c, s = math.cos(at[2]), math.sin(at[2])
+        x, y = (
+            at[0] + c * mounts[:, 0] - s * mounts[:, 1],
+            at[1] + s * mounts[:, 0] + c * mounts[:, 1],
+        )
+        look = at[2] + mounts[:, 2:] + fan
+        wide = [np.broadcast_to(v[:, None], look.shape).ravel() for v in (x, y)]
+        found = brute_ranges(grid, *wide, look.ravel(), limit).reshape(3, *look.shape)
+        first = found[0].argmin(axis=1)
+        told = found[:, np.arange(len(first)), first]
+        told[0] = np.maximum(told[0], sensor.min_range)
+        told[1] = np.where(told[2] > 0.5, np.nan, told[1])
+        return np.asarray(told)
+
+    change, spread = np.zeros((len(mounts), 3)), np.zeros(len(mounts))
+    for axis, step in enumerate((0.05, 0.05, 0.02)):
+        ends = []
+        for sign in (1.0, -1.0):
+            at = pose + sign * step * np.eye(3)[axis]
+            stands = oracle_cases.standing_poses(env, mounts, at[:1], at[1:2], at[2:])[0]
+            ends.append((sign * step, at) if stands else (0.0, pose))
+        (ahead, front), (behind, back) = ends
+        told = expected(front), expected(back)
+        spread += (told[0][1] + told[1][1]) / 6.0
+        if ahead > behind:
+            change[:, axis] = (told[0][0] - told[1][0]) / (ahead - behind)
+    variance = sensor.std_at(0.0) ** 2 + sensor.resolution**2 / 12 + spread
+    known = ~np.isnan(variance)
+    matrix = (change[known].T / variance[known]) @ change[known]
+    prior = np.diag([(model.radius / 2) ** -2, (model.radius / 2) ** -2, model.sigma_theta**-2])
+    values = np.linalg.eigvalsh(np.linalg.inv(matrix + prior)[:2, :2])
+    return math.sqrt(values[-1]), max(float(np.linalg.det(matrix)), 0.0)
+
+
+@pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
+@pytest.mark.parametrize("scanner", [oracle_cases.laser(24), oracle_cases.sonars()])
+def test_against_brute_force(
+    which: str, scanner: RangeScanner, request: pytest.FixtureRequest
+) -> None:
+    env = oracle_cases.building(which, request)
+    ground = Ground.of(build_map(env, scanner, 0.5, map_std=0.05), env)
+    found = localizability(ground, cell=0.05)
+    x, y = ground.points
+    rows, columns = np.nonzero(ground.free)
+    told, grid = [], brute_grid(env, 0.05, 0.05)
+    for p, h in oracle_cases.some(ground, 20, 3):
+        pose = np.array([x[p], y[p], ground.headings[h]])
+        at = (rows[p], columns[p], h) if ground.has_theta else (rows[p], columns[p])
+        names = ("localizability", "localizability_determinant")
+        layer = [float(found[name][at]) for name in names]
+        told.append((*layer, *brute_radius(env, grid, scanner, ground.model, pose)))
+    radius, index, radius_by_brute, index_by_brute = np.array(told).T
+    off = np.abs(np.log(radius / radius_by_brute))
+    powers = np.abs(np.log10((index + 1.0) / (index_by_brute + 1.0)))
+    rank = spearmanr(radius, radius_by_brute).statistic
+    print(f"{which} {scanner.name}: {np.quantile(off, [0.5, 0.9, 1.0]).round(3)}, rank {rank:.3f}")
+    print(f"powers of ten of the determinant: {np.quantile(powers, [0.5, 0.9]).round(2)}")
+    # The layer follows rays by whole cells, the oracle by tenths.
+    assert np.median(off) < 0.08
+    assert np.quantile(off, 0.9) < 0.15
+    assert rank > 0.9
+    assert np.median(powers) < 0.3

@@ -109,6 +109,7 @@ def test_a_name_is_taken_once(own: Layer) -> None:
         ({"name": "mine_best"}, "_best is kept for summaries"),
         ({"companions": {"other": ("x", "m")}}, "must begin with to_the_right_"),
         ({"worse": "left"}, "give high or low"),
+        ({"high_is_good": ("to_the_right_x",)}, "give names of companions"),
     ],
 )
 def test_names_that_cannot_be(changes: dict[str, object], message: str) -> None:
