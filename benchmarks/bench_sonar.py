@@ -104,7 +104,7 @@ def main() -> None:
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--pairs", type=int, default=2, help="of each building")
-    parser.add_argument("--drawn", type=int, default=40, help="pairs to choose from")
+    parser.add_argument("--drawn", type=int, default=16, help="pairs to choose from")
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--seed", type=int, default=41)
     parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
