@@ -90,7 +90,6 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "power 0.1": {"importance_factor": 0.1},
     "power 1": {"importance_factor": 1.0},
     "sigma_hit 0.05 m": {"sigma_hit": 0.05},
-    "no table of ranges": {"beam_table_resolution": 0.0},
 }
 RING = "the ring"
 Floats = NDArray[np.float64]
@@ -108,6 +107,9 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--seed", type=int, default=41)
     parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
+    parser.add_argument(
+        "--report-only", action="store_true", help="report what has been driven, drive nothing"
+    )
     add_out(parser)
     args = parser.parse_args()
     args.folder.mkdir(parents=True, exist_ok=True)
@@ -127,6 +129,8 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
         # A line that was cut off by a break is driven again.
         known = {row["key"]: row for row in (json.loads(r) for r in rows if r.endswith("}"))}
         path.write_text("".join(json.dumps(row) + "\n" for row in known.values()), "utf-8")
+    if args.report_only:
+        return list(known.values())
     environment = load_environment(environment_path(name))
     scanner = RangeScanner.from_preset(PRESET)
     amap = build_map(environment, scanner)
@@ -314,6 +318,9 @@ def results(
         cells: list[object] = [value]
         for route in ROUTES:
             own = [row for row in rows if row[key] == value and row["route"] == route]
+            if not own:
+                cells += ["not driven yet"] * 4
+                continue
             rng = np.random.default_rng(0)
             lost = bootstrap(100.0 * joined(own, "lost"), rng)
             error = bootstrap(joined(own, "error"), rng)
@@ -338,7 +345,8 @@ def by_building(rows: list[dict[str, Any]]) -> str:
         cells = [label]
         for building in buildings:
             own = [r for r in rows if r["label"] == label and r["environment"] == building]
-            cells.append(f"{100.0 * joined(own, 'lost').mean():.0f}")
+            lost = 100.0 * joined(own, "lost")
+            cells.append(f"{lost.mean():.0f}" if len(lost) else "not driven yet")
         lines.append(cells)
     return table(("localizer", *buildings), lines)
 
@@ -357,7 +365,8 @@ def lost_in(rows: list[dict[str, Any]]) -> str:
 
 def joined(rows: list[dict[str, Any]], key: str) -> Floats:
     """A figure of all runs of some rows, shape (runs,)."""
-    return np.concatenate([np.asarray(row[key], dtype=np.float64) for row in rows])
+    parts = [np.asarray(row[key], dtype=np.float64) for row in rows]
+    return np.concatenate([np.zeros(0), *parts])
 
 
 if __name__ == "__main__":
