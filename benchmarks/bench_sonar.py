@@ -298,12 +298,12 @@ def body(found: list[dict[str, Any]]) -> str:
     ring = [row for row in main_rows if row["open_loop"]]
     parts.append("## The cones, one thing at a time, open loop")
     for label in (PRODUCT, FIELD_PRODUCT, EKF):
-        rows = [row for row in (*ring, *cones) if row["label"] == label]
+        rows = common([row for row in (*ring, *cones) if row["label"] == label], "scanner")
         parts += [f"### {label}", results(rows, "scanner", ("scanner",))]
     settings = [row for row in ring if row["label"] == PRODUCT]
-    settings += [row for row in found if row["study"] == "settings"]
+    settings += [row for row in found if row["study"] == "settings" and row["label"] in SETTINGS]
     parts += ["## The product's settings, one at a time, open loop"]
-    parts += [results(settings, "label", ("settings",))]
+    parts += [results(common(settings, "label"), "label", ("settings",))]
     parts += ["## Where robots got lost, open loop", lost_in(ring)]
     return "\n\n".join(parts)
 
@@ -323,13 +323,13 @@ def results(
     rows: list[dict[str, Any]], key: str, words: tuple[str, ...], closed: bool = False
 ) -> str:
     """Lost runs and errors on both routes, one line for each value of `key`."""
-    header = [*words]
+    header = [*words, "runs"]
     for route in ROUTES:
         header += [f"lost, {route}, %", f"95 % error, {route}, m", f"median run, {route}, m"]
         header += [f"collided, {route}, %"] if closed else [f"NEES, median, {route}"]
     lines = []
     for (value,) in unique((row[key],) for row in rows):
-        cells: list[object] = [value]
+        cells: list[object] = [value, len(joined([r for r in rows if r[key] == value], "lost"))]
         for route in ROUTES:
             own = [row for row in rows if row[key] == value and row["route"] == route]
             if not own:
@@ -349,6 +349,17 @@ def results(
                 cells.append(f"{np.nanmedian(joined(own, 'nees')):.1f}")
         lines.append(cells)
     return table(header, lines, len(words))
+
+
+def common(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
+    """The rows of the routes that have been driven with each value of `key`."""
+
+    def case(row: dict[str, Any]) -> tuple[object, ...]:
+        return row["environment"], row["pair"], row["route"]
+
+    values = {row[key] for row in rows}
+    shared = set.intersection(*({case(r) for r in rows if r[key] == v} for v in values))
+    return [row for row in rows if case(row) in shared]
 
 
 def by_building(rows: list[dict[str, Any]]) -> str:
