@@ -83,6 +83,9 @@ def beams(
             u, n = np.array([math.cos(angle), math.sin(angle)]), env.normals(k)
             if math.acos(min(abs(float(n @ u)), 1.0)) > (sensor.max_incidence or math.inf):
                 continue
+            if rays.start[b] < r < rays.start[b + 1] - 1:
+                # Nearest within its cone: a foot or an end of the wall, at rest as the robot turns.
+                n = -u
             facing = math.copysign(max(abs(float(n @ u)), GRAZING), float(n @ u))
             turn = np.array([-s * mx - c * my, c * mx - s * my]) + d * np.array([-u[1], u[0]])
             best, gradient = d, -np.array([n[0], n[1], n @ turn]) / facing

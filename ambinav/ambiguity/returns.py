@@ -12,6 +12,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
 from ambinav.kernels import kernel
+from ambinav.localization.casting import echo_normal
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
@@ -176,7 +177,8 @@ def _beam_returns(
             if best >= 0:
                 k = segment[p, best]
                 ux, uy = cos_a[best], sin_a[best]
-                nx, ny = normal[k, 0], normal[k, 1]
+                inner = start[b] < best < start[b + 1] - 1
+                nx, ny = echo_normal(inner, ux, uy, normal[k, 0], normal[k, 1])
                 facing = nx * ux + ny * uy
                 facing = math.copysign(max(abs(facing), GRAZING), facing)
                 gx, gy = -nx / facing, -ny / facing

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 import ambinav
+from ambinav.compare.guides import name_of, note_on
 from ambinav.compare.parts import Part
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
@@ -98,6 +99,13 @@ class PlanPart(Part):
     """How a policy's scanner and robot differ from those that it was trained with."""
 
 
+class LocalizerPart(Part):
+    """What localized the robots: its name in words, and what speaks against it with the scanner."""
+
+    name: str
+    note: str | None
+
+
 class Document(Part):
     """The whole comparison."""
 
@@ -108,6 +116,7 @@ class Document(Part):
     baseline: str
     environment: dict[str, Any]
     scanner: dict[str, Any]
+    localizer: LocalizerPart
     goal: str
     verdicts: dict[str, PairPart]
     plans: tuple[PlanPart, ...]
@@ -155,6 +164,9 @@ def document(
             "max_range_m": loaded.scanner.max_range,
             "yaml": loaded.scanner.to_yaml(),
         },
+        localizer=LocalizerPart(
+            name=name_of(scenario.guide), note=note_on(scenario.guide, loaded.scanner)
+        ),
         goal=goal_text(),
         verdicts={pair: _judged(rows, pair) for pair in pairs_of(rows)},
         plans=tuple(

@@ -13,13 +13,17 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.localization.scanner_settings import settings_for, unsuited
 from ambinav.sensing.fields import as_number, nearest
 from ambinav.sensing.scanner import RangeScanner
 
 SIMPLE: Final = ("perfect", "odometry")
 """Localizers without parameters; see `ambinav.drive.drive`."""
 
-TYPES: Final = ("mcl", "ekf", *SIMPLE)
+MCL, AMCL = "mcl", "amcl"
+"""Monte Carlo localization: with what suits the scanner, and as AMCL has it for any."""
+
+TYPES: Final = (MCL, AMCL, "ekf", *SIMPLE)
 
 
 @dataclass(frozen=True)
@@ -69,14 +73,15 @@ def guide_of(plain: Mapping[str, Any] | str, noise: OdometryNoise) -> Guide:
 
     Args:
         plain: A name, or a mapping with the key type ("mcl" if it lacks) and parameters. Alphas
-            that it leaves out are those of the simulated odometry.
+            that it leaves out are those of the simulated odometry, all else as AMCL has it; see
+            `suited`.
         noise: The simulated odometry.
 
     Raises:
         InputError: the type or a parameter is unknown, or a value makes no sense.
     """
     told = {"type": plain} if isinstance(plain, str) else dict(plain)
-    kind = told.pop("type", "mcl")
+    kind = told.pop("type", MCL)
     if kind not in TYPES:
         raise InputError(f"type is {kind!r}; {nearest(str(kind), TYPES)}")
     if kind in SIMPLE:
@@ -85,7 +90,36 @@ def guide_of(plain: Mapping[str, Any] | str, noise: OdometryNoise) -> Guide:
         return str(kind)
     alphas = {name: getattr(noise, name) * noise.scale**2 for name in ALPHAS if name != "alpha5"}
     told = {**alphas, **told}
-    return MclParameters.from_dict(told) if kind == "mcl" else making(EkfParameters)(told)
+    return making(EkfParameters)(told) if kind == "ekf" else MclParameters.from_dict(told)
+
+
+def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:
+    """What a scenario says of its localizer, with what it leaves out as the scanner wants it.
+
+    That is for the type mcl; the others are the same for all scanners.
+    """
+    told = {"type": plain} if isinstance(plain, str) else dict(plain)
+    if told.get("type", MCL) != MCL:
+        return plain if isinstance(plain, str) else told
+    return {**settings_for(scanner, told.get("laser_model_type")), **told}
+
+
+def name_of(guide: Guide) -> str:
+    """The localizer in words, as reports name it."""
+    if isinstance(guide, str):
+        return {"perfect": "the truth", "odometry": "dead reckoning"}[guide]
+    if isinstance(guide, EkfParameters):
+        return "a Kalman filter on the ranges of every scan"
+    model = guide.laser_model_type
+    power = "" if not model.endswith("_prob") else f" to the power {guide.importance_factor:g}"
+    return f"Monte Carlo localization ({model}{power})"
+
+
+def note_on(guide: Guide, scanner: RangeScanner) -> str | None:
+    """One sentence on a localizer that cannot use the scanner; None where it can."""
+    if not isinstance(guide, MclParameters):
+        return None
+    return unsuited(guide.laser_model_type, scanner)
 
 
 def localizer_of(

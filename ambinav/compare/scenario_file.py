@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +15,9 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from ambinav.ambiguity.cost_layer import cost_layer
+from ambinav.compare.guides import note_on, suited
 from ambinav.compare.scenario import Scenario
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 from ambinav.sensing.fields import parse_yaml, read_text
 
@@ -46,6 +48,9 @@ class Loaded:
 def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = False) -> Loaded:
     """Read a scenario with its building and scanner.
 
+    What it leaves out of map and localizer is as suits the scanner. An `InputWarning` says so
+    where the localizer that it names cannot use the scanner.
+
     Args:
         path: The file.
         runs: Instead of the file's.
@@ -63,6 +68,10 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
     if scenario.map.layer is None:
         read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
         scenario = scenario.model_copy(update={"map": read})
+    scenario = scenario.model_copy(update={"localizer": suited(scenario.localizer, scanner)})
+    note = note_on(scenario.guide, scanner)
+    if note is not None:
+        warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
     return Loaded(scenario, path.parent, _environment(scenario, path), scanner, force)
 
 

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -21,6 +22,7 @@ from ambinav.compare.guides import localizer_of
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import Scenario
 from ambinav.drive.drives import Drives
+from ambinav.errors import InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
@@ -168,8 +170,10 @@ _worker = _Worker()
 
 
 def _begin(setup: Setup) -> None:
-    """Make a process ready; Ctrl-C is for the one that gives out the work."""
+    """Make a process ready; Ctrl-C is for the one that gives out the work, and so are notes."""
     import numba
+
+    warnings.simplefilter("ignore", InputWarning)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -38,6 +38,8 @@ class CastTables(NamedTuple):
             angle, shape (1,): a laser, which can do without much of what sonars need.
         anchor: Which rays are cast whatever their beam reads, shape (R,): so many that what
             `counter_clockwise` says of neighbours holds for those that are cast.
+        inner: Which rays have others of their cone on either side, shape (R,); of a cone's edges
+            and of lasers none. Where the nearest echo is of such a ray, see `echo_normal`.
         border_segment: See `Environment`.
         border: `Environment.border_lines`.
         normal: Unit normals of the border edges, into the free space, and how far along them the
@@ -57,6 +59,7 @@ class CastTables(NamedTuple):
     reach: NDArray[np.float64]
     plain: NDArray[np.bool_]
     anchor: NDArray[np.bool_]
+    inner: NDArray[np.bool_]
     border_segment: NDArray[np.int32]
     border: NDArray[np.float64]
     normal: NDArray[np.float64]
@@ -87,6 +90,8 @@ def cast_tables(
     parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
     order = np.concatenate([part[counter_clockwise(rays.angle[part])] for part in parts])
     mesh = environment.triangulation
+    inside = np.ones(len(owner), dtype=np.bool_)
+    inside[rays.start[:-1]] = inside[rays.start[1:] - 1] = False
     limit, incidence = rays.max_range[order].astype(np.float64), rays.max_incidence[order]
     first, beam = np.cumsum([0, *map(len, parts)]), number[owner[order]]
     plain = np.array_equal(beam, np.arange(len(beams))) and np.isinf(incidence).all()
@@ -102,6 +107,7 @@ def cast_tables(
         np.maximum.reduceat(limit, first[:-1]),
         np.array([plain]),
         np.concatenate([anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]),
+        inside[order],
         environment.border_segment,
         environment.border_lines,
         edge_normals(environment.border_lines),
@@ -134,6 +140,27 @@ def edge_normals(lines: NDArray[np.float64]) -> NDArray[np.float64]:
     length = np.sqrt(ex * ex + ey * ey)
     nx, ny = -ey / length, ex / length
     return np.stack([nx, ny, nx * lines[:, 0] + ny * lines[:, 1]], axis=1)
+
+
+@kernel(inline="always")
+def echo_normal(inner, ux, uy, nx, ny):
+    """Normal of the surface that an echo behaves as if it came from, as the robot moves.
+
+    A laser's ray, and that at the edge of a cone, turns with the robot and slides along the wall:
+    it is the wall's. Within a cone the nearest echo comes from a point that is nearer than what is
+    beside it, the foot of a perpendicular or the end of a wall, and which of the rays meets it
+    changes as the robot turns: by the envelope theorem its range changes with the distance to that
+    point alone, as that of a surface across the ray does. (Taken for the wall's, the end of a wall
+    that is seen 25 degrees aslant would tell the heading, which it does not.)
+
+    Args:
+        inner: See `CastTables`, of the ray that the range is of.
+        ux: Its direction, map frame.
+        uy: Likewise.
+        nx: Unit normal of the wall that it meets, map frame.
+        ny: Likewise.
+    """
+    return (-ux, -uy) if inner else (nx, ny)
 
 
 @kernel

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.triangulation import PARALLEL
 from ambinav.kernels import kernel
-from ambinav.localization.casting import cast_told, nearest_echoes, spread_told, work_space
+from ambinav.localization.casting import (
+    cast_told,
+    echo_normal,
+    nearest_echoes,
+    spread_told,
+    work_space,
+)
 from ambinav.localization.information import gradient, sensor_line
 from ambinav.localization.odometry import wrapped
 
@@ -186,6 +192,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
     )  # fmt: skip
     _, _, distance, hit, _ = scratch.cast
     rays = cast_told(x, y, theta, reading, cast, scratch.cast, picked)
+    co, si = math.cos(theta), math.sin(theta)
     count = 0
     # What is looked up first, then what is worked out: of a loop without tables the compiler takes
     # several beams at a time. A beam that tells nothing is written over by the next one: without a
@@ -206,8 +213,9 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
             b, j, k = np.uint64(n), np.uint64(max(ray[n], 0)), np.uint64(max(edge[n], 0))
             met = (ray[n] >= 0) & (ranges[n] > noise.near[n]) & math.isfinite(reading[n])
             _look_up(count, b, j, k, ranges[n] if met else 0.0, reading, cast, noise, beam)
+            if cast.inner[j]:
+                _across(count, x, y, co, si, beam)
             count += met & (not noise.frontier[k])
-    co, si = math.cos(theta), math.sin(theta)
     for m in range(count):
         beam[_LINE, m] += beam[_RANGE, m]
         beam[_BY_X, m], beam[_BY_Y, m], beam[_BY_T, m] = gradient(
@@ -227,6 +235,18 @@ def _look_up(m, b, j, k, d, reading, cast, noise, beam):
     beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = cast.normal[k, 0], cast.normal[k, 1]
     beam[_WALL, m] = cast.normal[k, 2]
     beam[_LINE, m], beam[_RISE, m], beam[_VARIANCE, m] = sensor_line(d, b, noise)
+
+
+@kernel(inline="always")
+def _across(m, x, y, co, si, beam):
+    """Let the echo of column m come from a surface across its ray: see `casting.echo_normal`."""
+    ux = co * beam[_COSINE, m] - si * beam[_SINE, m]
+    uy = si * beam[_COSINE, m] + co * beam[_SINE, m]
+    sx = x + co * beam[_START_X, m] - si * beam[_START_Y, m]
+    sy = y + si * beam[_START_X, m] + co * beam[_START_Y, m]
+    nx, ny = echo_normal(True, ux, uy, beam[_NORMAL_X, m], beam[_NORMAL_Y, m])
+    beam[_NORMAL_X, m], beam[_NORMAL_Y, m] = nx, ny
+    beam[_WALL, m] = nx * sx + ny * sy - beam[_RANGE, m]
 
 
 @kernel(forceinline=True, fastmath={"reassoc"})

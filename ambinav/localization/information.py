@@ -20,7 +20,13 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
 from ambinav.kernels import kernel
-from ambinav.localization.casting import CastTables, cast_tables, expected_ranges, work_space
+from ambinav.localization.casting import (
+    CastTables,
+    cast_tables,
+    echo_normal,
+    expected_ranges,
+    work_space,
+)
 from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
@@ -161,10 +167,14 @@ def linear_readings(theta, cast, noise, ranges, ray, edge, line):
             continue
         shift, rise, line[b, 4] = sensor_line(d, b, noise)
         line[b, 0] = d + shift
-        line[b, 1], line[b, 2], line[b, 3] = gradient(
-            d, rise, co, si, cast.cosine[j], cast.sine[j], cast.start[j, 0], cast.start[j, 1],
-            cast.normal[k, 0], cast.normal[k, 1],
+        bx, by = cast.cosine[j], cast.sine[j]
+        nx, ny = echo_normal(
+            cast.inner[j], co * bx - si * by, si * bx + co * by, cast.normal[k, 0],
+            cast.normal[k, 1],
         )  # fmt: skip
+        line[b, 1], line[b, 2], line[b, 3] = gradient(
+            d, rise, co, si, bx, by, cast.start[j, 0], cast.start[j, 1], nx, ny
+        )
 
 
 @kernel(forceinline=True)
@@ -197,7 +207,7 @@ def gradient(d, rise, co, si, cosine, sine, start_x, start_y, nx, ny):
         sine: Likewise.
         start_x: Of the ray there, metres.
         start_y: Likewise.
-        nx: Of the wall's unit normal in the map frame.
+        nx: Of the unit normal in the map frame, see `casting.echo_normal`.
         ny: Likewise.
     """
     ux = co * cosine - si * sine

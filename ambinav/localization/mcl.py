@@ -24,11 +24,12 @@ goes on until the likelihood is back (`MclParameters.recovery_reset`).
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
 from ambinav.localization.beam_model import beam_factors
@@ -56,6 +57,7 @@ from ambinav.localization.odometry import (
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import normals, states
 from ambinav.localization.resampling import random_pose, resample
+from ambinav.localization.scanner_settings import unsuited
 from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
@@ -76,10 +78,13 @@ class MonteCarloLocalizer:
     Args:
         environment: The map that the robot has.
         scanner: Its scanner.
-        parameters: See `MclParameters`; None: AMCL's defaults.
+        parameters: See `MclParameters`; None: AMCL's defaults for a laser, and for a scanner with
+            cones those of `MclParameters.for_scanner`.
         runs: How many robots are localized side by side.
         rng: Where each run's own random numbers start from.
         field: A likelihood field of the environment made before; None: it is made here.
+
+    A likelihood field and a scanner with cones give an `InputWarning`.
 
     Raises:
         InputError: an argument cannot be used.
@@ -95,7 +100,12 @@ class MonteCarloLocalizer:
         rng: np.random.Generator,
         field: LikelihoodField | None = None,
     ) -> None:
-        self.parameters = MclParameters() if parameters is None else parameters
+        if parameters is None:
+            parameters = MclParameters.for_scanner(scanner)
+        note = unsuited(parameters.laser_model_type, scanner)
+        if note is not None:
+            warnings.warn(note, InputWarning, stacklevel=2)
+        self.parameters = parameters
         self.scanner = scanner
         self.runs = as_count(runs, "runs")
         self.model: FilterModel = filter_model(environment, scanner, self.parameters, field)

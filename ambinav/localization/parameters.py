@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel
+from ambinav.localization.scanner_settings import FIELDS, settings_for
 from ambinav.sensing.fields import as_count, as_number, nearest
+
+if TYPE_CHECKING:
+    from ambinav.sensing.scanner import RangeScanner
 
 LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam", "beam_prob")
 RESAMPLING = ("systematic", "low_variance", "multinomial")
@@ -43,7 +47,8 @@ class MclParameters:
     """Parameters of `MonteCarloLocalizer`; metres and radians.
 
     The first group are AMCL's (https://docs.nav2.org/configuration/packages/configuring-amcl.html),
-    the second are our own.
+    the second are our own. The defaults are AMCL's for any scanner; `for_scanner` has those that
+    suit one.
 
     Attributes:
         alpha1: See `OdometryModel`, as the other four.
@@ -186,6 +191,24 @@ class MclParameters:
     def odometry(self) -> OdometryModel:
         """The odometry model of alpha1 to alpha5."""
         return OdometryModel(**{key: getattr(self, key) for key in ALPHAS})
+
+    @property
+    def uses_field(self) -> bool:
+        """Whether the scan is weighed by a likelihood field; if not, by expected ranges."""
+        return self.laser_model_type in FIELDS
+
+    @classmethod
+    def for_scanner(cls, scanner: RangeScanner, **given: Any) -> MclParameters:
+        """The parameters that suit a scanner: see `scanner_settings.settings_for`.
+
+        Args:
+            scanner: The scanner.
+            given: Parameters by name, which stand whatever the scanner.
+
+        Raises:
+            InputError: a name is unknown, or a value makes no sense.
+        """
+        return cls.from_dict({**settings_for(scanner, given.get("laser_model_type")), **given})
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> MclParameters:

@@ -18,6 +18,7 @@ from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
+from ambinav.localization.scanner_settings import settings_for
 from ambinav.sensing.fields import as_count, as_number, as_numbers, nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -66,7 +67,9 @@ class NavigationParameters:
             walls that the first one met. One round alone is surer of itself than it may be.
         gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
         map_std: Deviation of the walls' position that the filter reckons with; None: as the map's.
-        mcl: Parameters of the Monte Carlo localizer; None: AMCL's with the odometry's alphas.
+        mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are taken as they are,
+            or some by name, the others as suits the scanner (`MclParameters.for_scanner`); None:
+            all so, with the odometry's alphas.
         odometry: How odometry errs, as the localizer is told (biases it is not told).
         odometry_scale: How many times as much it truly errs.
         start_std: Deviations of x, y and heading of the first estimate, which the localizer is
@@ -140,7 +143,10 @@ class NavigationParameters:
         self._set("robot", _part(self.robot, "robot", Robot))
         self._set("odometry", _part(self.odometry, "odometry", OdometryNoise))
         if self.mcl is not None:
-            self._set("mcl", _part(self.mcl, "mcl", MclParameters))
+            mcl: object = self.mcl
+            if isinstance(mcl, Mapping):
+                mcl = {**settings_for(self.scanner, mcl.get("laser_model_type")), **mcl}
+            self._set("mcl", _part(mcl, "mcl", MclParameters))
         people: Any = self.people
         if isinstance(people, int | np.integer) and not isinstance(people, bool):
             people = {"count": int(people)}
@@ -231,7 +237,7 @@ class NavigationParameters:
             return self.mcl
         odometry, square = self.odometry, self.odometry.scale**2
         alphas = {f"alpha{k}": getattr(odometry, f"alpha{k}") * square for k in range(1, 5)}
-        return MclParameters(**alphas)
+        return MclParameters.for_scanner(self.scanner, **alphas)
 
     def _set(self, key: str, value: object) -> None:
         object.__setattr__(self, key, value)

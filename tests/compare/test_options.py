@@ -73,6 +73,29 @@ def test_a_scenario_reads_the_layer_that_suits_its_scanner(
     assert load_scenario(write(tmp_path, scenario)).scenario.map.layer == "position"
 
 
+def test_reports_name_the_localizer_and_what_speaks_against_it(
+    scenario: dict[str, Any], tmp_path: Path
+) -> None:
+    scenario |= {"scanner": "hc-sr04", "routes": ["shortest"], "drive": {"runs": 2}}
+    scenario["localizer"] = {"type": "amcl", "max_particles": 500}
+    path = write(tmp_path, scenario)
+    done = compare(path, tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    assert done.stderr.count("laser_model_type likelihood_field takes every echo") == 1
+    note = "so it loses robots where scanner 'hc-sr04', which has cones"
+    for name in ("report.md", "report.html", "report.json"):
+        text = (tmp_path / "out" / name).read_text().replace("&#39;", "'")
+        assert note in text and "Monte Carlo localization (likelihood_field)" in text
+    scenario["localizer"] = {"max_particles": 500}
+    done = compare(write(tmp_path, scenario), tmp_path / "other", "--json")
+    assert done.exit_code == 0 and "laser_model_type" not in done.stderr
+    told = json.loads((tmp_path / "other" / "report.json").read_text())
+    assert told["localizer"] == {
+        "name": "Monte Carlo localization (beam_prob to the power 0.3)", "note": None,
+    }  # fmt: skip
+    assert told["parameters"]["localizer"]["z_max"] == 0.2
+
+
 def test_boxes_are_off_all_routes_and_the_same_for_each(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ import yaml
 
 from ambinav.compare.guides import EkfParameters
 from ambinav.compare.scenario_file import Loaded, load_scenario, parse_scenario
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.localization.parameters import MclParameters
+from ambinav.sensing.scanner import RangeScanner
 from tests.compare.conftest import write
 
 Plain = dict[str, Any]
@@ -40,6 +42,36 @@ def test_kinds_of_localizers(scenario: Plain) -> None:
     assert found[:2] == ["perfect", "odometry"]
     assert isinstance(found[2], MclParameters)
     assert found[3] == EkfParameters(0.1, 0.05, 0.05, 0.05, gate=4)
+
+
+def test_cones_are_localized_by_the_product_unless_said_otherwise(
+    scenario: Plain, tmp_path: Path
+) -> None:
+    alphas = {f"alpha{k}": 0.2 * 0.25**2 for k in range(1, 5)}
+    ring = RangeScanner.from_preset("hc-sr04")
+
+    def guide(localizer: object, scanner: str = "hc-sr04") -> object:
+        scenario.update(localizer=localizer, scanner=scanner)
+        return load_scenario(write(tmp_path, scenario)).scenario.guide
+
+    suited = MclParameters.for_scanner(ring, **alphas)
+    assert suited.laser_model_type == "beam_prob"
+    assert guide({}) == guide("mcl") == guide({"type": "mcl"}) == suited
+    # What is given stands, the rest is as it suits the scanner.
+    given = {"z_hit": 0.6, "alpha1": 0.3, "beam_table_resolution": 0.0}
+    assert guide(given) == replace(suited, **given)
+    # AMCL's own goes by its name, for any scanner; lasers have it anyhow.
+    with pytest.warns(InputWarning, match="flat.yaml: the localizer's laser_model_type likelihood"):
+        assert guide("amcl") == MclParameters(**alphas)
+    assert guide({"type": "amcl", "laser_model_type": "beam"}) == MclParameters(
+        laser_model_type="beam", **alphas
+    )
+    assert guide("amcl", "rplidar-a1") == guide("mcl", "rplidar-a1") == MclParameters(**alphas)
+    with pytest.warns(InputWarning, match="likelihood_field_prob .* choose beam_prob"):
+        assert guide({"laser_model_type": "likelihood_field_prob"}) == MclParameters(
+            laser_model_type="likelihood_field_prob", **alphas
+        )
+    assert guide("perfect") == "perfect" and isinstance(guide("ekf"), EkfParameters)
 
 
 def test_names_and_baseline(scenario: Plain) -> None:

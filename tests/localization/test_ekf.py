@@ -69,9 +69,11 @@ def test_what_tells_nothing() -> None:
     assert (scan_information(hall, scanner, [10.0, 10.0, 0.0]) == 0.0).all()
 
 
-def run_filter(count: int, steps: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def run_filter(
+    count: int, steps: int, seed: int, scanner: RangeScanner = SCANNERS["laser"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Errors (R, S, 3) and covariances (R, S, 3, 3) of the filter on drives with its noise."""
-    env, scanner = worlds.room(), worlds.laser()
+    env = worlds.room()
     rng = np.random.default_rng(seed)
     generator = states(rng, 1)[0]
     wanted = worlds.figure_eight(steps)

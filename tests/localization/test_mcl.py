@@ -71,6 +71,7 @@ def test_start_has_the_mean_and_covariance_asked_for() -> None:
     assert np.allclose(np.diag(loc.covariance[1]), (0.25, 0.25, (math.pi / 12) ** 2), rtol=0.05)
 
 
+@pytest.mark.filterwarnings("ignore:the localizer's laser_model_type")
 def test_a_scan_weighs_by_the_field() -> None:
     env, scanner = worlds.room(), worlds.mixed()
     loc = localizer(env, scanner, min_particles=300, max_particles=300, resample_interval=2,
@@ -155,6 +156,7 @@ def test_a_scan_that_says_nothing_changes_nothing() -> None:
 # -- drives ------------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:the localizer's laser_model_type")
 @pytest.mark.parametrize("model", LASER_MODELS)
 @pytest.mark.parametrize("name", SCANNERS)
 def test_tracks_with_every_model_and_scanner(model: str, name: str) -> None:

@@ -24,7 +24,7 @@ class Eyes(NamedTuple):
     """A scanner of R rays, B beams and S different sensors.
 
     Attributes:
-        origin: See `ambinav.localization.casting.CastTables`, as the next ten.
+        origin: See `ambinav.localization.casting.CastTables`, as the next eleven.
         first: See there.
         cosine: See there.
         sine: See there.
@@ -35,6 +35,7 @@ class Eyes(NamedTuple):
         reach: See there.
         plain: See there.
         anchor: See there.
+        inner: See there.
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         sensor: Which sensor each beam is of, shape (B,).
@@ -57,6 +58,7 @@ class Eyes(NamedTuple):
     reach: Floats
     plain: NDArray[np.bool_]
     anchor: NDArray[np.bool_]
+    inner: NDArray[np.bool_]
     near: Floats
     far: Floats
     sensor: NDArray[np.int64]
@@ -77,7 +79,7 @@ def eyes_of(scanner: RangeScanner, tables: CastTables) -> Eyes:
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
     return Eyes(
-        *tables[:11],
+        *tables[:12],
         np.array([s.min_range for s in scanner.sensors])[which],
         np.array([s.max_range for s in scanner.sensors])[which],
         np.array(which, dtype=np.int64),

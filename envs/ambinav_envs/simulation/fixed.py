@@ -23,8 +23,8 @@ FIXED = record(
     groups=_WHOLE, rays=_WHOLE, beams=_WHOLE, sensors=_WHOLE, edges=_WHOLE,
     # And these.
     origin=_WHOLE, first=_WHOLE, cosine=_WHOLE, sine=_WHOLE, beam=_WHOLE, limit=_WHOLE,
-    incidence=_WHOLE, start=_WHOLE, reach=_WHOLE, plain=_WHOLE, anchor=_WHOLE, near=_WHOLE,
-    far=_WHOLE, sensor=_WHOLE, shift=_WHOLE, std=_WHOLE, run=_WHOLE, reading=_WHOLE,
+    incidence=_WHOLE, start=_WHOLE, reach=_WHOLE, plain=_WHOLE, anchor=_WHOLE, inner=_WHOLE,
+    near=_WHOLE, far=_WHOLE, sensor=_WHOLE, shift=_WHOLE, std=_WHOLE, run=_WHOLE, reading=_WHOLE,
 )  # fmt: skip
 """What stays the same from step to step, as addresses like those of `layout.GROUND`.
 
@@ -33,7 +33,8 @@ To hand numba some thirty arrays takes longer than to step a robot.
 
 _KINDS: dict[str, Any] = {
     "state": STATE, "where": WHERE, "settings": SETTINGS, "first": np.int64, "beam": np.int64,
-    "plain": np.bool_, "anchor": np.bool_, "sensor": np.int64, "run": np.int64,
+    "plain": np.bool_, "anchor": np.bool_, "inner": np.bool_, "sensor": np.int64,
+    "run": np.int64,
 }  # fmt: skip
 """Types of the arrays that are not float64."""
 
@@ -84,6 +85,7 @@ def eyes_at(fixed):
         array_at(fixed.reach, (fixed.groups,), np.float64),
         array_at(fixed.plain, (1,), np.bool_),
         array_at(fixed.anchor, (rays,), np.bool_),
+        array_at(fixed.inner, (rays,), np.bool_),
         array_at(fixed.near, (beams,), np.float64),
         array_at(fixed.far, (beams,), np.float64),
         array_at(fixed.sensor, (beams,), np.int64),

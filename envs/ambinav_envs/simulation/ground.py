@@ -26,7 +26,7 @@ def cast_tables_of(ground, eyes):
     halves, edges, items = ground.half_edges, ground.edges, ground.items
     return CastTables(
         eyes.origin, eyes.first, eyes.cosine, eyes.sine, eyes.beam, eyes.limit, eyes.incidence,
-        eyes.start, eyes.reach, eyes.plain, eyes.anchor,
+        eyes.start, eyes.reach, eyes.plain, eyes.anchor, eyes.inner,
         array_at(ground.border_segment, (edges,), np.int32),
         array_at(ground.border, (edges, 4), np.float64),
         array_at(ground.normal, (edges, 3), np.float64),

@@ -248,7 +248,9 @@ class Simulation:
         environment = site.building.environment
         own = np.random.Generator(np.random.PCG64(stream))
         try:
-            field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
+            field = None
+            if mcl.uses_field:
+                field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
             return MonteCarloLocalizer(environment, scanner, mcl, rng=own, field=field)
         except InputError as error:
             raise InputError(f"mcl: {error}") from error

@@ -1,0 +1,65 @@
+"""Which settings of Monte Carlo localization suit a scanner: the one place that says so.
+
+AMCL's defaults are made for lasers, and lasers keep them. For cones (sonars, wide time-of-flight
+sensors) three things are wrong with them. A likelihood field takes an echo to come from the axis
+of its cone, and draws the estimate off walls that are seen aslant; it learns nothing from "no
+echo", which a sonar often reads; and sums of cubes weigh the best of the particles only a few
+times as much as the worst, which the few beams of a ring never make up for. The ray model takes
+the nearest echo of the whole cone, and multiplied beams are what the book has (Probabilistic
+Robotics, section 6.1). docs/compare.md has the figures, benchmarks/bench_sonar.py makes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from ambinav.sensing.scanner import RangeScanner
+
+CONE_RAYS: Final[Mapping[str, Any]] = MappingProxyType({
+    "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05, "beam_table_resolution": 0.1,
+})  # fmt: skip
+"""What the ray model of cones takes, whether its beams are added up or multiplied."""
+
+CONE_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
+    {**CONE_RAYS, "laser_model_type": "beam_prob", "importance_factor": 0.3, "sigma_hit": 0.1}
+)
+"""What scanners with cones are localized with unless the user says otherwise."""
+
+FIELDS: Final = ("likelihood_field", "likelihood_field_prob")
+"""Models that look up how far a beam's end point is from a wall."""
+
+
+def has_cones(scanner: RangeScanner) -> bool:
+    """Whether any sensor of the scanner has a cone."""
+    return any(sensor.aperture > 0.0 for sensor in scanner.sensors)
+
+
+def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, Any]:
+    """Parameters of Monte Carlo localization that suit a scanner, as far as AMCL's do not.
+
+    Args:
+        scanner: The scanner.
+        model: The laser_model_type that the user has chosen; None: the one that suits the scanner.
+
+    Returns:
+        Nothing for scanners without cones. With cones those of `CONE_PRODUCT`; of a chosen "beam"
+        those of `CONE_RAYS`, and of a chosen likelihood field nothing: it is AMCL's own.
+    """
+    if not has_cones(scanner) or model in FIELDS:
+        return {}
+    return dict(CONE_RAYS if model == "beam" else CONE_PRODUCT)
+
+
+def unsuited(model: str, scanner: RangeScanner) -> str | None:
+    """One sentence on a laser_model_type that cannot use the scanner; None where it can."""
+    if model not in FIELDS or not has_cones(scanner):
+        return None
+    return (
+        f"the localizer's laser_model_type {model} takes every echo to come from the axis of its "
+        f"beam and learns nothing from a missing one, so it loses robots where scanner "
+        f"{scanner.name!r}, which has cones, would not; leave laser_model_type out, or choose "
+        "beam_prob."
+    )

@@ -1,0 +1,398 @@
+"""A ring of sonars judged anew: the map, its cones, and what each localizer makes of them.
+
+The preset `polaroid-6500-ring` (16 cones of 30 degrees, 10.67 m, echoes up to 25 degrees off a
+wall's normal, 5 % random readings) on a robot of 0.21 m radius, in the drawn demo and in recorded
+maps.
+
+- Pairs of places are drawn by a seed and chosen on the map alone: those where the ambiguity-aware
+  route saves most metres in corridor and open zones. Routes by the planner `reference`: the
+  shortest, and the one with the least such metres among the weights 2, 5 and 20 that is at most
+  10 % longer.
+- Drives: 30 paired seeds, odometry of 4.5 degrees and 6 cm in a metre, or twice as bad, of which
+  every localizer is told; open loop (the robot keeps to its route, whatever it believes) and
+  closed loop. A robot is lost whose error is above 0.5 m or 30 degrees for over a second.
+- Localizers: AMCL's own default; its product of the field, tuned as elsewhere in these benchmarks;
+  its sum of cubes with its own weights, and with those that suit cones; the product of the ray
+  model's beams, the library's default for cones (`MclParameters.for_scanner`); and the Kalman
+  filter.
+- One by one, open loop and in the same building, on the same routes: the cones replaced by single
+  rays at their axes, with and without the limit of incidence; four times as many of them; three
+  times as many cones; and the product's own settings changed one at a time.
+- Intervals hold 95 % of what other seeds may give (bootstrap over all runs of a row). They are not
+  about other pairs or buildings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import warnings
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from harness import add_out, environment_path, report, table
+from numpy.typing import NDArray
+from plan_case import pairs
+
+from ambinav.ambiguity.build import build_map
+from ambinav.drive.bootstrap import bootstrap
+from ambinav.drive.drive import drive
+from ambinav.drive.drives import Drives
+from ambinav.drive.localizers import Localizer
+from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION, metrics
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
+from ambinav.errors import InputWarning
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.odometry import OdometryModel
+from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import ZONES
+from ambinav.routes.evaluate import zone_codes
+from ambinav.routes.route import Route
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.service.service import AmbiguityService
+from ambinav_planners import RoutePlanner
+
+PRESET = "polaroid-6500-ring"
+ENVIRONMENTS = ("demo", "stata_hallways_5cm", "aces")
+ROBOT = Robot(radius=0.21)
+"""The ring, of 0.2 m radius, stands within it."""
+CLEARANCE = 0.15
+WEIGHTS = (2.0, 5.0, 20.0)
+LONGEST = 1.1
+ROUTES = ("shortest", "aware")
+RATE = 5.0
+NOISE = OdometryNoise()
+ROUGH = OdometryNoise(scale=0.5)
+"""Odometry twice as bad."""
+TUNED_FIELD = {"importance_factor": 0.3, "sigma_hit": 0.1}
+
+# What localizes in the main table: parameters in addition to what suits the ring.
+LOCALIZERS: dict[str, dict[str, Any] | None] = {
+    "AMCL's own default (`likelihood_field`)": {"laser_model_type": "likelihood_field"},
+    "its product (`likelihood_field_prob`, power 0.3)": {
+        "laser_model_type": "likelihood_field_prob", **TUNED_FIELD,
+    },
+    "AMCL's sum of cubes (`beam`)": {
+        "laser_model_type": "beam", "z_hit": 0.5, "z_max": 0.05, "z_rand": 0.5,
+    },
+    "sum of cubes (`beam`)": {"laser_model_type": "beam"},
+    "product (`beam_prob`, power 0.3)": {},
+    "Kalman filter": None,
+}  # fmt: skip
+PRODUCT = "product (`beam_prob`, power 0.3)"
+EKF = "Kalman filter"
+FIELD_PRODUCT = "its product (`likelihood_field_prob`, power 0.3)"
+# The product's settings, one changed at a time.
+SETTINGS: dict[str, dict[str, Any]] = {
+    "power 0.1": {"importance_factor": 0.1},
+    "power 1": {"importance_factor": 1.0},
+    "sigma_hit 0.05 m": {"sigma_hit": 0.05},
+}
+RING = "the ring"
+Floats = NDArray[np.float64]
+
+
+def main() -> None:
+    """Drive what is not there yet, then report."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/sonar"), help="keeps what has been driven"
+    )
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--pairs", type=int, default=2, help="of each building")
+    parser.add_argument("--drawn", type=int, default=16, help="pairs to choose from")
+    parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=41)
+    parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
+    parser.add_argument(
+        "--report-only", action="store_true", help="report what has been driven, drive nothing"
+    )
+    add_out(parser)
+    args = parser.parse_args()
+    args.folder.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(args.jobs) as pool:
+        todo = [pool.submit(driven, name, args) for name in args.environments]
+        found = [row for done in todo for row in done.result()]
+    report("The sonar ring, one thing at a time", ["numpy", "numba"], body(found), args.out)
+
+
+def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
+    """All drives of a building, from now or from before; one line of a file for each group."""
+    numba.set_num_threads(1)
+    path = args.folder / f"{name}_{args.pairs}_{args.drawn}_{args.runs}_{args.seed}.jsonl"
+    known: dict[str, dict[str, Any]] = {}
+    if path.is_file():
+        rows = path.read_text(encoding="utf-8").splitlines()
+        # A line that was cut off by a break is driven again.
+        known = {row["key"]: row for row in (json.loads(r) for r in rows if r.endswith("}"))}
+        path.write_text("".join(json.dumps(row) + "\n" for row in known.values()), "utf-8")
+    if args.report_only:
+        return list(known.values())
+    environment = load_environment(environment_path(name))
+    scanner = RangeScanner.from_preset(PRESET)
+    amap = build_map(environment, scanner)
+    chosen = list(routes(amap, args))
+    found = []
+    with path.open("a", encoding="utf-8") as file:
+        for study, scanners, label, guide, open_loop in groups(scanner):
+            for number, pair in chosen:
+                for which, route in pair.items():
+                    key = json.dumps([study, scanners.name, label, open_loop, number, which])
+                    if key not in known:
+                        row = {
+                            "key": key, "study": study, "scanner": scanners.name, "label": label,
+                            "open_loop": open_loop, "environment": name, "pair": number,
+                            "route": which, **figures(route),
+                        }  # fmt: skip
+                        rng = np.random.default_rng([args.seed, number])
+                        noise = ROUGH if study == "rough odometry" else NOISE
+                        runs = drives_of(
+                            environment, scanners, route, guide, rng, args.runs, noise, open_loop
+                        )
+                        known[key] = row | measured(runs, amap)
+                        print(json.dumps(known[key]), file=file, flush=True)
+                    found.append(known[key])
+    return found
+
+
+def groups(
+    ring: RangeScanner,
+) -> Iterator[tuple[str, RangeScanner, str, dict[str, Any] | None, bool]]:
+    """Study, scanner, localizer's name and parameters, and whether the loop is open."""
+    for open_loop in (True, False):
+        for label, given in LOCALIZERS.items():
+            yield "localizers", replace(ring, name=RING), label, given, open_loop
+    for label, given in LOCALIZERS.items():
+        yield "rough odometry", replace(ring, name=RING), label, given, True
+    for scanner in scanners(ring):
+        for label in (PRODUCT, FIELD_PRODUCT, EKF):
+            yield "cones", scanner, label, LOCALIZERS[label], True
+    for label, given in SETTINGS.items():
+        yield "settings", replace(ring, name=RING), label, given, True
+
+
+def scanners(ring: RangeScanner) -> Iterator[RangeScanner]:
+    """The ring with one thing changed at a time."""
+    (sensor,) = ring.sensors
+    radius, count = float(np.hypot(*ring.mounts[0, :2])), ring.beams
+    ray = replace(sensor, aperture=0.0)
+    bare = replace(ray, max_incidence=None)
+    for name, one, number in (
+        ("48 cones", sensor, 3 * count),
+        ("16 single rays, echoes up to 25 degrees", ray, count),
+        ("16 single rays, echoes at any incidence", bare, count),
+        ("64 single rays, echoes at any incidence", bare, 4 * count),
+    ):
+        yield RangeScanner.ring(one, number, radius, name=name)
+
+
+def routes(amap: AmbiguityMap, args: argparse.Namespace) -> Iterator[tuple[int, dict[str, Route]]]:
+    """The pairs with most metres of corridor and open zones to save, and their routes."""
+    robot = RoutePlanner(AmbiguityService(amap), footprint=ROBOT.radius + CLEARANCE)
+    found = []
+    for number, (start, goal) in enumerate(pairs(robot, args.drawn, args.seed)):
+        ways = [
+            robot.plan(start, goal, planner_name="reference", weight=weight)
+            for weight in (0.0, *WEIGHTS)
+        ]
+        allowed = [way for way in ways if way.length <= LONGEST * ways[0].length]
+        aware = min(allowed, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
+        saved = ways[0].bad_metres - aware.bad_metres
+        found.append((-saved, -ways[0].exposure, number, {"shortest": ways[0], "aware": aware}))
+    for _, _, number, pair in sorted(found, key=lambda item: item[:3])[: args.pairs]:
+        yield number, pair
+
+
+def figures(route: Route) -> dict[str, Any]:
+    """What is kept of a route."""
+    return {
+        "length": route.length,
+        "corridor": route.zone_metres["corridor"],
+        "open": route.zone_metres["open"],
+        "longest_bad": route.longest_bad,
+    }
+
+
+def drives_of(
+    environment: Environment,
+    scanner: RangeScanner,
+    route: Route,
+    given: dict[str, Any] | None,
+    rng: np.random.Generator,
+    runs: int,
+    noise: OdometryNoise,
+    open_loop: bool,
+) -> Drives:
+    """Drive a route with a localizer of these parameters; None: the Kalman filter."""
+    alphas = {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
+    guide: Localizer | MclParameters
+    if given is None:
+        guide = ExtendedKalmanFilter(environment, scanner, OdometryModel(**alphas), runs=runs)
+    else:
+        # The ring's settings stay where it has single rays: one thing is changed at a time.
+        ring = RangeScanner.from_preset(PRESET)
+        guide = MclParameters.for_scanner(ring, **alphas, **given)
+    with warnings_off():
+        return drive(
+            environment, scanner, ROBOT, route, guide, rng, runs, noise=noise,
+            open_loop=open_loop, rate=RATE,
+        )  # fmt: skip
+
+
+def measured(drives: Drives, amap: AmbiguityMap) -> dict[str, Any]:
+    """What is kept of the drives of a route; and in which zone robots were when they got lost."""
+    told = metrics(drives, amap)
+    error = drives.errors()
+    far = (np.hypot(error[..., 0], error[..., 1]) > LOST_POSITION) | (
+        np.abs(error[..., 2]) > LOST_HEADING
+    )
+    first = far.argmax(axis=1)[told.lost]
+    at = drives.truth[told.lost, first]
+    zones = zone_codes(amap, at) if len(at) else np.zeros(0, dtype=np.int64)
+    return {
+        "lost": told.lost.tolist(),
+        "error": np.round(told.position_p95, 4).tolist(),
+        "collided": told.collided.tolist(),
+        "arrived": told.arrived.tolist(),
+        "nees": np.round(told.nees, 3).tolist(),
+        "lost_in": [ZONES[code] for code in zones],
+        "lost_at": np.round(at[:, :2], 2).tolist(),
+        "found_again": (told.lost & ~far[np.arange(len(far)), drives.samples - 1]).tolist(),
+    }
+
+
+@contextmanager
+def warnings_off() -> Iterator[None]:
+    """Fields with cones are driven on purpose here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)
+        yield
+
+
+def body(found: list[dict[str, Any]]) -> str:
+    """The tables of the report."""
+    parts = [str(__doc__).split("\n\n", 1)[1].strip()]
+    main_rows = [row for row in found if row["study"] == "localizers"]
+    parts += ["## Routes", table(
+        ("building", "pair", "route", "length, m", "corridor, m", "open, m", "longest of both, m"),
+        unique(route_line(row) for row in main_rows), 3,
+    )]  # fmt: skip
+    for open_loop, title in ((True, "open loop"), (False, "closed loop")):
+        rows = [row for row in main_rows if row["open_loop"] == open_loop]
+        parts += [f"## Localizers, {title}", results(rows, "label", ("localizer",), not open_loop)]
+        parts += ["Lost, % of the runs on both routes, by building:", by_building(rows)]
+    rough = [row for row in found if row["study"] == "rough odometry"]
+    if rough:
+        parts += ["## Localizers, open loop, odometry twice as bad"]
+        parts += [results(rough, "label", ("localizer",)), by_building(rough)]
+    cones = [row for row in found if row["study"] == "cones"]
+    ring = [row for row in main_rows if row["open_loop"]]
+    parts.append("## The cones, one thing at a time, open loop")
+    for label in (PRODUCT, FIELD_PRODUCT, EKF):
+        rows = common([row for row in (*ring, *cones) if row["label"] == label], "scanner")
+        parts += [f"### {label}", results(rows, "scanner", ("scanner",))]
+    settings = [row for row in ring if row["label"] == PRODUCT]
+    settings += [row for row in found if row["study"] == "settings" and row["label"] in SETTINGS]
+    parts += ["## The product's settings, one at a time, open loop"]
+    parts += [results(common(settings, "label"), "label", ("settings",))]
+    parts += ["## Where robots got lost, open loop", lost_in(ring)]
+    return "\n\n".join(parts)
+
+
+def unique(rows: Iterable[tuple[object, ...]]) -> list[tuple[object, ...]]:
+    """Each row once, in the order of the first."""
+    return list(dict.fromkeys(rows))
+
+
+def route_line(row: dict[str, Any]) -> tuple[object, ...]:
+    """A route in the table of routes."""
+    metres = (f"{row[key]:.1f}" for key in ("length", "corridor", "open", "longest_bad"))
+    return (row["environment"], row["pair"], row["route"], *metres)
+
+
+def results(
+    rows: list[dict[str, Any]], key: str, words: tuple[str, ...], closed: bool = False
+) -> str:
+    """Lost runs and errors on both routes, one line for each value of `key`."""
+    header = [*words, "runs"]
+    for route in ROUTES:
+        header += [f"lost, {route}, %", f"95 % error, {route}, m", f"median run, {route}, m"]
+        header += [f"collided, {route}, %"] if closed else [f"NEES, median, {route}"]
+    lines = []
+    for (value,) in unique((row[key],) for row in rows):
+        cells: list[object] = [value, len(joined([r for r in rows if r[key] == value], "lost"))]
+        for route in ROUTES:
+            own = [row for row in rows if row[key] == value and row["route"] == route]
+            if not own:
+                cells += ["not driven yet"] * 4
+                continue
+            rng = np.random.default_rng(0)
+            lost = bootstrap(100.0 * joined(own, "lost"), rng)
+            error = bootstrap(joined(own, "error"), rng)
+            cells += [
+                f"{lost.value:.0f} ({lost.low:.0f} to {lost.high:.0f})",
+                f"{error.value:.2f} ({error.low:.2f} to {error.high:.2f})",
+                f"{np.median(joined(own, 'error')):.2f}",
+            ]
+            if closed:
+                cells.append(f"{100.0 * joined(own, 'collided').mean():.0f}")
+            else:
+                cells.append(f"{np.nanmedian(joined(own, 'nees')):.1f}")
+        lines.append(cells)
+    return table(header, lines, len(words))
+
+
+def common(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
+    """The rows of the routes that have been driven with each value of `key`."""
+
+    def case(row: dict[str, Any]) -> tuple[object, ...]:
+        return row["environment"], row["pair"], row["route"]
+
+    values = {row[key] for row in rows}
+    shared = set.intersection(*({case(r) for r in rows if r[key] == v} for v in values))
+    return [row for row in rows if case(row) in shared]
+
+
+def by_building(rows: list[dict[str, Any]]) -> str:
+    """Share of lost runs for each localizer and building."""
+    buildings = [value for (value,) in unique((row["environment"],) for row in rows)]
+    lines = []
+    for (label,) in unique((row["label"],) for row in rows):
+        cells = [label]
+        for building in buildings:
+            own = [r for r in rows if r["label"] == label and r["environment"] == building]
+            lost = 100.0 * joined(own, "lost")
+            cells.append(f"{lost.mean():.0f}" if len(lost) else "not driven yet")
+        lines.append(cells)
+    return table(("localizer", *buildings), lines)
+
+
+def lost_in(rows: list[dict[str, Any]]) -> str:
+    """Lost runs by the zone in which the error first was too large."""
+    lines = []
+    for (label,) in unique((row["label"],) for row in rows):
+        own = [row for row in rows if row["label"] == label]
+        zones = [zone for row in own for zone in row["lost_in"]]
+        again = int(joined(own, "found_again").sum())
+        lines.append((label, len(zones), *(zones.count(zone) for zone in ZONES), again))
+    header = ("localizer", "runs lost", *(f"in {zone}" for zone in ZONES), "right again at the end")
+    return table(header, lines)
+
+
+def joined(rows: list[dict[str, Any]], key: str) -> Floats:
+    """A figure of all runs of some rows, shape (runs,)."""
+    parts = [np.asarray(row[key], dtype=np.float64) for row in rows]
+    return np.concatenate([np.zeros(0), *parts])
+
+
+if __name__ == "__main__":
+    main()
