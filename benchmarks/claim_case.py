@@ -18,7 +18,7 @@ from typing import Any
 import numba
 import numpy as np
 from harness import appended, environment_path, kept_rows
-from localizers import LOCALIZERS, localizer_of
+from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
 from zone_metres import zone_figures
 
@@ -26,7 +26,6 @@ from ambinav.ambiguity.build import build_map
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
-from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.geometry.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
@@ -35,8 +34,6 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 
-ROBOT = Robot(radius=0.105)
-"""A TurtleBot3 Burger."""
 MARGIN = 0.195
 WEIGHTS = (2.0, 5.0, 20.0)
 LONGEST = 1.1

@@ -6,31 +6,32 @@
 - `sum`: Monte Carlo localization that adds the cubes of the same likelihoods (with cones and
   hits of 0.2 m, what the claim was first driven with).
 - `amcl`: AMCL's defaults; the likelihood field and sums of cubes, whatever the scanner.
-- `kalman`: an extended Kalman filter on the ranges.
+- `kalman`: an extended Kalman filter on the ranges, which takes in every scan.
 
-All are told how odometry errs, and take a scan in after 0.25 m or 0.2 rad.
+All are told how odometry errs: Monte Carlo localization as it is after 0.25 m or 0.2 rad, when it
+takes in a scan; the Kalman filter as it is in the time between two scans at the robot's speed.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, MclParameters
 from ambinav.sensing.scanner import RangeScanner
 
+ROBOT = Robot(radius=0.105)
+"""A TurtleBot3 Burger; what drives in the studies."""
 LOCALIZERS = ("product", "kalman", "rays", "sum", "amcl")
 WHAT = {
     "product": "Monte Carlo localization, beams multiplied (power 0.3)",
     "rays": "Monte Carlo localization, ray model for lasers too, beams multiplied (power 0.3)",
     "sum": "Monte Carlo localization, cubes of the beams added",
     "amcl": "Monte Carlo localization with AMCL's defaults",
-    "kalman": "extended Kalman filter",
+    "kalman": "extended Kalman filter on the ranges, every scan taken in",
 }
 FIELD = {"importance_factor": 0.3, "sigma_hit": 0.1}
 RAYS = {
@@ -40,8 +41,6 @@ FIELD_PRODUCT = {**FIELD, "laser_model_type": "likelihood_field_prob"}
 FIELD_SUM = {**FIELD, "laser_model_type": "likelihood_field"}
 RAY_PRODUCT = {**RAYS, **FIELD, "laser_model_type": "beam_prob"}
 RAY_SUM = {**RAYS, "laser_model_type": "beam"}
-
-Floats = NDArray[np.float64]
 
 
 def has_cones(scanner: RangeScanner) -> bool:
@@ -67,81 +66,29 @@ def alphas_of(noise: OdometryNoise) -> dict[str, float]:
 
 
 def localizer_of(
-    name: str, environment: Environment, scanner: RangeScanner, noise: OdometryNoise, runs: int
+    name: str,
+    environment: Environment,
+    scanner: RangeScanner,
+    noise: OdometryNoise,
+    runs: int,
+    rate: float = 10.0,
 ) -> MclParameters | Localizer:
-    """One of `LOCALIZERS`, as `drive` takes it."""
+    """One of `LOCALIZERS`, as `drive` takes it, for scans at a rate, 1 / s."""
     if name == "kalman":
-        return KalmanLocalizer(environment, scanner, OdometryModel(**alphas_of(noise)), runs)
+        model = between_scans(noise, rate)
+        return ExtendedKalmanFilter(environment, scanner, model, runs=runs)
     return parameters_of(name, scanner, noise)
 
 
-class KalmanLocalizer:
-    """Kalman filters that take scans in as seldom as Monte Carlo localization does.
+def between_scans(noise: OdometryNoise, rate: float) -> OdometryModel:
+    """AMCL's model with the variances that odometry has from scan to scan.
 
-    The variances of AMCL's model are those of motions of `distance` or `angle`; a filter that
-    took in every scan would believe in an odometry several times as good.
-
-    Args:
-        environment: The map.
-        scanner: What the robots see with.
-        odometry: What is known of the odometry.
-        runs: R.
-        distance: A scan is taken in after so many metres,
-        angle: or radians.
+    The variances of the simulated odometry grow with the distance, those of AMCL's model with its
+    square: told the alphas of 0.25 m, a filter would believe in an odometry several times too
+    good.
     """
-
-    def __init__(
-        self,
-        environment: Environment,
-        scanner: RangeScanner,
-        odometry: OdometryModel,
-        runs: int,
-        distance: float = 0.25,
-        angle: float = 0.2,
-    ) -> None:
-        self._model, self._distance, self._angle = odometry, distance, angle
-        self._filters = [ExtendedKalmanFilter(environment, scanner, odometry) for _ in range(runs)]
-        self._then: Floats | None = None
-        self._mean_then = self._mean = np.zeros((runs, 3))
-        self._covariance_then = self._covariance = np.zeros((runs, 3, 3))
-
-    @property
-    def mean(self) -> Floats:
-        """Estimated poses, shape (R, 3)."""
-        return self._mean
-
-    @property
-    def covariance(self) -> Floats:
-        """Their covariances, shape (R, 3, 3)."""
-        return self._covariance
-
-    def start(self, poses: Floats, covariance: Floats) -> None:
-        """Begin at poses, shape (R, 3), known to a covariance, shape (3, 3)."""
-        for one, pose in zip(self._filters, poses, strict=True):
-            one.start(pose, covariance)
-        self._then = None
-        self._mean_then = np.array(poses)
-        self._covariance_then = np.tile(covariance, (len(poses), 1, 1))
-
-    def update(self, odometry: Floats, ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Move along with odometry poses, shape (R, 3); take the readings in where it is time.
-
-        Returns:
-            Where it was, bool, shape (R,).
-        """
-        due = np.ones(len(odometry), dtype=np.bool_)
-        if self._then is None:
-            self._then = odometry.copy()
-        else:
-            move = odometry - self._then
-            turn = np.abs((move[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
-            due = (np.hypot(move[:, 0], move[:, 1]) >= self._distance) | (turn >= self._angle)
-        for run in np.flatnonzero(due):
-            one = self._filters[run]
-            one.update(odometry[run], ranges[run])
-            self._mean_then[run], self._covariance_then[run] = one.mean[0], one.covariance[0]
-            self._then[run] = odometry[run]
-        moved = (self._mean_then, self._then, odometry)
-        self._mean = self._model.moved(*moved)
-        self._covariance = self._model.covariances(moved[0], self._covariance_then, *moved[1:])
-        return due
+    told = alphas_of(noise)
+    driving = noise.distance * rate / ROBOT.max_speed
+    turning = noise.angle * rate / ROBOT.max_turn_rate
+    factors = {"alpha1": turning, "alpha2": driving, "alpha3": driving, "alpha4": turning}
+    return OdometryModel(**{key: value * factors[key] for key, value in told.items()})

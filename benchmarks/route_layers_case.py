@@ -12,9 +12,9 @@ from typing import Any
 
 import numba
 import numpy as np
-from claim_case import LONGEST, MARGIN, ROBOT, WEIGHTS, Row, Tell, driven_figures, figures
+from claim_case import LONGEST, MARGIN, WEIGHTS, Row, Tell, driven_figures, figures
 from harness import appended, environment_path, kept_rows
-from localizers import LOCALIZERS, localizer_of
+from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
 from truth_case import MIXED, NOISE, scanner_of
 

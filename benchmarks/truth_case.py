@@ -20,7 +20,7 @@ import numba
 import numpy as np
 import shapely
 from harness import appended, environment_path, kept_rows
-from localizers import LOCALIZERS, localizer_of
+from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.build import build_map
@@ -29,7 +29,6 @@ from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
-from ambinav.drive.robot import Robot
 from ambinav.files import replacing
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.environment import Environment, load_environment
@@ -46,7 +45,6 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService
 
-ROBOT = Robot(radius=0.105)
 NOISE = OdometryNoise(scale=0.5)
 """Poor odometry, 9 degrees and 12 cm in a metre, so that 12 m of it are worse than 0.3 m."""
 REACH = 0.4
@@ -180,7 +178,7 @@ def made(
     args: argparse.Namespace, mapped: Environment, scanner: RangeScanner
 ) -> MonteCarloLocalizer | Localizer:
     """The localizer, for all places."""
-    found = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs)
+    found = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
     if not isinstance(found, MclParameters):
         return found
     kind = MonteCarloLocalizer if args.start == "known" else Unstarted
