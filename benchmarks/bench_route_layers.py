@@ -40,6 +40,7 @@ from ambinav.drive.bootstrap import Interval, bootstrap, paired
 
 ENVIRONMENTS = ("demo", "nav2_depot", "stata_hallways_5cm", "aces", "intel")
 BOTH = ("product", "kalman")
+ODOMETRY = "odometry of 9 degrees and 12 cm in a metre"
 Case = tuple[str, str]
 Row = dict[str, Any]
 Floats = NDArray[np.float64]
@@ -99,14 +100,13 @@ def body(rows: list[Row], args: argparse.Namespace) -> str:
     """The report's tables."""
     parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
     parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in args.localizers))
-    parts.append(
-        f"Open loop, {args.runs} seeds, odometry of 9 degrees and 12 cm in a metre. Driven at: "
-        f"{commits(rows)}."
-    )
+    parts.append(f"Open loop, {args.runs} seeds, {ODOMETRY}. Driven at: {commits(rows)}.")
     for scanner in args.scanners:
         here = [row for row in rows if row["scanner"] == scanner]
         groups = {e: [row for row in here if row["environment"] == e] for e in args.environments}
         groups = {name: some for name, some in groups.items() if some}
+        if not here:
+            continue
         parts += [f"## {scanner}", "Routes: the shortest, by `level`, by `position`; means."]
         lines = [
             [name, *route_cells(_once(some))] for name, some in {**groups, "all": here}.items()
@@ -119,10 +119,28 @@ def body(rows: list[Row], args: argparse.Namespace) -> str:
                 if mine:
                     lines.append([name, localizer, *drive_cells(mine)])
         parts.append(table(HEADER, lines, words=2))
-        parts.append(
-            f"Buildings: {', '.join(groups)}; scanner {scanner}; localizer and odometry as named."
-        )
+        parts.append(in_words(here, scanner, list(groups), args.localizers))
     return "\n\n".join(parts)
+
+
+def in_words(
+    rows: Sequence[Row], scanner: str, environments: Sequence[str], localizers: Sequence[str]
+) -> str:
+    """What routes by `position` are worth beside those by `level`, with all that it is true of."""
+    told = []
+    for name in localizers:
+        mine = [row for row in rows if row["localizer"] == name]
+        if not mine:
+            continue
+        rates = [100.0 * of(mine, route, "lost") for route in ROUTES]
+        change = paired(rates[2], rates[1], np.random.default_rng(0))
+        told.append(
+            f"- {scanner}, {ODOMETRY}, `{name}`, {len(mine)} pairs in {', '.join(environments)}: "
+            f"lost on the shortest routes {rates[0].mean():.1f} %, by `level` "
+            f"{rates[1].mean():.1f} %, by `position` {rates[2].mean():.1f} %; `position` less "
+            f"`level` {span(change, 1)} points."
+        )
+    return "\n".join(told)
 
 
 def _once(rows: Sequence[Row]) -> list[Row]:
