@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ambinav.audit.alikes import Alikes
@@ -13,7 +14,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.reach import ROBOT_RADIUS, Reach, find_reach
 from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES
 from ambinav.sensing.scanner import RangeScanner
 
 _HEADING_MATTERS = 0.1
@@ -49,6 +50,7 @@ class Audit:
         shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
+        extents: Length of each of them in metres, by zone, the longest first.
         alikes: Look-alikes, or None if nobody asked.
     """
 
@@ -61,6 +63,7 @@ class Audit:
     shares: tuple[ZoneShare, ...]
     findings: tuple[Finding, ...]
     regions: int
+    extents: Mapping[str, tuple[float, ...]]
     alikes: Alikes | None = None
 
     @property
@@ -191,6 +194,10 @@ def audit(
         shares=amap.zone_shares(heading, parts.counted),
         findings=findings,
         regions=len(found),
+        extents={
+            name: tuple(sorted((p.length for p in found if p.zone == name), reverse=True))
+            for name in ZONES
+        },
         alikes=alikes,
     )
 
@@ -206,6 +213,11 @@ def _look(environment: Environment, scanner: RangeScanner, place: Place) -> Sigh
     if heading is None:
         heading = place.direction or 0.0
     return look(environment, scanner, place.x, place.y, heading)
+
+
+def places_text(count: int, longest: float | None) -> str:
+    """Number of places, in brackets the length of the longest, metres; nothing where none is."""
+    return "" if longest is None else f"{count} ({longest:.1f} m)"
 
 
 def percent(share: float) -> str:

@@ -95,6 +95,10 @@ class ZonePart(_Part):
     zone: str
     share: Share = Field(description="of the explored, reachable floor")
     area_m2: SquareMetres
+    places: int = Field(description="bad places where this zone prevails, listed or not")
+    longest_place_m: Metres | None = Field(
+        description="the longest of them: longer side of its smallest rectangle; null without one"
+    )
     share_best_heading: Share | None = Field(
         description="share if the robot always took the least ambiguous heading; "
         "null where the heading does not matter"
@@ -312,6 +316,8 @@ def _zones(audit: Audit) -> tuple[ZonePart, ...]:
             zone=name,
             share=audit.shares[code].share,
             area_m2=audit.shares[code].area,
+            places=len(audit.extents[name]),
+            longest_place_m=next(iter(audit.extents[name]), None),
             share_best_heading=best[code],
             share_worst_heading=worst[code],
             meaning=MEANINGS[code],

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from ambinav.audit.audit import Audit, axis_degrees, metres2, percent
+from ambinav.audit.audit import Audit, axis_degrees, metres2, percent, places_text
 from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.pictures import save_pictures
 from ambinav.errors import InputError
@@ -86,7 +86,12 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         report: The figures.
         pictures: What stands for each picture's file name; None: the file name itself.
     """
-    filters = {"percent": percent, "metres2": metres2, "axis_degrees": axis_degrees}
+    filters: dict[str, Callable[..., str]] = {
+        "percent": percent,
+        "metres2": metres2,
+        "axis_degrees": axis_degrees,
+        "places": places_text,
+    }
     named = pictures or {name: name for name in _pictures(report)}
     floor = report.floor
     stripes = f"{UNKNOWN_COLOUR} 0 2px, {UNEXPLORED_COLOUR} 2px 4px"

@@ -134,15 +134,16 @@ def _show(report: Document, output: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import axis_degrees, metres2, percent
+    from ambinav.audit.audit import axis_degrees, metres2, percent, places_text
     from ambinav.maps.floor_parts import unreachable_label
 
     console = Console(highlight=False)
     zones = Table(box=None, pad_edge=False)
-    for title in ("floor", "area", "of explored, reachable", "of free"):
+    for title in ("floor", "area", "of explored, reachable", "of free", "places (longest)"):
         zones.add_column(title, justify="left" if title == "floor" else "right")
     for zone in report.zones:
-        zones.add_row(zone.zone, metres2(zone.area_m2), percent(zone.share), "")
+        places = places_text(zone.places, zone.longest_place_m)
+        zones.add_row(zone.zone, metres2(zone.area_m2), percent(zone.share), "", places)
     floor = report.floor
     for label, area, of_counted, of_free in (
         ("explored, reachable", floor.counted_area_m2, "100 %", floor.counted_share),
@@ -155,7 +156,7 @@ def _show(report: Document, output: Path) -> None:
         ),
         ("free", floor.free_area_m2, "", 1.0),
     ):
-        zones.add_row(label, metres2(area), of_counted, percent(of_free))
+        zones.add_row(label, metres2(area), of_counted, percent(of_free), "")
     console.print(Text(report.summary), "", zones, sep="\n")
     if report.places:
         worst = Table(box=None, pad_edge=False)

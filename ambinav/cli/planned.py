@@ -203,19 +203,21 @@ def _print_table(routes: Mapping[str, Route]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor
+
     table = Table(box=None, pad_edge=False)
     table.add_column("route")
-    for title in ("length", "cost", "exposure", "corridor", "open", "longest bad", "time"):
+    for title in ("length", "cost", "exposure", "corridor", "open", "time"):
         table.add_column(title, justify="right")
     for name, route in routes.items():
+        floor = BadFloor.of(route)
         table.add_row(
             name,
             f"{route.length:.2f} m",
             f"{route.cost:.2f} m",
             f"{route.exposure:.2f} m",
-            f"{route.zone_metres['corridor']:.2f} m",
-            f"{route.zone_metres['open']:.2f} m",
-            f"{route.longest_bad:.2f} m",
+            f"{floor.corridor_text(2)} m",
+            f"{floor.open_text(2)} m",
             f"{route.seconds:.2f} s",
         )
-    Console(highlight=False).print(table)
+    Console(highlight=False).print(table, IN_BRACKETS, sep="\n")

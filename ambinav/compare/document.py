@@ -14,8 +14,9 @@ from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
 from ambinav.compare.tables import Cell, Row, judge
-from ambinav.compare.words import baseline_sentence, goal_text, headline, sentence
+from ambinav.compare.words import baseline_sentence, floor_sentence, goal_text, headline, sentence
 from ambinav.drive.bootstrap import Interval
+from ambinav.routes.bad_floor import BadFloor
 
 FORMAT = "ambinav-compare/1"
 
@@ -38,6 +39,16 @@ class FigurePart(Part):
     ratio: IntervalPart | None
 
 
+class PlannedPart(Part):
+    """Figures of a route as planned, metres; over all pairs sums, and the longest stretches."""
+
+    length_m: float
+    corridor_m: float
+    longest_corridor_m: float | None
+    open_m: float
+    longest_open_m: float | None
+
+
 class RowPart(Part):
     """A route of a pair."""
 
@@ -45,6 +56,7 @@ class RowPart(Part):
     route: str
     runs: int
     figures: dict[str, FigurePart]
+    planned: PlannedPart
 
 
 class VerdictPart(Part):
@@ -77,6 +89,10 @@ class PlanPart(Part):
     length_m: float
     exposure_m: float
     bad_metres_m: float
+    corridor_m: float
+    longest_corridor_m: float | None
+    open_m: float
+    longest_open_m: float | None
     file: str
     differs: str = ""
     """How a policy's scanner and robot differ from those that it was trained with."""
@@ -150,6 +166,7 @@ def document(
                 length_m=round(plan.route.length, 3),
                 exposure_m=round(plan.route.exposure, 3),
                 bad_metres_m=round(plan.route.bad_metres, 3),
+                **_floor(BadFloor.of(plan.route)),
                 file=file,
                 differs="" if plan.driver is None else plan.driver.differs,
             )
@@ -161,6 +178,7 @@ def document(
                 route=row.route,
                 runs=row.runs,
                 figures={cell.figure.key: _figure(cell) for cell in row.cells},
+                planned=PlannedPart(length_m=round(row.planned, 3), **_floor(row.floor)),
             )
             for row in rows
         ),
@@ -182,11 +200,17 @@ def _judged(rows: Sequence[Row], pair: str) -> PairPart:
     own = [row for row in rows if row.pair == pair]
     base = next(row for row in own if row.is_baseline)
     verdicts = {row.route: judge(row, base) for row in own if row is not base}
+    floors = {row.route: row.floor for row in own}
     lost, error, walls = (base[key].value.value for key in ("lost", "error_p95", "collided"))
     return PairPart(
         headline=headline(verdicts, base.route),
         baseline=base.route,
-        text=baseline_sentence(base.runs, lost / 100.0, error, walls / 100.0, base.route),
+        text=" ".join(
+            (
+                baseline_sentence(base.runs, lost / 100.0, error, walls / 100.0, base.route),
+                floor_sentence(base.floor),
+            )
+        ),
         routes=tuple(
             VerdictPart(
                 route=route,
@@ -199,7 +223,9 @@ def _judged(rows: Sequence[Row], pair: str) -> PairPart:
                     "length": one.length_met,
                     "walls": one.walls_met,
                 },
-                text=sentence(one, route, base.route),
+                text=" ".join(
+                    (sentence(one, route, base.route), floor_sentence(floors[route], base.floor))
+                ),
             )
             for route, one in verdicts.items()
         ),
@@ -213,6 +239,11 @@ def _figure(cell: Cell) -> FigurePart:
         difference=None if cell.difference is None else _interval(cell.difference),
         ratio=None if cell.ratio is None else _interval(cell.ratio),
     )
+
+
+def _floor(floor: BadFloor) -> dict[str, Any]:
+    """Metres on bad floor as they are written; null where they are not known."""
+    return {name: None if math.isnan(f) else round(f, 3) for name, f in floor.figures.items()}
 
 
 def _interval(interval: Interval) -> IntervalPart:

@@ -45,6 +45,7 @@ from ambinav.provenance import (
     discard_stale,
     environment_digest,
 )
+from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
 
 JSON: Final = "report.json"
@@ -164,7 +165,12 @@ def render(
     return fill(
         "ambinav.compare",
         template,
-        {"value": value_text, "difference": difference_text, "ratio": ratio_text},
+        {
+            "value": value_text,
+            "difference": difference_text,
+            "ratio": ratio_text,
+            "stretch": stretch_text,
+        },
         report=report,
         pairs=pairs_of(rows),
         rows=rows,

@@ -20,6 +20,8 @@ from ambinav.compare.results import Results, joined_metrics
 from ambinav.compare.scenario import ALL_PAIRS
 from ambinav.drive.bootstrap import Interval, Statistic, bootstrap, paired
 from ambinav.drive.metrics import Metrics
+from ambinav.routes.bad_floor import BadFloor
+from ambinav.routes.route import Route
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ class Row:
         route: Name of the route.
         runs: How many.
         planned: Length of the route as planned, metres; over all pairs their sum.
+        floor: Metres of the route as planned in corridor and in open zones; over all pairs their
+            sums, and the longest stretches of all.
         cells: In the order of `FIGURES`.
     """
 
@@ -100,6 +104,7 @@ class Row:
     route: str
     runs: int
     planned: float
+    floor: BadFloor
     cells: tuple[Cell, ...]
 
     @property
@@ -126,12 +131,11 @@ def make_rows(
             depend on what else is in the table.
     """
     groups: dict[str, dict[str, Metrics]] = {}
-    planned: dict[tuple[str, str], float] = {}
+    planned: dict[tuple[str, str], list[Route]] = {}
     for plan, result in zip(plans, results, strict=True):
         groups.setdefault(plan.pair, {})[plan.name] = result.metrics
-        planned[plan.pair, plan.name] = plan.route.length
-        before = planned.get((ALL_PAIRS, plan.name), 0.0)
-        planned[ALL_PAIRS, plan.name] = before + plan.route.length
+        for pair in (plan.pair, ALL_PAIRS):
+            planned.setdefault((pair, plan.name), []).append(plan.route)
     if len(groups) > 1:
         first, *others = groups.values()
         everywhere = [name for name in first if all(name in other for other in others)]
@@ -150,7 +154,10 @@ def make_rows(
                 _cell(figure, measured, theirs, [*key, zlib.crc32(figure.key.encode())])
                 for figure in FIGURES
             )
-            rows.append(Row(pair, name, len(measured), planned[pair, name], cells))
+            routes = planned[pair, name]
+            length = sum(route.length for route in routes)
+            floor = BadFloor.joined([BadFloor.of(route) for route in routes])
+            rows.append(Row(pair, name, len(measured), length, floor, cells))
     return tuple(rows)
 
 
@@ -179,7 +186,10 @@ COLUMNS: Final = (
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """One line a figure; empty where there is nothing to tell, inf for a ratio to nothing."""
+    """One line a figure; empty where there is nothing to tell, inf for a ratio to nothing.
+
+    Figures of a route as planned have no intervals; their names begin with `planned`.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -190,6 +200,14 @@ def to_csv(rows: Sequence[Row]) -> str:
             ]
             figure = cell.figure
             writer.writerow([row.pair, row.route, figure.key, figure.unit, row.runs, *figures])
+        base = next(other for other in rows if other.pair == row.pair and other.is_baseline)
+        for (key, ours), theirs in zip(
+            row.floor.figures.items(), base.floor.figures.values(), strict=True
+        ):
+            value, difference = ("" if math.isnan(f) else f"{f:.6g}" for f in (ours, ours - theirs))
+            figures = [value, "", "", "" if row is base else difference, *[""] * 5]
+            name = f"planned_{key.removesuffix('_m')}"
+            writer.writerow([row.pair, row.route, name, "m", row.runs, *figures])
     return out.getvalue()
 
 

@@ -8,6 +8,7 @@ from typing import Final
 
 from ambinav.compare.criterion import GOAL, Change, Effect, Goal, Outcome, Verdict
 from ambinav.drive.bootstrap import Interval
+from ambinav.routes.bad_floor import BadFloor
 
 ERROR: Final = "95th percentile of the error"
 
@@ -71,6 +72,27 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
         parts.append(f"met a wall {_share(verdict.collided)}")
     parts.append(f"the way is {length_text(verdict.length)}")
     return f"{opening}: {'; '.join(parts)}. {_goal(verdict, baseline)}"
+
+
+def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
+    """What a route was planned through, in corridor and in open zones.
+
+    Args:
+        ours: Of the route.
+        theirs: Of the route that it is compared with; None for that one itself.
+    """
+    zones = [
+        ("corridor", ours.corridor, ours.longest_corridor),
+        ("open zones", ours.open, ours.longest_open),
+    ]
+    instead = ["", ""]
+    if theirs is not None:
+        instead = [f" instead of {text}" for text in (theirs.corridor_text(), theirs.open_text())]
+    parts = [
+        f"{metres:.1f} m in {zone} (longest stretch {_longest(longest)}){than}"
+        for (zone, metres, longest), than in zip(zones, instead, strict=True)
+    ]
+    return f"Planned with {' and '.join(parts)}."
 
 
 def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
@@ -151,6 +173,10 @@ def _signed(value: float, digits: int) -> str:
         return "-"
     rounded = round(value, digits) + 0.0
     return f"{rounded:+.{digits}f}" if rounded else f"{rounded:.{digits}f}"
+
+
+def _longest(stretch: float) -> str:
+    return "unknown" if math.isnan(stretch) else f"{stretch:.1f} m"
 
 
 def _percent(share: float) -> str:

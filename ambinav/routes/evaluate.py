@@ -1,4 +1,4 @@
-"""Measuring a route: length, cost, exposure, metres in each zone, the longest bad stretch."""
+"""Measuring a route: length, cost, exposure, metres in each zone, longest stretches in bad ones."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.steering import Steering, checked_poses
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import ZONES
-from ambinav.routes.route import BAD_ZONES, Floats, Route
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.routes.route import Floats, Route
 from ambinav.service.field import Field
 from ambinav.service.service import AmbiguityService
 
@@ -67,7 +67,8 @@ def evaluate_route(
     codes = zone_codes(service.map, middle)
     per_zone = np.bincount(codes, weights=metres, minlength=len(ZONES))
     moving = metres > 0.0
-    bad = np.isin(codes, [ZONES.index(name) for name in BAD_ZONES])
+    codes, metres = codes[moving], metres[moving]
+    corridor, wide = codes == CORRIDOR, codes == OPEN
     a, b = route[:-1], route[1:]
     xa, ya, ta = a.T
     xb, yb, tb = b.T
@@ -88,7 +89,9 @@ def evaluate_route(
         cost=service.route_cost(route, steering),
         exposure=service.route_exposure(route, steering),
         zone_metres=dict(zip(ZONES, per_zone.tolist(), strict=True)),
-        longest_bad=_longest_run(bad[moving], metres[moving]),
+        longest_bad=_longest_run(corridor | wide, metres),
+        longest_corridor=_longest_run(corridor, metres),
+        longest_open=_longest_run(wide, metres),
         turn=float(np.abs(turned).sum()),
         distance=_up_to(steering.lengths(a, b)),
         spent=_up_to(costs),

@@ -11,6 +11,7 @@ from typing import Any
 
 from ambinav.errors import InputError
 from ambinav.files import replacing
+from ambinav.routes.record import known
 from ambinav.routes.route import Route
 
 SLACK = 1e-9
@@ -82,6 +83,8 @@ class ParetoFront:
                 **{f"{zone}_m": metres for zone, metres in point.route.zone_metres.items()},
                 "bad_m": point.route.bad_metres,
                 "longest_bad_m": point.route.longest_bad,
+                "longest_corridor_m": known(point.route.longest_corridor),
+                "longest_open_m": known(point.route.longest_open),
                 "turn_rad": point.route.turn,
                 "dominated": dominated,
             }

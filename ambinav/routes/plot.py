@@ -15,6 +15,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.backdrop import colour_patch, outside_patches, unexplored_patch
 from ambinav.maps.plot import Heading, floor_axes, floor_title, plot_zones, view
 from ambinav.maps.zones import COLOURS, ZONES
+from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor
 from ambinav.routes.drawing import (
     GOAL,
     SIGMAS,
@@ -28,7 +29,7 @@ from ambinav.routes.drawing import (
     widths,
 )
 from ambinav.routes.legends import floor_legend, lower_legend, make_room
-from ambinav.routes.route import BAD_ZONES, Route
+from ambinav.routes.route import Route
 
 LINE: Final = 40
 """Letters to a line of the legend."""
@@ -92,7 +93,7 @@ def plot_routes(
         handles = [route_line(look, width) for look, width in looks]
         for handle, group in zip(handles, groups, strict=True):
             handle.set_label(describe(group))
-        caption = [f"{START}: start", f"{GOAL}: goal"]
+        caption = [f"{START}: start", f"{GOAL}: goal", IN_BRACKETS]
         if amap.has_theta:
             caption.append("zones of a route: at its own headings")
         if uncertain:
@@ -111,7 +112,7 @@ def name_routes(routes: Sequence[Route]) -> dict[str, Route]:
 
 
 def describe(group: Mapping[str, Route]) -> str:
-    """Text of an entry in the legend: names, length, cost, and metres in bad zones.
+    """Text of an entry in the legend: names, length, cost, metres in corridor and in open zones.
 
     Args:
         group: Routes by name that are one and the same way. Their cost is told if they were
@@ -120,10 +121,10 @@ def describe(group: Mapping[str, Route]) -> str:
     route = next(iter(group.values()))
     costs = {(round(other.cost, 1), other.weight) for other in group.values()}
     cost = f", cost {route.cost:.1f} (weight {route.weight:g})" if len(costs) == 1 else ""
-    share = route.bad_metres / route.length if route.length > 0.0 else 0.0
+    floor = BadFloor.of(route)
     return (
         f"{textwrap.fill(', '.join(group), LINE)}\n{route.length:.1f} m{cost}\n"
-        f"{route.bad_metres:.1f} m ({share:.0%}) in {' or '.join(BAD_ZONES)}"
+        f"corridor {floor.corridor_text()} m, open {floor.open_text()} m"
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ambinav.maps.drawing import DPI
+from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.drawing import root_figure
 from ambinav.routes.pareto import ParetoFront
-from ambinav.routes.route import BAD_ZONES, Floats
+from ambinav.routes.route import Floats
 
 Mask = NDArray[np.bool_]
 
 LINE_COLOUR: Final = "#1F5F8B"
 DOMINATED_COLOUR: Final = "#8A8A8A"
+LONGEST_COLOUR: Final = "#D2762A"
 _FONT: Final = 10
 _TOUCHING: Final = 5.0
 """Marks so near to each other, in points, share one label."""
@@ -34,24 +36,29 @@ _AROUND: Final = (
 )  # fmt: skip
 """Where a label may stand from its point, in points; the first free one is taken."""
 
+_LONGEST: Final[dict[str, Any]] = {
+    "marker": "s", "markersize": 4.5, "linestyle": (0, (4, 2)), "linewidth": 1.3
+}  # fmt: skip
+"""Look of the line through longest stretches."""
 _FAR: Final = 20.5
 """Labels further from their point than this, in points, are joined to it by a line."""
 
 
 def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
-    """Draw extra length against exposure, and against metres in bad zones.
+    """Draw extra length against exposure, and against metres in corridor and in open zones.
 
-    Each point is labelled with its weight; points that no weight needs to choose, because another
-    is better in both length and exposure, are hollow.
+    Beside the metres in a zone stands the longest stretch of them. Each point is labelled with
+    its weight; points that no weight needs to choose, because another is better in both length
+    and exposure, are hollow.
 
     Args:
         front: Routes between the same two poses for several weights.
         title: None names the environment and the scanner.
     """
     first = front.points[0].route
-    figure = Figure(figsize=(11.0, 4.8), dpi=DPI, layout="constrained", facecolor="white")
+    figure = Figure(figsize=(14.5, 4.8), dpi=DPI, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2)
+    panels = figure.subplots(1, 3).tolist()
     figure.suptitle(
         title or f"Length and ambiguity by weight: {first.scanner} in {first.environment}",
         x=0.01,
@@ -59,14 +66,21 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
         fontsize=13,
     )
     extra, dominated = 100.0 * np.array(front.extra), np.array(front.dominated)
+    floors = [BadFloor.of(point.route) for point in front.points]
     exposure = np.array([point.route.exposure for point in front.points])
-    bad = np.array([point.route.bad_metres for point in front.points])
-    for axes, values, label in (
-        (left, exposure, f"exposure: integral of {first.layer} along the route (m)"),
-        (right, bad, f"way in {' or '.join(BAD_ZONES)} zones (m)"),
-    ):
+    corridor, longest_corridor, wide, longest_wide = np.array(
+        [(f.corridor, f.longest_corridor, f.open, f.longest_open) for f in floors]
+    ).T
+    told = (
+        (exposure, None, f"exposure: integral of {first.layer} along the route (m)"),
+        (corridor, longest_corridor, "length in corridor zones (m)"),
+        (wide, longest_wide, "length in open zones (m)"),
+    )
+    for axes, (values, longest, label) in zip(panels, told, strict=True):
         _frame(axes, label)
         _draw(axes, extra, values, dominated)
+        if longest is not None:
+            _draw_longest(axes, extra, longest, dominated)
     handles = [Line2D([], [], color=LINE_COLOUR, marker="o", label="not dominated")]
     if dominated.any():
         handles.append(
@@ -80,6 +94,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
                 label="dominated: another is no longer and no more exposed",
             )
         )
+    handles.append(Line2D([], [], color=LONGEST_COLOUR, label="longest stretch", **_LONGEST))
     handles.append(Line2D([], [], linestyle="none", label="numbers: weight"))
     figure.legend(
         handles=handles, loc="outside lower left", frameon=False, fontsize=_FONT, ncol=len(handles)
@@ -87,8 +102,8 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     # Positions are final only now; labels are laid by them.
     figure.draw_without_rendering()
     weights = [f"{point.weight:g}" for point in front.points]
-    for axes, values in ((left, exposure), (right, bad)):
-        _label(axes, extra, values, ~dominated, weights)
+    for axes, (values, longest, _) in zip(panels, told, strict=True):
+        _label(axes, extra, values, longest, ~dominated, weights)
     return figure
 
 
@@ -132,13 +147,30 @@ def _draw(axes: Axes, extra: Floats, values: Floats, dominated: Mask) -> None:
     axes.set_xlim(-0.08 * wide, 1.15 * wide)
 
 
-def _label(axes: Axes, extra: Floats, values: Floats, best: Mask, weights: list[str]) -> None:
+def _draw_longest(axes: Axes, extra: Floats, longest: Floats, dominated: Mask) -> None:
+    """The longest stretch of each route that is not dominated."""
+    order = np.flatnonzero(~dominated)[np.argsort(extra[~dominated], kind="stable")]
+    axes.plot(extra[order], longest[order], color=LONGEST_COLOUR, zorder=5, **_LONGEST)
+
+
+def _label(
+    axes: Axes,
+    extra: Floats,
+    values: Floats,
+    longest: Floats | None,
+    best: Mask,
+    weights: list[str],
+) -> None:
     """Weights beside their points: one label for points that touch, none over anything else."""
     scale = 72.0 / root_figure(axes).dpi
     place = axes.transData.transform(np.column_stack([extra, values])) * scale
     inside = axes.get_window_extent()
     frame = Bbox(inside.get_points() * scale)
-    taken = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in (*place, *_along(place[best]))]
+    drawn = [*place, *_along(place[best])]
+    if longest is not None and np.isfinite(longest).all():
+        lower = axes.transData.transform(np.column_stack([extra, longest])) * scale
+        drawn += [*_along(lower[best])]
+    taken = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
     for group in _touching(place):
         text = _joined([weights[i] for i in group])
         x, y = place[group].mean(axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import fields
@@ -51,6 +52,8 @@ class Figures(_Part):
     corridor_m: Amount
     open_m: Amount
     longest_bad_m: Amount
+    longest_corridor_m: Amount | None = None
+    longest_open_m: Amount | None = None
     turn_rad: Amount
     seconds: Amount
     first_seconds: Amount | None
@@ -89,6 +92,8 @@ def figures(route: Route) -> Figures:
             "length_m": route.length,
             "exposure_m": route.exposure,
             "longest_bad_m": route.longest_bad,
+            "longest_corridor_m": known(route.longest_corridor),
+            "longest_open_m": known(route.longest_open),
             "turn_rad": route.turn,
         }
     )
@@ -152,6 +157,8 @@ def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
         exposure=told.exposure_m,
         zone_metres={name: getattr(told, f"{name}_m") for name in ZONES},
         longest_bad=told.longest_bad_m,
+        longest_corridor=_longest(told, told.longest_corridor_m, told.corridor_m, told.open_m),
+        longest_open=_longest(told, told.longest_open_m, told.open_m, told.corridor_m),
         turn=told.turn_rad,
         distance=np.array([point.distance for point in points]),
         spent=np.array([point.cost for point in points]),
@@ -163,6 +170,30 @@ def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
         curve=told.curve,
         covariances=covariances,
     )
+
+
+def _longest(told: Figures, longest: float | None, own: float, other: float) -> float:
+    """The longest stretch in one of the two bad zones, metres; nan if it cannot be known.
+
+    Files of older versions tell only the longest one over both. It is that of the zone where the
+    route has no way in the other.
+
+    Args:
+        told: The figures of a file.
+        longest: What they say of the zone.
+        own: Metres in the zone.
+        other: Metres in the other bad zone.
+    """
+    if longest is not None:
+        return longest
+    if own == 0.0:
+        return 0.0
+    return told.longest_bad_m if other == 0.0 else math.nan
+
+
+def known(metres: float) -> float | None:
+    """A figure as files hold it: None where it is nan, which says that it is not known."""
+    return None if math.isnan(metres) else metres
 
 
 def checked(model: type[Model], plain: Any, where: str) -> Model:

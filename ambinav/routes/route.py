@@ -39,7 +39,12 @@ class Route:
         cost: Integral of the cost over the length, metres-equivalent.
         exposure: Integral of the layer over the length, metres.
         zone_metres: Metres travelled in each zone of the map, by name; they sum to `length`.
-        longest_bad: The longest stretch in a row in `BAD_ZONES`, metres.
+        longest_bad: The longest stretch in a row in `BAD_ZONES`, metres; it goes on where one of
+            them borders on the other. Any piece of another zone ends a stretch, however short;
+            what takes no way, such as a turn on the spot, does not.
+        longest_corridor: The same in corridor alone; an open zone ends it as any other does. nan
+            where the route was read from a file of an older version that does not tell.
+        longest_open: The same in open zones alone.
         turn: Sum of all turns, on the spot or on the way, radians.
         distance: Shape (N,): metres travelled up to each pose.
         spent: Shape (N,): cost up to each pose, metres-equivalent.
@@ -68,6 +73,8 @@ class Route:
     exposure: float
     zone_metres: dict[str, float]
     longest_bad: float
+    longest_corridor: float
+    longest_open: float
     turn: float
     distance: Floats
     spent: Floats
@@ -92,6 +99,16 @@ class Route:
         return x, y, theta
 
     @property
+    def corridor_metres(self) -> float:
+        """Metres travelled in corridor, where a scan leaves the robot free to slide along it."""
+        return self.zone_metres[ZONES[CORRIDOR]]
+
+    @property
+    def open_metres(self) -> float:
+        """Metres travelled in open zones, where a scan tells nothing of the position."""
+        return self.zone_metres[ZONES[OPEN]]
+
+    @property
     def bad_metres(self) -> float:
         """Metres travelled in `BAD_ZONES`: corridor and open."""
         return sum(self.zone_metres[name] for name in BAD_ZONES)
@@ -100,5 +117,6 @@ class Route:
         """Who found it, and its main figures."""
         return (
             f"<Route of {self.planner!r}: {self.length:.2f} m, cost {self.cost:.2f}, "
-            f"{self.bad_metres:.2f} m in {' and '.join(BAD_ZONES)}, {len(self.poses)} poses>"
+            f"{self.corridor_metres:.2f} m in corridor, {self.open_metres:.2f} m in open zones, "
+            f"{len(self.poses)} poses>"
         )

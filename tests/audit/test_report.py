@@ -85,11 +85,11 @@ def test_markdown_points_at_files_that_exist(folder):
     text = (folder / "report.md").read_text()
     linked = re.findall(r"\]\(([^)]+)\)", text)
     assert set(linked) == {name for name in FILES if name.endswith(".png")}
-    assert "| corridor | 61 m² | 49 % | |" in text
+    assert "| corridor | 61 m² | 49 % | | 5 (11.0 m) |" in text
     assert "| all explored, reachable floor | 125 m² | 100 % | 89 % |" in text
-    assert "| unexplored | 0.0 m² | | 0 % | half of the beams" in text
-    assert "| not reachable by a robot of 0.20 m | 15 m² | | 11 % | 0.0 m² where it" in text
-    assert "| all free floor | 140 m² | | 100 % | |" in text
+    assert "| unexplored | 0.0 m² | | 0 % | | half of the beams" in text
+    assert "| not reachable by a robot of 0.20 m | 15 m² | | 11 % | | 0.0 m² where it" in text
+    assert "| all free floor | 140 m² | | 100 % | | |" in text
     assert "{{" not in text
 
 
@@ -104,6 +104,11 @@ def test_json_follows_its_schema_and_is_rounded(folder, examined):
     assert worst["x_m"] == 20.95
     assert worst["sees"]["without_echo"] == 60
     assert {zone["zone"]: zone["area_m2"] for zone in data["zones"]}["corridor"] == 60.97
+    # The corridor of 12 m less its borders of 0.5 m; rims of the hall; its middle of 6 by 6 m.
+    told = {zone["zone"]: (zone["places"], zone["longest_place_m"]) for zone in data["zones"]}
+    assert told == {
+        "localizable": (0, None), "transition": (0, None), "corridor": (5, 11.0), "open": (1, 6.0)
+    }  # fmt: skip
     assert data["floor"] == {
         "robot_radius_m": 0.2, "from_m": None, "counted_area_m2": 125.0, "unexplored_area_m2": 0.0,
         "unreachable_area_m2": 15.0, "beside_walls_area_m2": 15.0, "cut_off_area_m2": 0.0,

@@ -44,6 +44,12 @@ def test_what_is_written(done: Path) -> None:
     assert rows["shortest"]["length"]["value"]["value"] == pytest.approx(
         report["plans"][0]["length_m"], rel=0.01
     )
+    for row, plan in zip(report["rows"], report["plans"], strict=True):
+        route = load_route(done / plan["file"])
+        assert plan["corridor_m"] == row["planned"]["corridor_m"] == round(route.corridor_metres, 3)
+        assert plan["longest_corridor_m"] == round(route.longest_corridor, 3)
+        assert plan["open_m"] == row["planned"]["open_m"] == round(route.open_metres, 3)
+        assert row["planned"]["longest_open_m"] == round(route.longest_open, 3)
     assert len(list((done / "work").glob("*.npz"))) == 4
     for name in (*report["pictures"]["there"], *(plan["file"] for plan in report["plans"])):
         assert (done / name).stat().st_size > 500

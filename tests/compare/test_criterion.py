@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from ambinav.compare.criterion import Goal, Verdict, verdict
-from ambinav.compare.words import baseline_sentence, goal_text, headline, sentence
+from ambinav.compare.words import baseline_sentence, floor_sentence, goal_text, headline, sentence
 from ambinav.drive.metrics import Metrics
 from ambinav.errors import InputError
+from ambinav.routes.bad_floor import BadFloor
 
 RUNS = 30
 SPREAD = 0.001 * (np.arange(RUNS) - (RUNS - 1) / 2)
@@ -126,6 +127,15 @@ def test_sentences() -> None:
     assert easy.endswith("There was nothing to gain: shortest is easy.")
     long = sentence(judged(measured(5, 0.3), measured(15, 0.6), 0.2), "detour", "shortest")
     assert long.endswith("The goal is not met (more than 10 % longer).")
+    floors = BadFloor(3.0, 1.26, 0.0, 0.0), BadFloor(19.1, 14.5, 4.0, 4.0)
+    assert floor_sentence(*floors) == (
+        "Planned with 3.0 m in corridor (longest stretch 1.3 m) instead of 19.1 (14.5) and "
+        "0.0 m in open zones (longest stretch 0.0 m) instead of 4.0 (4.0)."
+    )
+    assert floor_sentence(floors[1]) == (
+        "Planned with 19.1 m in corridor (longest stretch 14.5 m) and "
+        "4.0 m in open zones (longest stretch 4.0 m)."
+    )
     assert baseline_sentence(30, 0.5, 0.6, 0.1, "shortest") == (
         "shortest: 50 % of 30 runs lost, 10 % met a wall, 95th percentile of the error 0.60 m."
     )

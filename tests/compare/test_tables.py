@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import fields
+import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -22,10 +23,14 @@ from ambinav.compare.tables import (
     to_csv,
     value_text,
 )
+from ambinav.compare.words import floor_sentence
 from ambinav.drive.metrics import Metrics
+from ambinav.routes.bad_floor import BadFloor
 from tests.drive.cases import route_through
 
 RUNS = 30
+
+FLOOR = ("planned_corridor", "planned_longest_corridor", "planned_open", "planned_longest_open")
 
 
 def results(lost: int, p95: float, length: float) -> Results:
@@ -108,8 +113,56 @@ def test_judged_by_the_figures_of_the_table() -> None:
 def test_csv() -> None:
     rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
     lines = list(csv.DictReader(io.StringIO(to_csv(rows))))
-    assert len(lines) == len(rows) * len(FIGURES)
-    told = lines[len(FIGURES)]
+    each = len(FIGURES) + len(FLOOR)
+    assert len(lines) == len(rows) * each
+    told = lines[each]
     assert (told["pair"], told["route"], told["figure"]) == ("a", "careful", "lost")
     assert float(told["difference"]) == -40.0
     assert lines[0]["difference"] == ""
+
+
+def planned(case: tuple[Plan, Results], *floor: float) -> tuple[Plan, Results]:
+    """A case whose route has so many metres: corridor, longest of it, open, longest of it."""
+    one, found = case
+    zones = {"localizable": 0.0, "transition": 0.0, "corridor": floor[0], "open": floor[2]}
+    route = replace(one.route, zone_metres=zones, longest_corridor=floor[1], longest_open=floor[3])
+    return replace(one, route=route), found
+
+
+def test_corridor_and_open_zones_are_told_apart() -> None:
+    floors = [
+        (12.0, 8.0, 4.0, 3.5),
+        (3.0, 2.0, 0.0, 0.0),
+        (1.0, 1.0, 9.0, 9.0),
+        (6.0, 2.5, 0.0, 0.0),
+    ]
+    cases = [planned(case, *floor) for case, floor in zip(CASES, floors, strict=False)]
+    rows = make_rows(*zip(*cases, strict=True), "shortest", 1)
+    told = {(row.pair, row.route): row.floor for row in rows}
+    assert told["a", "shortest"] == BadFloor(*floors[0])
+    # Over all pairs: sums, and the longest stretch of all.
+    assert told[ALL_PAIRS, "shortest"] == BadFloor(13.0, 8.0, 13.0, 9.0)
+    assert told[ALL_PAIRS, "careful"] == BadFloor(9.0, 2.5, 0.0, 0.0)
+    lines = [
+        line for line in csv.DictReader(io.StringIO(to_csv(rows)))
+        if (line["pair"], line["route"]) == ("a", "careful") and line["figure"] in FLOOR
+    ]  # fmt: skip
+    assert [line["figure"] for line in lines] == list(FLOOR)
+    assert [float(line["value"]) for line in lines] == [3.0, 2.0, 0.0, 0.0]
+    assert [float(line["difference"]) for line in lines] == [-9.0, -6.0, -4.0, -3.5]
+    assert {(line["unit"], line["low"], line["high"], line["ratio"]) for line in lines} == {
+        ("m", "", "", "")
+    }
+
+
+def test_a_stretch_that_no_file_tells_is_not_made_up() -> None:
+    cases = [planned(CASES[0], 12.0, math.nan, 4.0, 4.0), planned(CASES[1], 3.0, 2.0, 0.0, 0.0)]
+    rows = make_rows(*zip(*cases, strict=True), "shortest", 1)
+    lines = {
+        (line["route"], line["figure"]): line for line in csv.DictReader(io.StringIO(to_csv(rows)))
+    }
+    assert lines["shortest", "planned_longest_corridor"]["value"] == ""
+    assert lines["careful", "planned_longest_corridor"]["difference"] == ""
+    assert rows[0].floor.corridor_text() == "12.0 (?)"
+    assert math.isnan(BadFloor.joined([row.floor for row in rows]).longest_corridor)
+    assert "12.0 m in corridor (longest stretch unknown) and" in floor_sentence(rows[0].floor)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ambinav.geometry.steering import Steering
+from ambinav.maps.zones import ZONES
 from ambinav.routes.route import Route
 from ambinav.sensing import RangeScanner, RangeSensor
 
@@ -26,7 +27,9 @@ def route_through(poses: ArrayLike, steering: Steering | None = None) -> Route:
         "planner": "test", "seed": None, "environment": "room", "scanner": "none",
         "layer": "level", "weight": 0.0, "power": 1.0, "clearance_weight": 0.0, "comfort": 0.5,
         "length": float(steering.lengths(rows[:-1], rows[1:]).sum()), "cost": 0.0,
-        "exposure": 0.0, "zone_metres": {}, "longest_bad": 0.0, "turn": float(turn),
+        "exposure": 0.0, "zone_metres": dict.fromkeys(ZONES, 0.0),
+        "longest_bad": 0.0, "longest_corridor": 0.0,
+        "longest_open": 0.0, "turn": float(turn),
         "distance": none, "spent": none, "levels": none,
         "zones": none.astype(np.uint8), "seconds": 0.0, "first_seconds": None,
         "iterations": None, "curve": (), "covariances": None,

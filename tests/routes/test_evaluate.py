@@ -52,6 +52,8 @@ def test_the_open_zone_is_bad_too(service):
     assert route.zone_metres["open"] == pytest.approx(3.0, abs=SAMPLE)
     assert route.bad_metres == pytest.approx(4.0)
     assert route.longest_bad == pytest.approx(4.0)
+    assert (route.corridor_metres, route.open_metres) == pytest.approx((1.0, 3.0), abs=SAMPLE)
+    assert (route.longest_corridor, route.longest_open) == pytest.approx((1.0, 3.0), abs=SAMPLE)
 
 
 def test_longest_bad_stretch_goes_over_vertices_and_not_over_good_floor(service):
@@ -59,13 +61,16 @@ def test_longest_bad_stretch_goes_over_vertices_and_not_over_good_floor(service)
     route = measure(service, there_and_back)
     assert route.bad_metres == pytest.approx(9.5 + 5.5, abs=2 * SAMPLE)
     assert route.longest_bad == pytest.approx(9.5, abs=SAMPLE)
+    assert route.longest_corridor == route.longest_bad
+    assert route.longest_open == 0.0
     assert measure(service, [(1.0, 2.0, 0.0), (3.0, 2.0, 0.0)]).longest_bad == 0.0
 
 
 def test_a_stop_does_not_end_a_stretch(service):
     se2 = Steering("se2")
     poses = [(6.0, 2.0, 0.0), (9.0, 2.0, 0.0), (9.0, 2.0, 2.0), (12.0, 2.0, 2.0)]
-    assert measure(service, poses, se2).longest_bad == pytest.approx(6.0)
+    route = measure(service, poses, se2)
+    assert route.longest_bad == route.longest_corridor == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import fields
 
 import numpy as np
@@ -80,6 +81,39 @@ def test_any_route_comes_back_exactly(service, tmp_path, poses, steering, ending
     assert_same(load_route(path), route)
 
 
+@pytest.mark.parametrize("ending", FORMATS)
+@pytest.mark.parametrize(
+    ("through", "corridor", "wide"),
+    [
+        ([(1.0, 2.0, 0.0), (14.0, 2.0, 0.0)], "longest_bad", 0.0),
+        ([(18.5, 5.0, 0.0), (22.0, 5.0, 0.0)], 0.0, "longest_bad"),
+        ([(1.0, 1.0, 0.0), (3.0, 1.0, 0.0)], 0.0, 0.0),
+        ([(1.0, 2.0, 0.0), (20.0, 5.0, 0.0)], math.nan, math.nan),
+    ],
+    ids=["corridor", "open", "neither", "both"],
+)
+def test_older_files_tell_no_stretch_of_one_zone(
+    service, tmp_path, ending, through, corridor, wide
+):
+    route = evaluate_route(service, through, Steering(), planner="by hand")
+    path = tmp_path / f"old{ending}"
+    save_route(route, path)
+    lines = path.read_text().split("\n")
+    older = [line for line in lines if not re.search("longest_(corridor|open)_m", line)]
+    assert len(older) == len(lines) - 2
+    path.write_text("\n".join(older))
+    read = load_route(path)
+    for found, known in ((read.longest_corridor, corridor), (read.longest_open, wide)):
+        due = route.longest_bad if known == "longest_bad" else known
+        assert found == due or (math.isnan(found) and math.isnan(due))
+    # What is not known stays so when the route is saved anew.
+    save_route(read, path)
+    again = load_route(path)
+    assert [again.longest_corridor, again.longest_open] == pytest.approx(
+        [read.longest_corridor, read.longest_open], nan_ok=True, abs=0.0
+    )
+
+
 def test_csv_is_a_plain_table(route, tmp_path):
     save_route(route, tmp_path / "a.csv")
     lines = (tmp_path / "a.csv").read_text(encoding="utf-8").rstrip().split("\n")
@@ -88,7 +122,7 @@ def test_csv_is_a_plain_table(route, tmp_path):
     assert [row[6] for row in table[1:]] == ["localizable"] * 3
     assert np.array([row[:3] for row in table[1:]], dtype=float).tolist() == route.poses.tolist()
     assert f"# length_m: {route.length!r}" in lines
-    plain = np.genfromtxt(tmp_path / "a.csv", delimiter=",", usecols=(0, 1, 2), skip_header=27)
+    plain = np.genfromtxt(tmp_path / "a.csv", delimiter=",", usecols=(0, 1, 2), skip_header=29)
     assert plain.shape == (3, 3)
 
 
@@ -142,11 +176,11 @@ def test_other_endings_are_refused_before_anything_is_written(route, tmp_path):
         ("# weight: 2.5", "# weigth: 2.5", r"'wei\w+' is"),
         ('# space: "r2"', '# space: "r3"', r"space is 'r3'"),
         ("ambinav-route/1", "ambinav-route/9", r'format is "ambinav-route/9"'),
-        ("x,y,theta", "x,y,phi", r"line 27: the columns are x, y, phi"),
-        ("3.0,1.0,0.0,2.0", "3.0,one,0.0,2.0", r'line 29: y is "one"; it should be a valid number'),
-        ("3.0,1.0,0.0,2.0", "3.0,inf,0.0,2.0", r'line 29: y is "inf"; it should be a finite'),
-        ("3.0,1.0,0.0,2.0", "3.0,1.0,2.0", r"line 29: it has 6 values and the table 7"),
-        (",localizable\n", ",fine\n", r'line 28: zone is "fine"; it should be \'localizable\''),
+        ("x,y,theta", "x,y,phi", r"line 29: the columns are x, y, phi"),
+        ("3.0,1.0,0.0,2.0", "3.0,one,0.0,2.0", r'line 31: y is "one"; it should be a valid number'),
+        ("3.0,1.0,0.0,2.0", "3.0,inf,0.0,2.0", r'line 31: y is "inf"; it should be a finite'),
+        ("3.0,1.0,0.0,2.0", "3.0,1.0,2.0", r"line 31: it has 6 values and the table 7"),
+        (",localizable\n", ",fine\n", r'line 30: zone is "fine"; it should be \'localizable\''),
     ],
 )
 def test_bad_csv_is_named_by_line_and_value(service, tmp_path, old, new, message):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -78,7 +79,15 @@ def test_table_in_both_formats(tmp_path):
     assert [row["dominated"] for row in objects] == [False, False, True]
     assert list(table[0]) == list(objects[0])
     assert objects[1]["bad_m"] == BASE.bad_metres
-    assert objects[1]["corridor_m"] == BASE.zone_metres["corridor"]
+    assert objects[1]["corridor_m"] == BASE.corridor_metres
+    assert objects[1]["longest_corridor_m"] == BASE.longest_corridor > 4.0
+    assert objects[1]["open_m"] == objects[1]["longest_open_m"] == 0.0
+    unknown = ParetoFront((ParetoPoint(0.0, replace(BASE, longest_open=math.nan)),))
+    unknown.save(tmp_path / "front.csv")
+    with (tmp_path / "front.csv").open() as file:
+        assert next(csv.DictReader(file))["longest_open_m"] == ""
+    unknown.save(tmp_path / "front.json")
+    assert json.loads((tmp_path / "front.json").read_text())[0]["longest_open_m"] is None
 
 
 def test_unusable_fronts(tmp_path):

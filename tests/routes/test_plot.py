@@ -108,13 +108,14 @@ def test_routes_run_through_their_poses_and_keep_apart(amap, routes):
     assert any(isinstance(effect, Stroke) for effect in first.get_path_effects())
 
 
-def test_legend_tells_length_cost_and_bad_metres(amap, routes):
+def test_legend_tells_length_cost_and_metres_in_each_bad_zone(amap, routes):
     told = texts(plot_routes(amap, routes))
     assert told[:5] == ["localizable", "transition", "corridor", "open", "unknown"]
     route = routes["shortest"]
     assert told[5] == (
         f"shortest\n{route.length:.1f} m, cost {route.cost:.1f} (weight 5)\n"
-        f"{route.bad_metres:.1f} m ({route.bad_metres / route.length:.0%}) in corridor or open"
+        f"corridor {route.corridor_metres:.1f} ({route.longest_corridor:.1f}) m, "
+        f"open {route.open_metres:.1f} ({route.longest_open:.1f}) m"
     )
 
 

@@ -1,0 +1,80 @@
+"""Metres in the two zones where robots get lost, and the longest stretch of each, for readers.
+
+The two are told apart because they are not equally dangerous. In corridor a scan leaves one
+direction free, and what is beside the robot or at the corridor's end fixes it again; in an open
+zone it says nothing, and the error grows in every direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+from ambinav.routes.route import Route
+
+IN_BRACKETS = "in brackets: the longest stretch"
+"""What readers are told of `stretch_text`."""
+
+
+@dataclass(frozen=True)
+class BadFloor:
+    """Metres of one route or of several on bad floor; see `Route` for the figures.
+
+    Attributes:
+        corridor: In corridor.
+        longest_corridor: The longest stretch in it; nan if that is not known.
+        open: In open zones.
+        longest_open: The longest stretch in them; nan if that is not known.
+    """
+
+    corridor: float
+    longest_corridor: float
+    open: float
+    longest_open: float
+
+    @classmethod
+    def of(cls, route: Route) -> BadFloor:
+        """Of a route."""
+        return cls(
+            route.corridor_metres, route.longest_corridor, route.open_metres, route.longest_open
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[BadFloor]) -> BadFloor:
+        """Of several routes together: sums of metres, and the longest of all their stretches."""
+        return cls(
+            sum(part.corridor for part in parts),
+            _longest([part.longest_corridor for part in parts]),
+            sum(part.open for part in parts),
+            _longest([part.longest_open for part in parts]),
+        )
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """The four figures by the names that they have in files, metres; nan if not known."""
+        return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
+
+    def corridor_text(self, digits: int = 1) -> str:
+        """Metres in corridor, in brackets the longest stretch."""
+        return stretch_text(self.corridor, self.longest_corridor, digits)
+
+    def open_text(self, digits: int = 1) -> str:
+        """Metres in open zones, in brackets the longest stretch."""
+        return stretch_text(self.open, self.longest_open, digits)
+
+
+def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
+    """Metres and the longest stretch of them: "12.3 (8.1)".
+
+    Args:
+        metres: In a zone.
+        longest: In a row; None or nan if that is not known.
+        digits: After the point.
+    """
+    unknown = longest is None or math.isnan(longest)
+    return f"{metres:.{digits}f} ({'?' if unknown else f'{longest:.{digits}f}'})"
+
+
+def _longest(stretches: Sequence[float]) -> float:
+    return math.nan if any(map(math.isnan, stretches)) else max(stretches, default=0.0)
