@@ -20,7 +20,6 @@ import numpy as np
 from harness import appended, environment_path, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
-from zone_metres import zone_figures
 
 from ambinav.ambiguity.build import build_map
 from ambinav.drive.drive import drive
@@ -112,11 +111,11 @@ def plan(
     for number, (start, goal) in enumerate(drawn[done:], start=done):
         shortest = robot.plan(start, goal, planner_name="reference", weight=0.0)
         aware = ambiguity_aware(robot, start, goal, shortest)
-        both = {"shortest": figures(service, shortest), "aware": figures(service, aware)}
+        both = {"shortest": figures(shortest), "aware": figures(aware)}
         tell({"pair": number, **both})
 
 
-def figures(service: AmbiguityService, route: Route) -> Row:
+def figures(route: Route) -> Row:
     """What is kept of a route: its figures, and its poses to the millimetre."""
     return {
         "weight": route.weight,
@@ -124,7 +123,10 @@ def figures(service: AmbiguityService, route: Route) -> Row:
         "exposure": route.exposure,
         "bad": route.bad_metres,
         "longest_bad": route.longest_bad,
-        **zone_figures(service.map, route),
+        "corridor": route.corridor_metres,
+        "longest_corridor": route.longest_corridor,
+        "open": route.open_metres,
+        "longest_open": route.longest_open,
         "poses": np.round(route.poses, 3).tolist(),
     }
 

@@ -79,10 +79,7 @@ def plan(
     }
     drawn = pairs(robots["level"], args.pairs, args.seed)
     for number, (start, goal) in enumerate(drawn[done:], start=done):
-        told = {
-            name: figures(robots["level"].service, route)
-            for name, route in routes(robots, start, goal).items()
-        }
+        told = {name: figures(route) for name, route in routes(robots, start, goal).items()}
         tell({"pair": number, **told})
 
 
