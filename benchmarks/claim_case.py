@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("scanner")
     parser.add_argument("--localizer", choices=LOCALIZERS, default="product")
     parser.add_argument("--open-loop", action="store_true")
-    parser.add_argument("--odometry", type=float, nargs="+", default=[0.25, 0.5])
+    parser.add_argument("--odometry", type=float, nargs="+", default=[0.5, 0.25])
     parser.add_argument("--drawn", type=int, default=60)
     parser.add_argument("--offered", type=int, default=8)
     parser.add_argument("--others", type=int, default=4)
@@ -167,8 +167,8 @@ def drive_all(
     done = {(row["pair"], row["odometry"]) for row in kept}
     asked = [
         (row, scale)
-        for row in chosen(planned, args.offered, args.others)
         for scale in args.odometry
+        for row in chosen(planned, args.offered, args.others)
         if (row["pair"], scale) not in done
     ]
     if not asked:
