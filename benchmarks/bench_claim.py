@@ -57,7 +57,7 @@ from claim_tables import (
     route_line,
     within,
 )
-from harness import add_out, commits, kept_rows, report, run_script, table
+from harness import add_out, commits, in_all, kept_rows, report, run_script, table
 from localizers import LOCALIZERS, WHAT
 
 ENVIRONMENTS = ("demo", "willow_full_005", "stata_hallways_5cm", "aces", "freiburg-079")
@@ -121,12 +121,15 @@ def run_case(case: tuple[str, str], args: argparse.Namespace) -> None:
 
 
 def rows_of(case: tuple[str, str], args: argparse.Namespace) -> list[Pair]:
-    """The driven pairs of an environment and scanner: routes and drives in one."""
+    """The pairs that both localizers have driven: routes and drives in one."""
     routes = {row["pair"]: row for row in kept_rows(routes_path(args.folder, *case, args))}
-    found = []
+    driven = {}
     for name in localizers_of(case[1], args):
         where = argparse.Namespace(**{**vars(args), "localizer": name})
-        for drive in kept_rows(drives_path(args.folder, *case, where)):
+        driven[name] = kept_rows(drives_path(args.folder, *case, where))
+    found = []
+    for name, drives in in_all(driven, BOTH, ("pair", "odometry")).items():
+        for drive in drives:
             route = routes[drive["pair"]]
             whole = {one: {**route[one], **drive[one]} for one in ROUTES}
             names = {"environment": case[0], "scanner": case[1], "localizer": name}

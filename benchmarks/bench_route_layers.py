@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, commits, kept_rows, report, run_script, table
+from harness import add_out, commits, in_all, kept_rows, report, run_script, table
 from localizers import LOCALIZERS, WHAT
 from numpy.typing import NDArray
 from route_layers_case import LAYERS, ROUTES, drives_path, routes_path
@@ -82,13 +82,17 @@ def run_case(case: Case, args: argparse.Namespace) -> None:
 
 
 def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
-    """The driven pairs of an environment and scanner: routes and drives in one."""
+    """The pairs that all localizers have driven: routes and drives in one."""
     found = []
-    for seed, name in product(args.seeds, args.localizers):
-        where = argparse.Namespace(**{**vars(args), "seed": seed, "localizer": name})
+    for seed in args.seeds:
+        driven = {}
+        for name in args.localizers:
+            where = argparse.Namespace(**{**vars(args), "seed": seed, "localizer": name})
+            rows = kept_rows(drives_path(args.folder, *case, where))
+            driven[name] = [row for row in rows if row["pair"] < args.pairs]
         routes = {row["pair"]: row for row in kept_rows(routes_path(args.folder, *case, where))}
-        for drive in kept_rows(drives_path(args.folder, *case, where)):
-            if drive["pair"] < args.pairs:
+        for name, drives in in_all(driven, args.localizers, ("pair",)).items():
+            for drive in drives:
                 route = routes[drive["pair"]]
                 whole = {one: {**route[one], **drive[one]} for one in ROUTES}
                 names = {"environment": case[0], "scanner": case[1], "localizer": name}

@@ -71,7 +71,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
-from harness import add_out, commits, kept_rows, report, run_script
+from harness import add_out, commits, in_all, kept_rows, report, run_script
 from localizers import LOCALIZERS, WHAT
 from truth_case import drives_path
 from truth_plots import radius_picture, scores_picture
@@ -190,7 +190,7 @@ def judged(found: Found, figure: str, limit: float) -> Found:
 
 
 def seen(case: Case, args: argparse.Namespace) -> dict[str, list[Place]]:
-    """The places of an environment and scanner with their layers, for each localizer."""
+    """The places that all localizers have driven about, with their layers."""
     how = ["--poses", str(args.poses), "--world", args.world, "--start", args.start]
     how += ["--seed", str(args.seed), "--folder", str(args.folder), "--runs", str(RUNS)]
     driven = {}
@@ -200,6 +200,7 @@ def seen(case: Case, args: argparse.Namespace) -> dict[str, list[Place]]:
             print(f"driven: {' '.join(case)} {name}", file=sys.stderr, flush=True)
         where = argparse.Namespace(**{**vars(args), "localizer": name})
         driven[name] = kept_rows(drives_path(args.folder, *case, where))[: args.poses]
+    driven = in_all(driven, args.localizers, ("place",))
     layers = layers_of(case, [place for places in driven.values() for place in places], args)
     return {
         name: [{**layers[_at(place)], **place} for place in places]

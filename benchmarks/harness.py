@@ -221,6 +221,23 @@ def run_script(*words: str) -> None:
         raise SystemExit(f"{' '.join(words)}: {done.stderr}")
 
 
+def in_all(
+    found: Mapping[str, list[dict[str, Any]]], names: Sequence[str], key: Sequence[str]
+) -> dict[str, list[dict[str, Any]]]:
+    """Of the rows of each localizer those that all of some localizers have, by their keys.
+
+    A study that was stopped may have driven more with one than with another; localizers without
+    any row are not asked.
+    """
+
+    def of(row: Mapping[str, Any]) -> tuple[Any, ...]:
+        return tuple(row[part] for part in key)
+
+    asked = [{of(row) for row in found[name]} for name in names if found.get(name)]
+    shared = set.intersection(*asked) if asked else set()
+    return {name: [row for row in rows if of(row) in shared] for name, rows in found.items()}
+
+
 def commits(rows: Iterable[Mapping[str, Any]]) -> str:
     """The commits at which rows were made, and how many at each."""
     counts: dict[str, int] = {}
