@@ -128,7 +128,7 @@ def tables_of(text: str) -> Iterator[Table]:
         if len(lines) > 2:
             cells = [tuple(cell.strip() for cell in row.strip("|").split("|")) for row in lines]
             above = [name for level, name in heading.items() if level > 1]
-            yield Table(" / ".join(above), cells[0], tuple(cells[2:]))
+            yield Table(" / ".join(above).replace("a way", "a route"), cells[0], tuple(cells[2:]))
         lines = []
         if found := re.match(r"(#+) (.*)", line):
             level = len(found.group(1))
@@ -185,7 +185,8 @@ def compared(old: str, new: str) -> str:
                 number = counts.get(name, 0)
                 counts[name] = number + 1
                 now = known.get((one.heading, words, name, number))
-                line.append(cell if now in (None, cell) or not cell else f"{cell} → {now or '-'}")
+                gone = now is None and NUMBER.search(cell) is not None
+                line.append(f"{cell} → {now or '–'}" if gone or now not in (None, cell) else cell)
             lines.append(line)
         if any("→" in cell for line in lines for cell in line):
             title = [f"### {one.heading}"] if one.heading else []
