@@ -181,12 +181,13 @@ def compared(old: str, new: str) -> str:
             words = words_of(one, row)
             counts: dict[str, int] = {}
             line = []
-            for name, cell in zip(one.header, row, strict=False):
+            for at, (name, cell) in enumerate(zip(one.header, row, strict=False)):
                 number = counts.get(name, 0)
                 counts[name] = number + 1
                 now = known.get((one.heading, words, name, number))
-                gone = now is None and NUMBER.search(cell) is not None
-                line.append(f"{cell} → {now or '–'}" if gone or now not in (None, cell) else cell)
+                if now is None and cell and at >= len(words or ()):
+                    now = "gone"
+                line.append(cell if now in (None, cell) else f"{cell} → {now}")
             lines.append(line)
         if any("→" in cell for line in lines for cell in line):
             title = [f"### {one.heading}"] if one.heading else []
