@@ -21,6 +21,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ambinav.provenance import code_digest
+
 ROOT = Path(__file__).resolve().parents[1]
 # Where the environments lie: in the repository, or in the folder that AMBINAV_DATA names.
 ENVIRONMENTS = {
@@ -209,6 +211,22 @@ def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
             file.flush()
 
         yield tell
+
+
+def kept_or_made(
+    path: Path, key: Mapping[str, Any], make: Callable[[], Mapping[str, Any]]
+) -> dict[str, Any]:
+    """The row of a file of JSON lines with this key, made and appended if there is none.
+
+    Part of the key is the digest of the code, so that nothing is reused that other code computed.
+    """
+    whole = {**key, "code": code_digest()}
+    for row in kept_rows(path):
+        if all(row.get(name) == value for name, value in whole.items()):
+            return row
+    with appended(path) as tell:
+        tell({**whole, **make()})
+    return kept_rows(path)[-1]
 
 
 def run_script(*words: str) -> None:
