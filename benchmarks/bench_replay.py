@@ -189,7 +189,10 @@ def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
 
 def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
     """The rows of the tables for one log, with each localizer."""
-    rows, hall, frames, lost, about = [], [], [], [], []
+    rows: list[tuple[str, ...]] = []
+    hall: list[tuple[str, ...]] = []
+    frames: list[tuple[str, ...]] = []
+    lost, about = [], []
     for case in cases_of(name):
         # Compile what the updates a second are not to include.
         few = case.log.chosen(slice(0, 3))

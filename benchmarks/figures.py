@@ -158,7 +158,7 @@ def words_of(one: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
         if row[at] != MAIN:
             return None
         row = row[:at] + row[at + 1 :]
-    words = []
+    words: list[str] = []
     for cell in row:
         if words and (not cell or NUMBER.match(cell.lstrip("+-"))):
             break

@@ -171,7 +171,7 @@ def kept_places(
         found = places(build_map(mapped, scanner), checker, rng)[:MOST_PLACES]
         with replacing(path) as fresh:
             np.savetxt(fresh, found, fmt="%.6f", delimiter=",")
-    return np.loadtxt(path, delimiter=",", ndmin=2)
+    return np.array(np.loadtxt(path, delimiter=",", ndmin=2), dtype=np.float64)
 
 
 def made(
