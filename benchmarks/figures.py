@@ -28,6 +28,7 @@ STATES = {
     "learning": "as before; left to the issue on learning",
     "open": "to be measured again",
     "withdrawn": "withdrawn",
+    "new": "new",
 }
 MAIN = "product"
 """The localizer that a report without the name of one had."""
@@ -77,15 +78,17 @@ def page(plain: dict[str, Any]) -> str:
     parts.append(table(header, rows, words=6))
     parts.append("## The reports in benchmarks/results")
     changed, rows = [], []
-    for one in plain["reports"]:
+    listed = {one["report"] for one in plain["reports"]}
+    others = sorted(path.name for path in (ROOT / RESULTS).glob("*.md") if path.name not in listed)
+    for one in [*plain["reports"], *({"report": name} for name in others)]:
         old, new = before(base, one["report"]), after(one["report"])
         same = old == new
-        status = one.get("status") or ("open" if same else "measured")
+        status = one.get("status") or ("open" if same else "measured" if old else "new")
         rows.append(
             [f"`{one['report']}`", commit_of(old), "" if same else commit_of(new), STATES[status],
              one.get("cause", "")]
         )  # fmt: skip
-        if not same and old and new:
+        if old and new and not same:
             changed.append((one["report"], compared(old, new)))
     parts.append(table(("report", "before at", "after at", "status", "cause"), rows, words=5))
     for name, tables in changed:

@@ -116,12 +116,18 @@ def test_figures_stand_beside_those_before(script: object) -> None:
     assert figures.compared(old, "# Nothing\n").startswith("Its tables are other ones")
 
 
-def test_every_report_is_listed(script: object) -> None:
+def test_list_of_figures_is_whole(script: object) -> None:
     figures = script("figures")  # type: ignore[operator]
     plain = figures.yaml.safe_load((BENCHMARKS / "figures.yaml").read_text())
-    listed = {one["report"] for one in plain["reports"]}
-    assert {path.name for path in (BENCHMARKS / "results").glob("*.md")} <= listed
-    assert {one["status"] for one in plain["readme"]} <= set(figures.STATES)
+    listed = [one["report"] for one in plain["reports"]]
+    assert len(listed) == len(set(listed))
+    assert {one.get("status", "open") for part in ("readme", "reports") for one in plain[part]} <= (
+        set(figures.STATES)
+    )
+    # Reports that came since are put beside those that are listed.
+    page = figures.page(plain)
+    for path in (BENCHMARKS / "results").glob("*.md"):
+        assert f"| `{path.name}` |" in page
 
 
 @pytest.mark.slow
