@@ -3,15 +3,14 @@
 Ten pairs of places in each of six environments, weight 5, a disc of 0.2 m. The reference is the
 lattice with its channels, the best of several paths finished at any angle; a gap is how much more a
 route costs than that, and the least one says whether any was cheaper. Each
-environment runs in a process of its own on one thread, two at a time.
+environment runs in a process of its own on one thread, two at a time. Routes are kept in a folder,
+one by one, and those that are there are not planned again. Times are meant on a quiet machine.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import add_out, environment_path, report, table
+from harness import add_out, commits, environment_path, kept_rows, report, run_script, table
+from plan_case import plans_path
 
 LIBRARIES = ("ambinav", "numba", "numpy", "ompl", "scipy")
 ENVIRONMENTS = (
@@ -34,19 +34,20 @@ LESS_BAD, MORE_LENGTH = 0.5, 1.1
 LEAST_BAD = 1.0
 
 
-def run_case(environment: str, options: Sequence[str]) -> list[Row]:
+def run_case(environment: str, args: argparse.Namespace) -> list[Row]:
     """Run `plan_case.py` in a process of its own, and return its rows."""
-    print(f"planning in {environment}", file=sys.stderr)
-    script = Path(__file__).with_name("plan_case.py")
-    done = subprocess.run(
-        [sys.executable, str(script), environment, *options],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
-    )
-    if done.returncode != 0:
-        raise SystemExit(done.returncode)
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    if not args.report_only:
+        how = ["--pairs", str(args.pairs), "--front", "--planners", *args.planners]
+        how += ["--seconds", *map(str, args.seconds), "--folder", str(args.folder)]
+        run_script("plan_case.py", environment, *how, "--seed", str(args.seed))
+        print(f"planned: {environment}", file=sys.stderr, flush=True)
+    found = []
+    for row in kept_rows(plans_path(args.folder, environment, args)):
+        row["environment"] = environment
+        if row["pair"] < args.pairs:
+            for one in row.pop("routes", [{}]):
+                found.append({**row, **one})
+    return found
 
 
 def gaps(rows: list[Row], planner: str, budget: float) -> tuple[list[float], list[Row], int]:
@@ -110,13 +111,15 @@ def environment_table(rows: list[Row], planners: Sequence[str], budget: float) -
 
 
 def trade_table(rows: list[Row]) -> str:
-    """What the weight buys: bad metres saved, and what they cost in length."""
+    """What the weight buys: bad metres saved, by zone, and what they cost in length."""
     lines = []
     for environment in dict.fromkeys(r["environment"] for r in rows):
         here = [r for r in rows if r["environment"] == environment]
         counts = {"gain": 0, "halved": 0, "front": 0, "none": 0}
         bad, extra = [], []
-        for pair in sorted({r["pair"] for r in here}):
+        shorts = [r for r in here if r["planner"] == "shortest"]
+        awares = [r for r in here if r["planner"] == "reference"]
+        for pair in sorted({r["pair"] for r in shorts} & {r["pair"] for r in awares}):
             mine = [r for r in here if r["pair"] == pair]
             short = next(r for r in mine if r["planner"] == "shortest")
             aware = next(r for r in mine if r["planner"] == "reference")
@@ -132,11 +135,16 @@ def trade_table(rows: list[Row]) -> str:
             else:
                 counts["none"] += 1
         middle = [f"{np.median(v):.2f}" if v else "-" for v in (bad, extra)]
-        lines.append([environment, *counts.values(), *middle])
+        metres = [
+            " to ".join(f"{np.mean([r[figure] for r in some]):.1f}" for some in (shorts, awares))
+            for figure in ("corridor", "longest_corridor", "open", "longest_open")
+        ]
+        lines.append([environment, *counts.values(), *middle, *metres])
     header = (
         "environment", f"pairs with {LEAST_BAD:g} m or more of bad floor", "halved at weight 5",
         "only at another weight", "no such way on the front", "bad metres / shortest's",
-        "extra length %",
+        "extra length %", "corridor, m: shortest to weight 5, all pairs", "longest", "open, m",
+        "longest",
     )  # fmt: skip
     return table(header, lines)
 
@@ -155,22 +163,26 @@ def main() -> None:
     parser.add_argument("--planners", nargs="+", default=list(PLANNERS))
     parser.add_argument("--environments", nargs="+", default=list(ENVIRONMENTS))
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/plan"), help="keeps what has been planned"
+    )
+    parser.add_argument("--report-only", action="store_true", help="plan nothing more")
     add_out(parser)
     args = parser.parse_args()
     for name in args.environments:
         environment_path(name)
-    options = ["--pairs", str(args.pairs), "--front", "--planners", *args.planners]
-    options += ["--seconds", *map(str, args.seconds)]
+    os.environ["NUMBA_NUM_THREADS"] = "1"
     with ThreadPoolExecutor(args.jobs) as pool:
-        rows = [
-            row
-            for case in pool.map(lambda name: run_case(name, options), args.environments)
-            for row in case
-        ]
+        cases = pool.map(lambda name: run_case(name, args), args.environments)
+        rows = [row for case in cases for row in case]
+    if not rows:
+        raise SystemExit(f"{args.folder}: nothing has been planned; leave --report-only out.")
     sections = [
         f"{args.pairs} seeded pairs of places at least 8 m apart in each environment, weight 5, a "
         f"disc of 0.2 m, one thread for each run, {args.jobs} at a time. Times hold planning and "
-        "improving. Gap: how much more a route costs than the reference's; below 0 it is cheaper."
+        "improving. Gap: how much more a route costs than the reference's; below 0 it is cheaper. "
+        f"Planned at: {commits(rows)}."
     ]
     for seconds in args.seconds:
         sections += [

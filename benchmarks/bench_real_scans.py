@@ -14,10 +14,13 @@ import os
 import sys
 import time
 import warnings
+from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from harness import add_out, report, table
+from harness import add_out, kept_or_made, report, table
 
 from ambinav.errors import InputWarning
 from ambinav.logs.carmen import read_carmen
@@ -152,8 +155,62 @@ def number_alone(study: RealLog) -> tuple[float, float]:
     return alone, (both - alone * said) / left
 
 
+def rows_of(name: str, max_range: float | None, asked: argparse.Namespace) -> dict[str, Any]:
+    """The rows of the tables for one log and range, as text."""
+    log = read(name)
+    begin = time.perf_counter()
+    study = study_log(
+        log, max_range, spacing=asked.spacing, stretch=asked.stretch, parts=asked.parts
+    )
+    seconds = time.perf_counter() - begin
+    same, own = same_pairs(study), own_map(study)
+    angle, weak = direction_error(study)
+    key = (label(name), far(max_range))
+    first = (
+        *key, len(study.pairs.first) // 2, len(study.scans),
+        same["ambiguity"], same["known"], *(f"{v:.2f}" for v in number_alone(study)),
+        same["level"], same["pairs"], f"{distance_alone(study):.2f}",
+        same["pairs, equal"], same["equal"],
+    )  # fmt: skip
+    said, seen = study.map_says["level"], study.scan_says["level"]
+    good = np.isfinite(said)
+    second = (
+        *key, own["level"].count, own["level"], own["major"], own["minor"],
+        f"{np.median(said[good]):.2f} / {np.median(seen[good]):.2f}",
+        f"{angle:.1f} ({weak})", own["pairs"],
+    )  # fmt: skip
+    missed = [
+        f"{name}, {far(max_range)}: {what} {found}"
+        for what, found in (
+            ("same pairs, ambiguity", same["ambiguity"]),
+            ("same pairs, ambiguity of known beams", same["known"]),
+            ("same pairs at equal distance", same["equal"]),
+            ("map's level against the scan's", own["level"]),
+        )
+        if not found.value >= TARGET
+    ]
+    print(name, far(max_range), f"{seconds:.0f} s", file=sys.stderr)
+    poses = log.required_poses()
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    about = (
+        label(name), log.scans, f"{steps.sum():.0f}", f"{np.median(steps):.2f}",
+        f"{np.isposinf(log.ranges).mean():.1%}",
+        " / ".join(str(len(m.segments)) for m in study.maps),
+        log.scans - len(study.alone),
+    )  # fmt: skip
+    if asked.images is not None and max_range == RANGES[-1]:
+        asked.images.mkdir(parents=True, exist_ok=True)
+        save_figure(plot_real_log(study), asked.images / f"real-scans-{name}.png")
+    return {
+        "first": [str(cell) for cell in first],
+        "second": [str(cell) for cell in second],
+        "about": [str(cell) for cell in about],
+        "missed": missed,
+    }
+
+
 def main() -> None:
-    """Run and report."""
+    """Run what is not there yet, and report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", nargs="+", choices=LOGS, default=LOGS)
     parser.add_argument("--spacing", type=float, default=0.2, help="of the maps, metres")
@@ -161,56 +218,22 @@ def main() -> None:
     parser.add_argument("--stretch", type=float, default=STRETCH, help="of the path, metres")
     parser.add_argument("--full", action="store_true", help="leave out the shorter range")
     parser.add_argument("--images", type=Path, help="folder for the pictures")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/real-scans"), help="keeps what this code computed"
+    )
     add_out(parser)
     asked = parser.parse_args()
-    first_rows, second_rows, log_rows, missed = [], [], [], []
-    for name in asked.logs:
-        log = read(name)
-        for max_range in RANGES[:1] if asked.full else RANGES:
-            begin = time.perf_counter()
-            study = study_log(
-                log, max_range, spacing=asked.spacing, stretch=asked.stretch, parts=asked.parts
-            )
-            seconds = time.perf_counter() - begin
-            same, own = same_pairs(study), own_map(study)
-            angle, weak = direction_error(study)
-            key = (label(name), far(max_range))
-            first_rows.append(
-                (*key, len(study.pairs.first) // 2, len(study.scans),
-                 same["ambiguity"], same["known"], *(f"{v:.2f}" for v in number_alone(study)),
-                 same["level"], same["pairs"], f"{distance_alone(study):.2f}",
-                 same["pairs, equal"], same["equal"])
-            )  # fmt: skip
-            said, seen = study.map_says["level"], study.scan_says["level"]
-            good = np.isfinite(said)
-            second_rows.append(
-                (*key, own["level"].count, own["level"], own["major"], own["minor"],
-                 f"{np.median(said[good]):.2f} / {np.median(seen[good]):.2f}",
-                 f"{angle:.1f} ({weak})", own["pairs"])
-            )  # fmt: skip
-            missed += [
-                f"{name}, {far(max_range)}: {what} {found}"
-                for what, found in (
-                    ("same pairs, ambiguity", same["ambiguity"]),
-                    ("same pairs, ambiguity of known beams", same["known"]),
-                    ("same pairs at equal distance", same["equal"]),
-                    ("map's level against the scan's", own["level"]),
-                )
-                if not found.value >= TARGET
-            ]
-            print(name, far(max_range), f"{seconds:.0f} s", file=sys.stderr)
-            if max_range is None:
-                poses = log.required_poses()
-                steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-                log_rows.append(
-                    (label(name), log.scans, f"{steps.sum():.0f}", f"{np.median(steps):.2f}",
-                     f"{np.isposinf(log.ranges).mean():.1%}",
-                     " / ".join(str(len(m.segments)) for m in study.maps),
-                     log.scans - len(study.alone))
-                )  # fmt: skip
-            if asked.images is not None and max_range == RANGES[-1]:
-                asked.images.mkdir(parents=True, exist_ok=True)
-                save_figure(plot_real_log(study), asked.images / f"real-scans-{name}.png")
+    found = []
+    for name, max_range in product(asked.logs, RANGES[:1] if asked.full else RANGES):
+        key = {
+            "log": name, "range": max_range, "spacing": asked.spacing, "parts": asked.parts,
+            "stretch": asked.stretch, "images": str(asked.images),
+        }  # fmt: skip
+        make = partial(rows_of, name, max_range, asked)
+        found.append(kept_or_made(asked.folder / "cases.jsonl", key, make))
+    first_rows, second_rows = ([row[part] for row in found] for part in ("first", "second"))
+    log_rows = [row["about"] for row in found if row["range"] is None]
+    missed = [line for row in found for line in row["missed"]]
     body = f"""
 Stretches of {asked.stretch:g} m of the path in {asked.parts} parts, each judging a map of all the
 others; ambiguity maps of {asked.spacing:g} m. Rank correlations (Spearman) with intervals of 95 %

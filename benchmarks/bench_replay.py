@@ -14,13 +14,14 @@ import math
 import os
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
-from harness import add_out, report, table
+from harness import add_out, kept_or_made, report, table
 
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.localization.likelihood_field import LikelihoodField
@@ -67,8 +68,8 @@ class Case:
     seconds: float
 
 
-def cases(names: Sequence[str]) -> list[Case]:
-    """Read the logs and make the maps; ends with status 2 if the data is not there."""
+def cases_of(name: str) -> list[Case]:
+    """Read a log and make its map; ends with status 2 if the data is not there."""
     folder = Path(os.environ.get("AMBINAV_DATA", ""))
     if not os.environ.get("AMBINAV_DATA") or not (folder / "logs").is_dir():
         print(
@@ -77,22 +78,20 @@ def cases(names: Sequence[str]) -> list[Case]:
             file=sys.stderr,
         )
         raise SystemExit(2)
-    out = []
-    for name in names:
-        begin = time.perf_counter()
-        if name == HALL:
-            log = read_carmen(folder / "logs" / f"{HALL}_gt.log.gz", mount=HALL_MOUNT)
-            environment = load_environment(folder / "maps" / f"{HALL}.yaml")
-        else:
-            whole = read_carmen(folder / "logs" / f"{name}-corrected.log.gz")
-            first, log = whole.every(2)
-            environment = map_from_log(first)
-        field = LikelihoodField.of(environment)
-        seconds = time.perf_counter() - begin
-        out.append(Case(name, log, environment, field, seconds))
-        if name in FORWARD:
-            some = log.chosen(slice(0, FORWARD[name]))
-            out.append(Case(f"{name}, first {some.scans}", some, environment, field, seconds))
+    begin = time.perf_counter()
+    if name == HALL:
+        log = read_carmen(folder / "logs" / f"{HALL}_gt.log.gz", mount=HALL_MOUNT)
+        environment = load_environment(folder / "maps" / f"{HALL}.yaml")
+    else:
+        whole = read_carmen(folder / "logs" / f"{name}-corrected.log.gz")
+        first, log = whole.every(2)
+        environment = map_from_log(first)
+    field = LikelihoodField.of(environment)
+    seconds = time.perf_counter() - begin
+    out = [Case(name, log, environment, field, seconds)]
+    if name in FORWARD:
+        some = log.chosen(slice(0, FORWARD[name]))
+        out.append(Case(f"{name}, first {some.scans}", some, environment, field, seconds))
     return out
 
 
@@ -188,28 +187,49 @@ def rows_of_hall(case: Case, found: Replay) -> list[tuple[str, ...]]:
     return rows
 
 
-def body_of(chosen: list[Case], runs: int, seed: int) -> str:
-    """Replay everything and lay the report out."""
-    rows, hall, frames, lost = [], "", [], []
-    for case in chosen:
+def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
+    """The rows of the tables for one log, with each localizer."""
+    rows: list[tuple[str, ...]] = []
+    hall: list[tuple[str, ...]] = []
+    frames: list[tuple[str, ...]] = []
+    lost, about = [], []
+    for case in cases_of(name):
+        # Compile what the updates a second are not to include.
+        few = case.log.chosen(slice(0, 3))
+        for parameters in LOCALIZERS.values():
+            localize(
+                few, case.environment, parameters, rng=np.random.default_rng(0), runs=runs,
+                field=case.field,
+            )  # fmt: skip
         rows.append((case.name, "odometry alone", *figures(odometry_alone(case.log))))
-        for name, parameters in LOCALIZERS.items():
+        for localizer, parameters in LOCALIZERS.items():
             found = localize(
                 case.log, case.environment, parameters, rng=np.random.default_rng(seed),
                 runs=runs, field=case.field,
             )  # fmt: skip
-            rows.append((case.name, name, *figures(found)))
+            rows.append((case.name, localizer, *figures(found)))
             if parameters is SPARSE_SCANS:
                 lost.append(sentence_of_lost(case.name, found))
             if case.name == HALL and parameters is SPARSE_SCANS:
-                header = ("ground truth", *HEADER[2:7])
-                hall = table(header, rows_of_hall(case, found))
+                hall = rows_of_hall(case, found)
         if case.name in (HALL, "intel", "aces"):
             frames += rows_of_frames(case)
+        about.append(row_of_log(case))
+    print(f"replayed: {name}", file=sys.stderr, flush=True)
+    return {"rows": rows, "hall": hall, "frames": frames, "lost": lost, "about": about}
+
+
+def body_of(found: list[dict[str, Any]], runs: int) -> str:
+    """Lay the report out."""
+    rows, frames, lost, told = (
+        [row for each in found for row in each[part]]
+        for part in ("rows", "frames", "lost", "about")
+    )
+    hall = next((each["hall"] for each in found if each["hall"]), [])
     about = table(
         ("log", "scans", "m between scans", "odometry off, m: median (95 %)", "degrees",
          "steps back", "by odometry", "forward by odometry", "segments", "s to read and map"),
-        [row_of_log(case) for case in chosen],
+        told,
     )  # fmt: skip
     sections = [
         f"{runs} runs of each log on {numba.get_num_threads()} threads; the errors are over all "
@@ -237,7 +257,7 @@ def body_of(chosen: list[Case], runs: int, seed: int) -> str:
             "the motion that lays them on the map is nearly the same for either half of the log, "
             "while the logs whose maps are made of their own poses need none. With what the "
             "first half says, the error in the second is:",
-            hall,
+            table(("ground truth", *HEADER[2:7]), hall),
             "The motion by the scans, at the middle of the poses, and the median distance from "
             "the end of a beam to the nearest wall:",
             table(
@@ -257,17 +277,17 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--logs", nargs="+", choices=known, default=known, metavar="LOG")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/replay"), help="keeps what this code replayed"
+    )
     add_out(parser)
     args = parser.parse_args()
-    chosen = cases(args.logs)
-    # Compile what the updates a second are not to include.
-    few = chosen[0].log.chosen(slice(0, 3))
-    for parameters in LOCALIZERS.values():
-        localize(
-            few, chosen[0].environment, parameters, rng=np.random.default_rng(0),
-            runs=args.runs, field=chosen[0].field,
-        )  # fmt: skip
-    body = body_of(chosen, args.runs, args.seed)
+    found = []
+    for name in args.logs:
+        key = {"log": name, "runs": args.runs, "seed": args.seed}
+        make = partial(replayed, name, args.runs, args.seed)
+        found.append(kept_or_made(args.folder / "logs.jsonl", key, make))
+    body = body_of(found, args.runs)
     report("Logs of real robots, replayed", LIBRARIES, body, args.out)
 
 

@@ -14,39 +14,35 @@ The criterion, written before the first run:
   percentile of the position's error, length; and the difference of `position` less `level`, with
   intervals of 95 % over the pairs. `position` is the layer to plan by if either of the first two is
   lower and its interval does not hold 0, and neither is shown to be higher.
+
+Changed since: 30 seeds; and a Kalman filter on the ranges drives the same routes, since a gain that
+one localizer has and another has not is the localizer's.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
-from claim_case import LONGEST, MARGIN, ROBOT, WEIGHTS, localizer
-from harness import add_out, environment_path, report, table
+from harness import add_out, commits, in_all, kept_rows, report, run_script, table
+from localizers import LOCALIZERS, WHAT
 from numpy.typing import NDArray
-from plan_case import pairs
-from truth_case import MIXED, NOISE, scanner_of
+from route_layers_case import LAYERS, ROUTES, drives_path, routes_path
+from truth_case import MIXED
 
-from ambinav.ambiguity.build import build_map
 from ambinav.drive.bootstrap import Interval, bootstrap, paired
-from ambinav.drive.drive import drive
-from ambinav.drive.metrics import metrics
-from ambinav.geometry.environment import load_environment
-from ambinav.routes.route import Route
-from ambinav.service.service import AmbiguityService
-from ambinav_planners import RoutePlanner
 
 ENVIRONMENTS = ("demo", "nav2_depot", "stata_hallways_5cm", "aces", "intel")
-LAYERS = ("level", "position")
-ROUTES = ("shortest", *LAYERS)
+BOTH = ("product", "kalman")
+ODOMETRY = "odometry of 9 degrees and 12 cm in a metre"
 Case = tuple[str, str]
+Row = dict[str, Any]
 Floats = NDArray[np.float64]
 
 
@@ -57,97 +53,141 @@ def main() -> None:
         "--folder", type=Path, default=Path("out/route-layers"), help="keeps what has been driven"
     )
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--pairs", type=int, default=24)
-    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--pairs", type=int, default=12)
+    parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--seeds", type=int, nargs="+", default=[31], help="each with its pairs")
+    parser.add_argument("--localizers", nargs="+", choices=LOCALIZERS, default=BOTH)
     parser.add_argument("--environments", nargs="+", default=ENVIRONMENTS)
     parser.add_argument("--scanners", nargs="+", default=MIXED, choices=MIXED)
+    parser.add_argument("--report-only", action="store_true", help="drive nothing more")
     add_out(parser)
     args = parser.parse_args()
-    args.folder.mkdir(parents=True, exist_ok=True)
     cases = list(product(args.environments, args.scanners))
-    with ProcessPoolExecutor(args.jobs) as pool:
-        found = dict(zip(cases, pool.map(driven, cases, [args] * len(cases)), strict=True))
-    body = [str(__doc__).split("\n\n", 1)[1].strip()]
-    for scanner in args.scanners:
-        rows = [line(environment, found[environment, scanner]) for environment in args.environments]
-        rows.append(line("all", [row for e in args.environments for row in found[e, scanner]]))
-        body += [f"## {scanner}", table(HEADER, rows)]
-    report("Routes by two layers", ["numpy", "numba"], "\n\n".join(body), args.out)
+    if not args.report_only:
+        with ThreadPoolExecutor(args.jobs) as pool:
+            list(pool.map(lambda case: run_case(case, args), cases))
+    rows = [row for case in cases for row in rows_of(case, args)]
+    if not rows:
+        raise SystemExit(f"{args.folder}: nothing has been driven; leave --report-only out.")
+    report("Routes by two layers", ["numpy", "numba"], body(rows, args), args.out)
 
 
-def driven(case: Case, args: argparse.Namespace) -> list[dict[str, Any]]:
-    """The pairs of an environment and scanner with their drives, from now or from before."""
+def run_case(case: Case, args: argparse.Namespace) -> None:
+    """Drive what is missing of an environment and scanner."""
+    how = ["--pairs", str(args.pairs), "--runs", str(args.runs), "--folder", str(args.folder)]
+    for seed, name in product(args.seeds, args.localizers):
+        words = ["--localizer", name, "--seed", str(seed), *how]
+        run_script("route_layers_case.py", *case, *words)
+        print(f"driven: {' '.join(case)} {name}", file=sys.stderr, flush=True)
+
+
+def rows_of(case: Case, args: argparse.Namespace) -> list[Row]:
+    """The pairs that all localizers have driven: routes and drives in one."""
     found = []
     for seed in args.seeds:
-        path = args.folder / f"{'_'.join(case)}_{args.pairs}_{args.runs}_{seed}.jsonl"
-        if not path.is_file():
-            numba.set_num_threads(1)
-            lines = [json.dumps(told) for told in drives_of(case, seed, args)]
-            path.write_text("\n".join(lines), encoding="utf-8")
-        found += [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        driven = {}
+        for name in args.localizers:
+            where = argparse.Namespace(**{**vars(args), "seed": seed, "localizer": name})
+            rows = kept_rows(drives_path(args.folder, *case, where))
+            driven[name] = [row for row in rows if row["pair"] < args.pairs]
+        routes = {row["pair"]: row for row in kept_rows(routes_path(args.folder, *case, where))}
+        for name, drives in in_all(driven, args.localizers, ("pair",)).items():
+            for drive in drives:
+                route = routes[drive["pair"]]
+                whole = {one: {**route[one], **drive[one]} for one in ROUTES}
+                names = {"environment": case[0], "scanner": case[1], "localizer": name}
+                found.append({**drive, **whole, **names, "seed": seed})
     return found
 
 
-def drives_of(case: Case, seed: int, args: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """What became of the robots between each pair of places, on each route."""
-    environment = load_environment(environment_path(case[0]))
-    scanner = scanner_of(case[1])
-    amap = build_map(environment, scanner, layers="position")
-    footprint = ROBOT.radius + MARGIN
-    robots = {
-        name: RoutePlanner(AmbiguityService(amap, name), footprint=footprint) for name in LAYERS
-    }
-    guide = localizer("product", scanner, NOISE)
-    for number, (start, goal) in enumerate(pairs(robots["level"], args.pairs, seed)):
-        told: dict[str, Any] = {"pair": number}
-        for name, route in routes(robots, start, goal).items():
-            rng = np.random.default_rng([seed, number])
-            runs = drive(
-                environment, scanner, ROBOT, route, guide, rng, args.runs, noise=NOISE,
-                open_loop=True,
-            )  # fmt: skip
-            measured = metrics(runs, amap)
-            told[name] = {
-                "length": route.length,
-                "lost": float(measured.lost.mean()),
-                "error": float(measured.position_p95.mean()),
-            }
-        yield told
-
-
-def routes(robots: dict[str, RoutePlanner], start: Any, goal: Any) -> dict[str, Route]:
-    """The shortest way, and for each layer the one with the least of it that is not too long."""
-    shortest = robots["level"].plan(start, goal, planner_name="reference", weight=0.0)
-    found = {"shortest": shortest}
-    for name, robot in robots.items():
-        ways = [
-            robot.plan(start, goal, planner_name="reference", weight=weight)
-            for weight in (0.0, *WEIGHTS)
+def body(rows: list[Row], args: argparse.Namespace) -> str:
+    """The report's tables."""
+    parts = [str(__doc__).split("\n\n", 1)[1].strip(), "## What was driven"]
+    parts.append("\n".join(f"- `{name}`: {WHAT[name]}" for name in args.localizers))
+    parts.append(f"Open loop, {args.runs} seeds, {ODOMETRY}. Driven at: {commits(rows)}.")
+    for scanner in args.scanners:
+        here = [row for row in rows if row["scanner"] == scanner]
+        groups = {e: [row for row in here if row["environment"] == e] for e in args.environments}
+        groups = {name: some for name, some in groups.items() if some}
+        if not here:
+            continue
+        parts += [f"## {scanner}", "Routes: the shortest, by `level`, by `position`; means."]
+        lines = [
+            [name, *route_cells(_once(some))] for name, some in {**groups, "all": here}.items()
         ]
-        allowed = [way for way in ways if way.length <= LONGEST * shortest.length]
-        found[name] = min(allowed, key=lambda way: (way.exposure, way.length))
-    return found
+        parts.append(table(ROUTE_HEADER, lines))
+        lines = []
+        for name, some in {**groups, "all": here}.items():
+            for localizer in args.localizers:
+                mine = [row for row in some if row["localizer"] == localizer]
+                if mine:
+                    lines.append([name, localizer, *drive_cells(mine)])
+        parts.append(table(HEADER, lines, words=2))
+        parts.append(in_words(here, scanner, list(groups), args.localizers))
+    return "\n\n".join(parts)
+
+
+def in_words(
+    rows: Sequence[Row], scanner: str, environments: Sequence[str], localizers: Sequence[str]
+) -> str:
+    """What routes by `position` are worth beside those by `level`, with all that it is true of."""
+    told = []
+    for name in localizers:
+        mine = [row for row in rows if row["localizer"] == name]
+        if not mine:
+            continue
+        rates = [100.0 * of(mine, route, "lost") for route in ROUTES]
+        change = paired(rates[2], rates[1], np.random.default_rng(0))
+        told.append(
+            f"- {scanner}, {ODOMETRY}, `{name}`, {len(mine)} pairs in {', '.join(environments)}: "
+            f"lost on the shortest routes {rates[0].mean():.1f} %, by `level` "
+            f"{rates[1].mean():.1f} %, by `position` {rates[2].mean():.1f} %; `position` less "
+            f"`level` {span(change, 1)} points."
+        )
+    return "\n".join(told)
+
+
+def _once(rows: Sequence[Row]) -> list[Row]:
+    """Each pair once, whatever it was driven with."""
+    return list({(row["environment"], row["seed"], row["pair"]): row for row in rows}.values())
+
+
+def of(rows: Sequence[Row], route: str, figure: str) -> Floats:
+    """A figure of each pair, the mean over its runs."""
+    return np.array([np.mean(row[route][figure]) for row in rows], dtype=np.float64)
+
+
+ROUTE_HEADER = (
+    "environment", "pairs", "longer by level", "position", "corridor, m", "longest", "open, m",
+    "longest",
+)  # fmt: skip
+
+
+def route_cells(rows: Sequence[Row]) -> list[object]:
+    """How long the routes are, and what they lead through."""
+    if not rows:
+        return [0, *[""] * 6]
+    shortest = of(rows, "shortest", "length").sum()
+    longer = [100.0 * (of(rows, layer, "length").sum() / shortest - 1.0) for layer in LAYERS]
+    metres = [
+        ", ".join(f"{of(rows, route, figure).mean():.1f}" for route in ROUTES)
+        for figure in ("corridor", "longest_corridor", "open", "longest_open")
+    ]
+    return [len(rows), *[f"{more:+.1f} %" for more in longer], *metres]
 
 
 HEADER = (
-    "environment", "pairs", "longer by level", "position", "lost, shortest", "level", "position",
+    "environment", "localizer", "pairs", "lost, shortest", "level", "position",
     "difference, points", "95 % error, shortest", "level", "position", "difference, m",
 )  # fmt: skip
 
 
-def line(name: str, told: list[dict[str, Any]]) -> list[object]:
-    """A row of the report."""
-
-    def of(route: str, figure: str) -> Floats:
-        return np.array([pair[route][figure] for pair in told])
-
+def drive_cells(rows: Sequence[Row]) -> list[object]:
+    """What became of the robots; the difference is `position` less `level`."""
     rng = np.random.default_rng(0)
-    longer = [100.0 * (of(layer, "length").sum() / of("shortest", "length").sum() - 1.0)
-              for layer in LAYERS]  # fmt: skip
-    cells: list[object] = [name, len(told), *[f"{more:+.1f} %" for more in longer]]
-    for figure, scale, digits, unit in (("lost", 100.0, 1, " %"), ("error", 1.0, 3, " m")):
-        values = {route: scale * of(route, figure) for route in ROUTES}
+    cells: list[object] = [len(rows)]
+    for figure, scale, digits, unit in (("lost", 100.0, 1, " %"), ("position_p95", 1.0, 3, " m")):
+        values = {route: scale * of(rows, route, figure) for route in ROUTES}
         cells += [f"{bootstrap(values[r], rng).value:.{digits}f}{unit}" for r in ROUTES]
         cells.append(span(paired(values["position"], values["level"], rng), digits))
     return cells

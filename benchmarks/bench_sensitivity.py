@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("out/truth"))
     add_out(parser)
     args = parser.parse_args()
-    paths = sorted(args.folder.glob("*_drives.jsonl"))
+    paths = sorted(args.folder.glob("*_product_map_known_*_drives.jsonl"))
     if not paths:
         sys.exit(f"bench_sensitivity.py: {args.folder} holds no drives; run bench_truth.py first.")
     found: dict[str, list[dict[str, Any]]] = defaultdict(list)

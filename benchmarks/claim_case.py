@@ -1,4 +1,9 @@
-"""One environment and scanner of `bench_claim.py`: pairs, routes, drives; one line of JSON a pair.
+"""One environment and scanner of `bench_claim.py`: pairs, routes, drives.
+
+Routes are planned once, a line of JSON a pair of places, and drives appended to a file for each
+localizer, a line for each pair and odometry. What is there is not done again, so it can be stopped
+at any time and goes on where it was. A route's poses are kept too, so that it can be measured
+anew without planning.
 
 It runs in a process of its own, on one thread, so that two of them run at a time on two cores.
 """
@@ -6,52 +11,37 @@ It runs in a process of its own, on one thread, so that two of them run at a tim
 from __future__ import annotations
 
 import argparse
-import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from harness import environment_path
+from harness import appended, environment_path, kept_rows
+from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import Metrics, metrics
 from ambinav.drive.noise import OdometryNoise
-from ambinav.drive.robot import Robot
-from ambinav.geometry.environment import load_environment
-from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.steering import Steering
+from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 
-ROBOT = Robot(radius=0.105)
-"""A TurtleBot3 Burger."""
 MARGIN = 0.195
 WEIGHTS = (2.0, 5.0, 20.0)
 LONGEST = 1.1
 """An ambiguity-aware route may be so many times as long as the shortest one."""
 LEAST_BAD = 2.0
-"""Less bad floor than this on the shortest way, metres, and there is nothing to avoid."""
+"""Less bad floor than this on the shortest path, metres, and there is nothing to avoid."""
 HALF = 0.5
-"""Share of the bad floor that an offered way leaves at most."""
-TUNED = {
-    "laser_model_type": "likelihood_field_prob", "importance_factor": 0.3, "sigma_hit": 0.1,
-}  # fmt: skip
-# The likelihood field takes a cone's echo to come from its axis, and walks off from walls that are
-# seen aslant; and "no echo", which a sonar often reads, tells it nothing.
-CONES = {
-    "laser_model_type": "beam", "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05,
-    "beam_table_resolution": 0.1,
-}  # fmt: skip
-# The same with the beams multiplied, as the book has it. It came after the claim was driven, and is
-# what the study of truth uses.
-PRODUCT = {
-    **CONES, "laser_model_type": "beam_prob", "importance_factor": 0.3, "sigma_hit": 0.1,
-}  # fmt: skip
-LOCALIZERS = ("tuned", "amcl", "product")
-"""Tuned; as AMCL has it; tuned, with the product for cones."""
+"""Share of the bad floor that an offered route leaves at most."""
+ROUTES = ("shortest", "aware")
 KEPT = (
     "arrived",
     "collided",
@@ -61,84 +51,148 @@ KEPT = (
     "position_max",
     "heading_p95",
 )
+Row = dict[str, Any]
+Tell = Callable[[Row], None]
 
 
 def main() -> None:
-    """Plan, drive, and print one line of JSON for each pair."""
+    """Plan what is not planned yet, drive what is not driven yet."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner")
-    parser.add_argument("--localizer", choices=LOCALIZERS, default="tuned")
+    parser.add_argument("--localizer", choices=LOCALIZERS, default="product")
     parser.add_argument("--open-loop", action="store_true")
-    parser.add_argument("--odometry", type=float, nargs="+", default=[0.25, 0.5])
+    parser.add_argument("--odometry", type=float, nargs="+", default=[0.5, 0.25])
     parser.add_argument("--drawn", type=int, default=60)
     parser.add_argument("--offered", type=int, default=8)
     parser.add_argument("--others", type=int, default=4)
     parser.add_argument("--runs", type=int, default=30)
     parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--folder", type=Path, default=Path("out/claim"))
+    parser.add_argument("--routes-only", action="store_true", help="plan, and drive nothing")
     args = parser.parse_args()
+    numba.set_num_threads(1)
     environment = load_environment(environment_path(args.environment))
     scanner = RangeScanner.from_preset(args.scanner)
-    amap = build_map(environment, scanner)
-    numba.set_num_threads(1)
-    robot = RoutePlanner(AmbiguityService(amap, weight=5.0), footprint=ROBOT.radius + MARGIN)
-    for number, shortest, aware in chosen(robot, args):
-        for scale in args.odometry:
-            noise = OdometryNoise(scale=scale)
-            told: dict[str, Any] = {
-                "environment": args.environment,
-                "scanner": args.scanner,
-                "pair": number,
-                "start": shortest.poses[0, :2].tolist(),
-                "goal": shortest.poses[-1, :2].tolist(),
-                "odometry": scale,
-                "localizer": args.localizer,
-                "open_loop": args.open_loop,
-            }
-            for name, route in (("shortest", shortest), ("aware", aware)):
-                drives = drive(
-                    environment,
-                    scanner,
-                    ROBOT,
-                    route,
-                    localizer(args.localizer, scanner, noise),
-                    np.random.default_rng([args.seed, number]),
-                    args.runs,
-                    noise=noise,
-                    open_loop=args.open_loop,
-                )
-                told[name] = figures(route, metrics(drives, amap))
-            print(json.dumps(told), flush=True)
+    planned = routes_path(args.folder, args.environment, args.scanner, args)
+    if len(kept_rows(planned)) < args.drawn:
+        with appended(planned) as tell:
+            plan(args, environment, scanner, len(kept_rows(planned)), tell)
+    if args.routes_only:
+        return
+    path = drives_path(args.folder, args.environment, args.scanner, args)
+    with appended(path) as tell:
+        drive_all(args, environment, scanner, kept_rows(planned), kept_rows(path), tell)
 
 
-def localizer(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
-    """Monte Carlo localization that is told how odometry errs; else one of `LOCALIZERS`."""
-    told = {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
-    if name == "amcl":
-        return MclParameters.from_dict(told)
-    cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
-    for_cones = PRODUCT if name == "product" else CONES
-    return MclParameters.from_dict({**(for_cones if cones else TUNED), **told})
+def routes_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
+    """Where the routes of a case are kept."""
+    return folder / f"{environment}_{scanner}_{args.drawn}-pairs_seed-{args.seed}_routes.jsonl"
 
 
-def chosen(robot: RoutePlanner, args: argparse.Namespace) -> list[tuple[int, Route, Route]]:
-    """Pairs to drive, chosen on the map alone: number, shortest route, ambiguity-aware route.
+def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
+    """Where the drives of a case are kept."""
+    loop = "open-loop" if args.open_loop else "closed-loop"
+    words = [environment, scanner, args.localizer, loop, f"{args.runs}-runs"]
+    return folder / "_".join([*words, f"{args.drawn}-pairs_seed-{args.seed}_drives.jsonl"])
+
+
+def plan(
+    args: argparse.Namespace,
+    environment: Environment,
+    scanner: RangeScanner,
+    done: int,
+    tell: Tell,
+) -> None:
+    """Plan between the pairs from number `done` on; tell both routes of each."""
+    service = AmbiguityService(build_map(environment, scanner), weight=5.0)
+    robot = RoutePlanner(service, footprint=ROBOT.radius + MARGIN)
+    drawn = pairs(robot, args.drawn, args.seed)
+    for number, (start, goal) in enumerate(drawn[done:], start=done):
+        shortest = robot.plan(start, goal, planner_name="reference", weight=0.0)
+        aware = ambiguity_aware(robot, start, goal, shortest)
+        both = {"shortest": figures(shortest), "aware": figures(aware)}
+        tell({"pair": number, **both})
+
+
+def figures(route: Route) -> Row:
+    """What is kept of a route: its figures, and its poses to the millimetre."""
+    return {
+        "weight": route.weight,
+        "length": route.length,
+        "exposure": route.exposure,
+        "bad": route.bad_metres,
+        "longest_bad": route.longest_bad,
+        "corridor": route.corridor_metres,
+        "longest_corridor": route.longest_corridor,
+        "open": route.open_metres,
+        "longest_open": route.longest_open,
+        "poses": np.round(route.poses, 3).tolist(),
+    }
+
+
+def chosen(planned: list[Row], offered: int, others: int) -> list[Row]:
+    """Pairs to drive, chosen on the map alone.
 
     Those where most bad floor is saved among the offered, and those with most of it among the
     others; where a map has no bad floor at all, the first ones drawn.
     """
-    offers, others = [], []
-    for number, (start, goal) in enumerate(pairs(robot, args.drawn, args.seed)):
-        shortest = robot.plan(start, goal, planner_name="reference", weight=0.0)
-        aware = ambiguity_aware(robot, start, goal, shortest)
-        bad, left = shortest.bad_metres, aware.bad_metres
-        if bad >= LEAST_BAD and left <= HALF * bad:
-            offers.append((left - bad, number, shortest, aware))
+    offers, rest = [], []
+    for row in planned:
+        bad, left = (row[name]["bad"] for name in ROUTES)
+        if is_offered(row):
+            offers.append((left - bad, row["pair"], row))
         else:
-            others.append((-bad, number, shortest, aware))
+            rest.append((-bad, row["pair"], row))
     offers.sort(key=lambda pair: pair[:2])
-    others.sort(key=lambda pair: pair[:2])
-    return [pair[1:] for pair in offers[: args.offered] + others[: args.others]]
+    rest.sort(key=lambda pair: pair[:2])
+    return [pair[2] for pair in offers[:offered] + rest[:others]]
+
+
+def is_offered(row: Row) -> bool:
+    """Whether the map shows a route with at most half of the bad floor."""
+    bad = row["shortest"]["bad"]
+    return bool(bad >= LEAST_BAD and row["aware"]["bad"] <= HALF * bad)
+
+
+def drive_all(
+    args: argparse.Namespace,
+    environment: Environment,
+    scanner: RangeScanner,
+    planned: list[Row],
+    kept: list[Row],
+    tell: Tell,
+) -> None:
+    """Drive the chosen pairs that are not driven yet, with each odometry."""
+    done = {(row["pair"], row["odometry"]) for row in kept}
+    asked = [
+        (row, scale)
+        for scale in args.odometry
+        for row in chosen(planned, args.offered, args.others)
+        if (row["pair"], scale) not in done
+    ]
+    if not asked:
+        return
+    # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
+    service = AmbiguityService(build_map(environment, scanner, spacing=0.5))
+    for row, scale in asked:
+        noise = OdometryNoise(scale=scale)
+        told: Row = {"pair": row["pair"], "odometry": scale}
+        for name in ROUTES:
+            shape = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
+            drives = drive(
+                environment,
+                scanner,
+                ROBOT,
+                shape,
+                localizer_of(args.localizer, environment, scanner, noise, args.runs),
+                np.random.default_rng([args.seed, row["pair"]]),
+                args.runs,
+                noise=noise,
+                open_loop=args.open_loop,
+            )
+            told[name] = driven_figures(metrics(drives))
+        tell(told)
 
 
 def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route) -> Route:
@@ -155,16 +209,9 @@ def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route)
     return min(routes, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
 
 
-def figures(route: Route, measured: Metrics) -> dict[str, Any]:
-    """What is kept of a route and its drives."""
-    return {
-        "weight": route.weight,
-        "length": route.length,
-        "exposure": route.exposure,
-        "bad": route.bad_metres,
-        "longest_bad": route.longest_bad,
-        **{name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in KEPT},
-    }
+def driven_figures(measured: Metrics) -> Row:
+    """What is kept of the drives along a route, a value for each run."""
+    return {name: np.round(getattr(measured, name).astype(float), 4).tolist() for name in KEPT}
 
 
 if __name__ == "__main__":

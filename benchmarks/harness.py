@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
+import json
 import os
 import platform
 import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
+
+from ambinav.provenance import code_digest
 
 ROOT = Path(__file__).resolve().parents[1]
 # Where the environments lie: in the repository, or in the folder that AMBINAV_DATA names.
@@ -134,7 +139,7 @@ def _provenance(libraries: Sequence[str]) -> str:
     lines = {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "processor": f"{_processor()}, {os.cpu_count()} cores, load {load}",
-        "commit": _commit(),
+        "commit": commit(),
         "command": f"`{command}`",
         "versions": ", ".join(
             [
@@ -159,13 +164,101 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def _commit() -> str:
+def commit() -> str:
+    """The commit of the checkout, and whether it has changes that are not in it."""
+
     def git(*arguments: str) -> str:
         done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
         return done.stdout.strip() if done.returncode == 0 else ""
 
-    commit = git("rev-parse", "--short=12", "HEAD")
-    if not commit:
+    head = git("rev-parse", "--short=12", "HEAD")
+    if not head:
         return "unknown (not a git repository)"
     changed = git("status", "--porcelain", "--untracked-files=no", "--", *SOURCES)
-    return f"{commit}, with uncommitted changes" if changed else commit
+    return f"{head}, with uncommitted changes" if changed else head
+
+
+def kept_rows(path: Path) -> list[dict[str, Any]]:
+    """The rows of a file of JSON lines; none if it is not there.
+
+    A last line without its end, whose writer was stopped, does not count.
+    """
+    if not path.is_file():
+        return []
+    whole, _, _ = path.read_text(encoding="utf-8").rpartition("\n")
+    return [json.loads(line) for line in whole.splitlines()]
+
+
+@contextmanager
+def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """Append rows to a file of JSON lines; each is there for good as soon as it is told.
+
+    Every row says at which commit it was made. One process at a time: a second one ends with
+    status 2.
+    """
+    made_at = commit()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a+b") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            _refuse(f"{path}: another process is writing it; wait for that one or stop it.")
+        file.seek(0)
+        file.truncate(file.read().rfind(b"\n") + 1)
+
+        def tell(row: Mapping[str, Any]) -> None:
+            file.write(json.dumps({**row, "commit": made_at}).encode() + b"\n")
+            file.flush()
+
+        yield tell
+
+
+def kept_or_made(
+    path: Path, key: Mapping[str, Any], make: Callable[[], Mapping[str, Any]]
+) -> dict[str, Any]:
+    """The row of a file of JSON lines with this key, made and appended if there is none.
+
+    Part of the key is the digest of the code, so that nothing is reused that other code computed.
+    """
+    whole = {**key, "code": code_digest()}
+    for row in kept_rows(path):
+        if all(row.get(name) == value for name, value in whole.items()):
+            return row
+    with appended(path) as tell:
+        tell({**whole, **make()})
+    return kept_rows(path)[-1]
+
+
+def run_script(*words: str) -> None:
+    """Run a script of this folder in a process of its own; end with its complaint if it fails."""
+    script = Path(__file__).with_name(words[0])
+    done = subprocess.run(
+        [sys.executable, str(script), *words[1:]], stderr=subprocess.PIPE, text=True, check=False
+    )
+    if done.returncode:
+        raise SystemExit(f"{' '.join(words)}: {done.stderr}")
+
+
+def in_all(
+    found: Mapping[str, list[dict[str, Any]]], names: Sequence[str], key: Sequence[str]
+) -> dict[str, list[dict[str, Any]]]:
+    """Of the rows of each localizer those that all of some localizers have, by their keys.
+
+    A study that was stopped may have driven more with one than with another; localizers without
+    any row are not asked.
+    """
+
+    def of(row: Mapping[str, Any]) -> tuple[Any, ...]:
+        return tuple(row[part] for part in key)
+
+    asked = [{of(row) for row in found[name]} for name in names if found.get(name)]
+    shared = set.intersection(*asked) if asked else set()
+    return {name: [row for row in rows if of(row) in shared] for name, rows in found.items()}
+
+
+def commits(rows: Iterable[Mapping[str, Any]]) -> str:
+    """The commits at which rows were made, and how many at each."""
+    counts: dict[str, int] = {}
+    for row in rows:
+        counts[row["commit"]] = counts.get(row["commit"], 0) + 1
+    return "; ".join(f"{name} ({count})" for name, count in counts.items())

@@ -1,18 +1,19 @@
-"""One environment of `bench_plan.py`: pairs of places, planners, times; rows of JSON.
+"""One environment of `bench_plan.py`: pairs of places, planners, times.
 
-It runs in a process of its own, on one thread, so that two environments run at a time on two cores.
+A line of JSON for each route, appended to a file; what is there is not planned again, so it can be
+stopped at any time and goes on where it was. It runs in a process of its own, on one thread, so
+that two environments run at a time on two cores.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import environment_path
+from harness import appended, environment_path, kept_rows
 
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
@@ -32,7 +33,7 @@ FRONT = (0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 
 
 def main() -> None:
-    """Plan and print one line of JSON for each route."""
+    """Plan what is not planned yet."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("--pairs", type=int, default=10)
@@ -40,25 +41,50 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, nargs="*", default=[1.0, 5.0])
     parser.add_argument("--planners", nargs="+", required=True)
     parser.add_argument("--front", action="store_true", help="the trade for each pair as well")
+    parser.add_argument("--folder", type=Path, default=Path("out/plan"))
     args = parser.parse_args()
-    robot = RoutePlanner(service(args.environment), footprint=RADIUS)
-    for number, (start, goal) in enumerate(pairs(robot, args.pairs, args.seed)):
-        told = {"environment": args.environment, "pair": number}
-        best = robot.plan(start, goal, planner_name="reference")
-        tell(told, best, planner="reference", budget=0.0)
-        zero = robot.plan(start, goal, planner_name="reference", weight=0.0)
-        tell(told, zero, planner="shortest", budget=0.0)
-        if args.front:
-            for point in pareto(robot, start, goal, weights=FRONT).points:
-                tell(told, point.route, planner="front", budget=0.0)
-        for seconds in args.seconds:
-            for name in args.planners:
-                try:
-                    route = robot.plan(start, goal, planner_name=name, seconds=seconds)
-                except InputError:
-                    print(json.dumps(told | {"planner": name, "budget": seconds, "cost": None}))
-                    continue
-                tell(told, route, planner=name, budget=seconds)
+    path = plans_path(args.folder, args.environment, args)
+    with appended(path) as tell:
+        done = {(row["pair"], row["planner"], row["budget"]) for row in kept_rows(path)}
+        asked = [job for job in jobs(args) if job not in done]
+        if not asked:
+            return
+        robot = RoutePlanner(service(args.environment), footprint=RADIUS)
+        places = pairs(robot, args.pairs, args.seed)
+        for pair, planner, budget in asked:
+            row = {"pair": pair, "planner": planner, "budget": budget}
+            tell({**row, **planned(robot, *places[pair], planner, budget)})
+
+
+def plans_path(folder: Path, environment: str, args: argparse.Namespace) -> Path:
+    """Where the routes of an environment are kept; more of all are added to the same file."""
+    return folder / f"{environment}_seed-{args.seed}_plans.jsonl"
+
+
+def jobs(args: argparse.Namespace) -> list[tuple[int, str, float]]:
+    """All that is to be planned: pair, planner and seconds (0 for what takes its own time)."""
+    first = ["reference", "shortest", *["front"] * args.front]
+    found = []
+    for pair in range(args.pairs):
+        found += [(pair, name, 0.0) for name in first]
+        found += [(pair, name, seconds) for seconds in args.seconds for name in args.planners]
+    return found
+
+
+def planned(
+    robot: RoutePlanner, start: Any, goal: Any, planner: str, budget: float
+) -> dict[str, Any]:
+    """The figures of a route, of a front the list of them."""
+    if planner == "front":
+        points = pareto(robot, start, goal, weights=FRONT).points
+        return {"routes": [figures(point.route) for point in points]}
+    if planner in ("reference", "shortest"):
+        weight = WEIGHT if planner == "reference" else 0.0
+        return figures(robot.plan(start, goal, planner_name="reference", weight=weight))
+    try:
+        return figures(robot.plan(start, goal, planner_name=planner, seconds=budget))
+    except InputError:
+        return {"cost": None}
 
 
 def service(name: str) -> AmbiguityService:
@@ -86,22 +112,23 @@ def pairs(robot: RoutePlanner, count: int, seed: int) -> list[tuple[Any, Any]]:
     return chosen
 
 
-def tell(told: dict[str, Any], route: Route, *, planner: str, budget: float) -> None:
-    """Print a route's figures."""
-    figures = {
-        "planner": planner,
-        "budget": budget,
+def figures(route: Route) -> dict[str, Any]:
+    """A route's figures."""
+    return {
         "weight": route.weight,
         "cost": route.cost,
         "length": route.length,
         "exposure": route.exposure,
         "bad": route.bad_metres,
+        "longest_bad": route.longest_bad,
+        "corridor": route.corridor_metres,
+        "longest_corridor": route.longest_corridor,
+        "open": route.open_metres,
+        "longest_open": route.longest_open,
         "seconds": route.seconds,
         "first": route.first_seconds,
         "iterations": route.iterations,
     }
-    print(json.dumps(told | figures))
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """One environment and scanner of `bench_truth.py`: poses and short drives about them.
 
-One line of JSON a pose, on standard output.
+One line of JSON a pose, appended to a file in `--folder`; poses that are there are not driven
+again, so it can be stopped at any time and goes on where it was.
 
 It runs in a process of its own, on one thread, so that two of them run at a time on two cores.
 """
@@ -8,31 +9,35 @@ It runs in a process of its own, on one thread, so that two of them run at a tim
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
 import shapely
-from claim_case import PRODUCT, localizer
-from harness import environment_path
+from harness import appended, environment_path, kept_rows
+from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
+from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
-from ambinav.drive.robot import Robot
+from ambinav.files import replacing
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.geometry.segments import Segments
 from ambinav.geometry.steering import Steering
+from ambinav.localization.filter_state import filter_state
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
+from ambinav.localization.random import states
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
@@ -40,7 +45,6 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService
 
-ROBOT = Robot(radius=0.105)
 NOISE = OdometryNoise(scale=0.5)
 """Poor odometry, 9 degrees and 12 cm in a metre, so that 12 m of it are worse than 0.3 m."""
 REACH = 0.4
@@ -65,6 +69,11 @@ PARTICLES_PER_AREA = {"laser-4m": 250.0, "laser-8m": 1000.0}
 PARTICLES = 5000
 """and at most so many from then on."""
 
+WORLD_STREAM, PLACES_STREAM, PLACE_STREAM = range(3)
+"""What random numbers are for; of one seed there is a stream for each."""
+MOST_PLACES = 2000
+"""So many places are kept, more than will ever be driven about."""
+
 TAKEN_OVER = ("anchor", "base", "base_covariance", "mean", "covariance", "averages", "ticks")
 """What a filter's state holds beside its particles and their number."""
 
@@ -81,44 +90,108 @@ Floats = NDArray[np.float64]
 
 
 def main() -> None:
-    """Choose poses, drive about them, and print one line of JSON for each."""
+    """Choose poses, and append a line of JSON to a file for each that is driven about."""
     parser = argparse.ArgumentParser()
     parser.add_argument("environment")
     parser.add_argument("scanner", choices=(*PLANAR, *MIXED))
-    parser.add_argument("--poses", type=int, default=400)
+    parser.add_argument("--localizer", choices=LOCALIZERS, default="product")
+    parser.add_argument("--poses", type=int, default=60)
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--seed", type=int, default=23)
     parser.add_argument("--world", choices=("map", "aged"), default="map")
     parser.add_argument("--start", choices=("known", "unknown"), default="known")
-    parser.add_argument("--rays", action="store_true", help="localize with the ray model")
+    parser.add_argument(
+        "--rays", action="store_true", help="as --localizer rays: the ray model for lasers too"
+    )
+    parser.add_argument("--folder", type=Path, default=Path("out/truth"))
     args = parser.parse_args()
-    rng = np.random.default_rng(args.seed)
+    if args.rays:
+        args.localizer = "rays"
+    if args.start == "unknown" and args.localizer == "kalman":
+        parser.error("--localizer kalman needs to know where it starts; give another one")
+    path = drives_path(args.folder, args.environment, args.scanner, args)
+    with appended(path) as tell:
+        rows = kept_rows(path)
+        if len(rows) < args.poses:
+            add_places(args, {int(row["place"]) for row in rows}, tell)
+
+
+def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
+    """Where the drives of a case are kept; more poses are added to the same file."""
+    words = [environment, scanner, args.localizer, args.world, args.start]
+    return folder / "_".join([*words, f"{args.runs}-runs", f"seed-{args.seed}_drives.jsonl"])
+
+
+def add_places(
+    args: argparse.Namespace, done: set[int], tell: Callable[[dict[str, Any]], None]
+) -> None:
+    """Drive about places that are not done until there are as many as asked for.
+
+    What a place's drives are does not depend on where an earlier process was stopped: each place
+    has random numbers of its own, and the same for each localizer.
+    """
+    numba.set_num_threads(1)
     mapped = load_environment(environment_path(args.environment))
     scanner = scanner_of(args.scanner)
-    amap = build_map(mapped, scanner)
-    numba.set_num_threads(1)
-    world = aged(mapped, rng) if args.world == "aged" else mapped
+    if args.world == "aged":
+        world = aged(mapped, np.random.default_rng([args.seed, WORLD_STREAM]))
+    else:
+        world = mapped
     checker = CollisionChecker(world, ROBOT.footprint, Steering())
-    service = AmbiguityService(amap)
-    parameters = localizer("product", scanner, NOISE)
-    if args.rays:
-        parameters = replace(parameters, **PRODUCT)
     known = args.start == "known"
-    kind = MonteCarloLocalizer if known else Unstarted
-    guide = kind(mapped, scanner, parameters, runs=args.runs, rng=rng)
-    done = 0
-    for place in places(amap, checker, rng):
-        way = wander(place, WAY if known else UNKNOWN_WAY, checker, rng)
-        if way is None:
-            continue
-        route = evaluate_route(service, way, Steering(), planner="wander")
-        drives = driven(mapped, scanner, route, guide, world, rng, args.runs)
-        told = {"x": float(place[0]), "y": float(place[1]), **measured(drives)}
-        print(json.dumps(told), flush=True)
-        done += 1
-        if done == args.poses:
+    localizer = made(args, mapped, scanner)
+    # A route is measured on a map, and nothing of what is measured is used.
+    coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5))
+    for number, place in enumerate(kept_places(args, mapped, scanner, checker)):
+        if len(done) == args.poses:
             return
-    print(f"{done} poses of {args.poses} found room", file=sys.stderr)
+        rng, own = np.random.default_rng([args.seed, PLACE_STREAM, number]).spawn(2)
+        if number in done:
+            continue
+        strokes = wander(place, WAY if known else UNKNOWN_WAY, checker, rng)
+        if strokes is None:
+            continue
+        route = evaluate_route(coarse, strokes, Steering(), planner="wander")
+        if isinstance(localizer, MonteCarloLocalizer):
+            reseed(localizer, own)
+        drives = driven(mapped, scanner, route, localizer, world, rng, args.runs)
+        tell({"place": number, "x": float(place[0]), "y": float(place[1]), **measured(drives)})
+        done.add(number)
+    print(f"{len(done)} poses of {args.poses} found room", file=sys.stderr)
+
+
+def kept_places(
+    args: argparse.Namespace, mapped: Environment, scanner: RangeScanner, checker: CollisionChecker
+) -> Floats:
+    """Places in the order in which they are tried, shape (N, 3), from now or from before."""
+    words = [args.environment, args.scanner, args.world, f"seed-{args.seed}_places.csv"]
+    path = args.folder / "_".join(words)
+    if not path.is_file():
+        rng = np.random.default_rng([args.seed, PLACES_STREAM])
+        found = places(build_map(mapped, scanner), checker, rng)[:MOST_PLACES]
+        with replacing(path) as fresh:
+            np.savetxt(fresh, found, fmt="%.6f", delimiter=",")
+    return np.array(np.loadtxt(path, delimiter=",", ndmin=2), dtype=np.float64)
+
+
+def made(
+    args: argparse.Namespace, mapped: Environment, scanner: RangeScanner
+) -> MonteCarloLocalizer | Localizer:
+    """The localizer, for all places."""
+    found = localizer_of(args.localizer, mapped, scanner, NOISE, args.runs, RATE)
+    if not isinstance(found, MclParameters):
+        return found
+    kind = MonteCarloLocalizer if args.start == "known" else Unstarted
+    return kind(mapped, scanner, found, runs=args.runs, rng=np.random.default_rng(0))
+
+
+def reseed(localizer: MonteCarloLocalizer, rng: np.random.Generator) -> None:
+    """Let a localizer begin as if it had just been made."""
+    filters = [localizer]
+    if isinstance(localizer, Unstarted):
+        filters.append(localizer.seeking)
+    for one in filters:
+        one.state = filter_state(one.parameters, one.runs, states(rng, one.runs))
 
 
 class Unstarted(MonteCarloLocalizer):
@@ -251,14 +324,14 @@ def driven(
     mapped: Environment,
     scanner: RangeScanner,
     route: Route,
-    guide: MonteCarloLocalizer,
+    localizer: Localizer,
     world: Environment,
     rng: np.random.Generator,
     runs: int,
 ) -> Drives:
     """The robot keeps to the way, whatever it believes."""
     return drive(
-        mapped, scanner, ROBOT, route, guide, rng, runs,
+        mapped, scanner, ROBOT, route, localizer, rng, runs,
         world=world, noise=NOISE, open_loop=True, rate=RATE, start_std=START_STD,
     )  # fmt: skip
 

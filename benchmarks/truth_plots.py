@@ -18,7 +18,7 @@ MARKS = ("o", "s", "^", "D", "v")
 def scores_picture(
     layers: list[str], scores: dict[str, dict[str, list[float]]], goal: float | None, path: Path
 ) -> None:
-    """AUC of each layer for each scanner, a dot each; the best layers on top.
+    """AUC of each layer for each scanner, a dot each; the best layers on top; none, no picture.
 
     Args:
         layers: Their names.
@@ -28,6 +28,8 @@ def scores_picture(
     """
     values = np.array([list(panel.values()) for panel in scores.values()])
     told = np.isfinite(values).any(axis=(0, 1))
+    if not told.any():
+        return
     mean = np.nanmean(values[:, :, told], axis=(0, 1))
     order = np.flatnonzero(told)[np.argsort(mean)]
     names = [layers[i].replace("_", " ") for i in order]

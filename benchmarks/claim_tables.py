@@ -1,0 +1,151 @@
+"""Tables of `bench_claim.py`: lost rates and errors of pairs of routes, with intervals."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from harness import table
+from numpy.typing import NDArray
+
+from ambinav.compare.criterion import GOAL
+
+LIMITS = (0.0, 4.0, 8.0, np.inf)
+"""Ends of the ranges of a longest stretch, metres; before them is none at all."""
+SHORTEST_NONE = 0.05
+"""A stretch below this is none, metres: half a cell."""
+DRAWS = 2000
+STRETCHES = {
+    "longest_open": "longest open stretch",
+    "longest_corridor": "longest corridor stretch",
+    "longest_bad": "longest stretch of either",
+}
+
+Pair = dict[str, Any]
+Floats = NDArray[np.float64]
+
+ROUTE_HEADER = (
+    "pairs", "length", "corridor, m", "longest", "open, m", "longest", "exposure",
+)  # fmt: skip
+DRIVE_HEADER = (
+    "pairs", "lost, shortest", "lost, aware", "difference, points", "95 % error, shortest",
+    "aware", "ratio", "collided, shortest / aware", "claim",
+)  # fmt: skip
+
+
+def of(pairs: Sequence[Pair], route: str, name: str) -> Floats:
+    """A figure of all runs, shape (pairs, runs)."""
+    return np.array([pair[route][name] for pair in pairs], dtype=np.float64)
+
+
+def mean_of(pairs: Sequence[Pair], route: str, name: str) -> float:
+    """Mean of a figure over pairs and runs."""
+    return float(of(pairs, route, name).mean())
+
+
+def resampled(pairs: Sequence[Pair], name: str, kind: str, seed: int = 5) -> tuple[float, ...]:
+    """Difference or ratio of a figure, aware by shortest, and its interval of 95 %.
+
+    Pairs are drawn, and within each its paired seeds.
+    """
+    ours, theirs = of(pairs, "aware", name), of(pairs, "shortest", name)
+    rng = np.random.default_rng(seed)
+    count, runs = ours.shape
+    rows = rng.integers(count, size=(DRAWS, count, 1))
+    columns = rng.integers(runs, size=(DRAWS, count, runs))
+    a = np.append(ours[rows, columns].mean(axis=(1, 2)), ours.mean())
+    b = np.append(theirs[rows, columns].mean(axis=(1, 2)), theirs.mean())
+    if kind == "difference":
+        values = a - b
+    else:
+        # Nothing by nothing is no change.
+        values = np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), np.where(a > 0.0, np.inf, 1.0))
+    low, high = np.quantile(values[:-1], (0.025, 0.975))
+    return float(values[-1]), float(low), float(high)
+
+
+def span(found: tuple[float, ...], digits: int = 2, sign: str = "") -> str:
+    """A value and its interval."""
+    value, low, high = (format(one, f"{sign}.{digits}f") for one in found)
+    return f"{value} ({low} to {high})"
+
+
+def route_line(words: Sequence[str], pairs: Sequence[Pair]) -> list[object]:
+    """What the routes are, the shortest one to the aware one, means over the pairs."""
+    if not pairs:
+        return [*words, 0, *[""] * (len(ROUTE_HEADER) - 1)]
+
+    def change(name: str) -> str:
+        return " to ".join(f"{mean_of(pairs, route, name):.1f}" for route in ("shortest", "aware"))
+
+    longer = mean_of(pairs, "aware", "length") / mean_of(pairs, "shortest", "length") - 1.0
+    figures = ("corridor", "longest_corridor", "open", "longest_open", "exposure")
+    return [*words, len(pairs), f"{100 * longer:+.1f} %", *[change(name) for name in figures]]
+
+
+def drive_line(words: Sequence[str], pairs: Sequence[Pair]) -> list[object]:
+    """What became of the robots on the routes of some pairs."""
+    if not pairs:
+        return [*words, 0, *[""] * (len(DRIVE_HEADER) - 1)]
+    fewer = tuple(100 * value for value in resampled(pairs, "lost", "difference"))
+    walls = [f"{100 * mean_of(pairs, route, 'collided'):.0f}" for route in ("shortest", "aware")]
+    return [
+        *words,
+        len(pairs),
+        f"{100 * mean_of(pairs, 'shortest', 'lost'):.1f} %",
+        f"{100 * mean_of(pairs, 'aware', 'lost'):.1f} %",
+        span(fewer, 1, "+"),
+        f"{mean_of(pairs, 'shortest', 'position_p95'):.2f} m",
+        f"{mean_of(pairs, 'aware', 'position_p95'):.2f} m",
+        span(resampled(pairs, "position_p95", "ratio")),
+        f"{' / '.join(walls)} %",
+        outcome(pairs),
+    ]
+
+
+def outcome(pairs: Sequence[Pair]) -> str:
+    """What has become of the claim."""
+    lost = [mean_of(pairs, route, "lost") for route in ("aware", "shortest")]
+    error = [mean_of(pairs, route, "position_p95") for route in ("aware", "shortest")]
+    walls = resampled(pairs, "collided", "difference")
+    if lost[1] == 0.0 and error[1] < GOAL.easy:
+        return "easy: nothing to gain"
+    parts = []
+    if lost[0] > GOAL.lost * lost[1]:
+        parts.append("lost")
+    if error[0] > GOAL.error * error[1]:
+        parts.append("error")
+    if walls[1] > 0.0:
+        parts.append("collisions")
+    return "met" if not parts else f"not met: {', '.join(parts)}"
+
+
+def ranges() -> list[tuple[float, float, str]]:
+    """Ranges of a longest stretch and their names."""
+    found = [(-np.inf, SHORTEST_NONE, "none")]
+    for low, high in itertools.pairwise(LIMITS):
+        name = f"{low:g} m and more" if high == np.inf else f"{low:g} to {high:g} m"
+        found.append((max(low, SHORTEST_NONE), high, name.replace("0 to", "up to")))
+    return found
+
+
+def within(pairs: Sequence[Pair], name: str, low: float, high: float) -> list[Pair]:
+    """The pairs whose shortest route has its longest stretch in a range."""
+    return [pair for pair in pairs if low <= pair["shortest"][name] < high]
+
+
+def crossed(pairs: Sequence[Pair]) -> str:
+    """Robots lost on the shortest route, by its longest open and its longest corridor stretch."""
+    rows = []
+    for low, high, name in ranges():
+        some = within(pairs, "longest_open", low, high)
+        cells = [within(some, "longest_corridor", first, last) for first, last, _ in ranges()]
+        rows.append([name, *[_rate(cell) for cell in cells], _rate(some)])
+    names = [f"corridor: {name}" for *_, name in ranges()]
+    return table(("open", *names, "all"), rows)
+
+
+def _rate(pairs: Sequence[Pair]) -> str:
+    return f"{100 * mean_of(pairs, 'shortest', 'lost'):.1f} % ({len(pairs)})" if pairs else ""

@@ -1,0 +1,94 @@
+"""The localizers of the studies, by name.
+
+- `product`: Monte Carlo localization that multiplies the beams' likelihoods (power 0.3): of the
+  likelihood field for lasers, of the ray model with cones where any sensor has one.
+- `rays`: the same with the ray model for lasers too.
+- `sum`: Monte Carlo localization that adds the cubes of the same likelihoods (with cones and
+  hits of 0.2 m, what the claim was first driven with).
+- `amcl`: AMCL's defaults; the likelihood field and sums of cubes, whatever the scanner.
+- `kalman`: an extended Kalman filter on the ranges, which takes in every scan.
+
+All are told how odometry errs: Monte Carlo localization as it is after 0.25 m or 0.2 rad, when it
+takes in a scan; the Kalman filter as it is in the time between two scans at the robot's speed.
+"""
+
+from __future__ import annotations
+
+from ambinav.drive.localizers import Localizer
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
+from ambinav.geometry.environment import Environment
+from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.odometry import OdometryModel
+from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.sensing.scanner import RangeScanner
+
+ROBOT = Robot(radius=0.105)
+"""A TurtleBot3 Burger; what drives in the studies."""
+LOCALIZERS = ("product", "kalman", "rays", "sum", "amcl")
+WHAT = {
+    "product": "Monte Carlo localization, beams multiplied (power 0.3)",
+    "rays": "Monte Carlo localization, ray model for lasers too, beams multiplied (power 0.3)",
+    "sum": "Monte Carlo localization, cubes of the beams added",
+    "amcl": "Monte Carlo localization with AMCL's defaults",
+    "kalman": "extended Kalman filter on the ranges, every scan taken in",
+}
+FIELD = {"importance_factor": 0.3, "sigma_hit": 0.1}
+RAYS = {
+    "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05, "beam_table_resolution": 0.1,
+}  # fmt: skip
+FIELD_PRODUCT = {**FIELD, "laser_model_type": "likelihood_field_prob"}
+FIELD_SUM = {**FIELD, "laser_model_type": "likelihood_field"}
+RAY_PRODUCT = {**RAYS, **FIELD, "laser_model_type": "beam_prob"}
+RAY_SUM = {**RAYS, "laser_model_type": "beam"}
+
+
+def has_cones(scanner: RangeScanner) -> bool:
+    """Whether any sensor of the scanner is a cone."""
+    return any(sensor.aperture > 0.0 for sensor in scanner.sensors)
+
+
+def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
+    """Those of the Monte Carlo localizers among `LOCALIZERS`."""
+    cones = has_cones(scanner)
+    chosen = {
+        "product": RAY_PRODUCT if cones else FIELD_PRODUCT,
+        "rays": RAY_PRODUCT,
+        "sum": RAY_SUM if cones else FIELD_SUM,
+        "amcl": {},
+    }[name]
+    return MclParameters.from_dict({**chosen, **alphas_of(noise)})
+
+
+def alphas_of(noise: OdometryNoise) -> dict[str, float]:
+    """What a localizer is told of odometry that errs so."""
+    return {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
+
+
+def localizer_of(
+    name: str,
+    environment: Environment,
+    scanner: RangeScanner,
+    noise: OdometryNoise,
+    runs: int,
+    rate: float = 10.0,
+) -> MclParameters | Localizer:
+    """One of `LOCALIZERS`, as `drive` takes it, for scans at a rate, 1 / s."""
+    if name == "kalman":
+        model = between_scans(noise, rate)
+        return ExtendedKalmanFilter(environment, scanner, model, runs=runs)
+    return parameters_of(name, scanner, noise)
+
+
+def between_scans(noise: OdometryNoise, rate: float) -> OdometryModel:
+    """AMCL's model with the variances that odometry has from scan to scan.
+
+    The variances of the simulated odometry grow with the distance, those of AMCL's model with its
+    square: told the alphas of 0.25 m, a filter would believe in an odometry several times too
+    good.
+    """
+    told = alphas_of(noise)
+    driving = noise.distance * rate / ROBOT.max_speed
+    turning = noise.angle * rate / ROBOT.max_turn_rate
+    factors = {"alpha1": turning, "alpha2": driving, "alpha3": driving, "alpha4": turning}
+    return OdometryModel(**{key: value * factors[key] for key, value in told.items()})

@@ -1,0 +1,130 @@
+"""One environment and scanner of `bench_route_layers.py`: pairs, routes by two layers, drives.
+
+As `claim_case.py`: routes are kept in one file, drives in another for each localizer, a line of
+JSON a pair; what is there is not done again.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from claim_case import LONGEST, MARGIN, WEIGHTS, Row, Tell, driven_figures, figures
+from harness import appended, environment_path, kept_rows
+from localizers import LOCALIZERS, ROBOT, localizer_of
+from plan_case import pairs
+from truth_case import MIXED, NOISE, scanner_of
+
+from ambinav.ambiguity.build import build_map
+from ambinav.drive.drive import drive
+from ambinav.drive.metrics import metrics
+from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.steering import Steering
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.route import Route
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.service.service import AmbiguityService
+from ambinav_planners import RoutePlanner
+
+LAYERS = ("level", "position")
+ROUTES = ("shortest", *LAYERS)
+
+
+def main() -> None:
+    """Plan what is not planned yet, drive what is not driven yet."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("environment")
+    parser.add_argument("scanner", choices=MIXED)
+    parser.add_argument("--localizer", choices=LOCALIZERS, default="product")
+    parser.add_argument("--pairs", type=int, default=12)
+    parser.add_argument("--runs", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=31)
+    parser.add_argument("--folder", type=Path, default=Path("out/route-layers"))
+    args = parser.parse_args()
+    numba.set_num_threads(1)
+    environment = load_environment(environment_path(args.environment))
+    scanner = scanner_of(args.scanner)
+    planned = routes_path(args.folder, args.environment, args.scanner, args)
+    if len(kept_rows(planned)) < args.pairs:
+        with appended(planned) as tell:
+            plan(args, environment, scanner, len(kept_rows(planned)), tell)
+    path = drives_path(args.folder, args.environment, args.scanner, args)
+    with appended(path) as tell:
+        rows = kept_rows(planned)[: args.pairs]
+        drive_all(args, environment, scanner, rows, kept_rows(path), tell)
+
+
+def routes_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
+    """Where the routes of a case are kept; more pairs are added to the same file."""
+    return folder / f"{environment}_{scanner}_seed-{args.seed}_routes.jsonl"
+
+
+def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
+    """Where the drives of a case are kept."""
+    words = [environment, scanner, args.localizer, f"{args.runs}-runs"]
+    return folder / "_".join([*words, f"seed-{args.seed}_drives.jsonl"])
+
+
+def plan(
+    args: argparse.Namespace, environment: Environment, scanner: RangeScanner, done: int, tell: Tell
+) -> None:
+    """Plan between the pairs from number `done` on; tell the three routes of each."""
+    amap = build_map(environment, scanner, layers="position")
+    footprint = ROBOT.radius + MARGIN
+    robots = {
+        name: RoutePlanner(AmbiguityService(amap, name), footprint=footprint) for name in LAYERS
+    }
+    drawn = pairs(robots["level"], args.pairs, args.seed)
+    for number, (start, goal) in enumerate(drawn[done:], start=done):
+        told = {name: figures(route) for name, route in routes(robots, start, goal).items()}
+        tell({"pair": number, **told})
+
+
+def routes(robots: dict[str, RoutePlanner], start: Any, goal: Any) -> dict[str, Route]:
+    """The shortest route, and for each layer the one with the least of it that is not too long."""
+    shortest = robots["level"].plan(start, goal, planner_name="reference", weight=0.0)
+    found = {"shortest": shortest}
+    for name, robot in robots.items():
+        offers = [
+            robot.plan(start, goal, planner_name="reference", weight=weight)
+            for weight in (0.0, *WEIGHTS)
+        ]
+        allowed = [route for route in offers if route.length <= LONGEST * shortest.length]
+        found[name] = min(allowed, key=lambda route: (route.exposure, route.length))
+    return found
+
+
+def drive_all(
+    args: argparse.Namespace,
+    environment: Environment,
+    scanner: RangeScanner,
+    planned: list[Row],
+    kept: list[Row],
+    tell: Tell,
+) -> None:
+    """Drive the pairs that are not driven yet."""
+    done = {row["pair"] for row in kept}
+    asked = [row for row in planned if row["pair"] not in done]
+    if not asked:
+        return
+    # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
+    service = AmbiguityService(build_map(environment, scanner_of("laser-4m"), spacing=0.5))
+    for row in asked:
+        told: Row = {"pair": row["pair"]}
+        for name in ROUTES:
+            route = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
+            localizer = localizer_of(args.localizer, environment, scanner, NOISE, args.runs)
+            rng = np.random.default_rng([args.seed, row["pair"]])
+            drives = drive(
+                environment, scanner, ROBOT, route, localizer, rng, args.runs, noise=NOISE,
+                open_loop=True,
+            )  # fmt: skip
+            told[name] = driven_figures(metrics(drives))
+        tell(told)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,235 @@
+"""Tables of `bench_truth.py`: how well layers tell where localizers err."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from harness import table
+from numpy.typing import NDArray
+from scipy.stats import rankdata, spearmanr
+
+from ambinav.maps.zones import CORRIDOR, ZONES
+
+LAYERS = {
+    "level": 1, "position_radius": 1, "major_radius": 1, "ambiguity": 1, "fisher": 1,
+    "localizability": -1,
+    "coastal_entropy": 1, "gfm": 1, "wall_normals": -1, "perturbation": 1, "clearance": 1,
+    "aliasing": 1, "aliasing_area": 1,
+}  # fmt: skip
+"""Layers, and 1 where a high value means badly localized."""
+RADIUS = "position_radius"
+METRES = (RADIUS, "major_radius", "fisher", "localizability_radius", "perturbation")
+SHOWN = ("level", RADIUS, "ambiguity", "fisher", "coastal_entropy")
+"""Layers shown for each environment, before them `aliasing` where the start is unknown."""
+AXES = ("direction", "fisher_direction", "localizability_direction", "perturbation_direction")
+BAD = 0.3
+GOAL = 0.85
+FEWEST = 5
+DRAWS = 1000
+ODOMETRY = "odometry of 9 degrees and 12 cm in a metre"
+
+Floats = NDArray[np.float64]
+Place = dict[str, Any]
+Case = tuple[str, str]
+Found = dict[Case, list[Place]]
+Groups = dict[tuple[str, str], list[list[Place]]]
+"""Places of each environment, by scanner and localizer."""
+
+
+def column(places: Sequence[Place], name: str) -> Floats:
+    """A figure of all places; nan where it is missing."""
+    return np.array([place.get(name, np.nan) for place in places], dtype=np.float64)
+
+
+def scores(places: Sequence[Place], name: str) -> Floats:
+    """A layer at all places, turned so that high is bad; what it does not know counts as bad."""
+    values = LAYERS[name] * column(places, name)
+    return np.where(np.isnan(values), np.inf, values)
+
+
+def auc(score: Floats, bad: NDArray[np.bool_]) -> float:
+    """Share of (bad, good) pairs that the score puts in order; nan with too few of either."""
+    ours, others = int(bad.sum()), int((~bad).sum())
+    if min(ours, others) < FEWEST:
+        return float("nan")
+    ranks = rankdata(score)
+    return float((ranks[bad].sum() - ours * (ours + 1) / 2) / (ours * others))
+
+
+def body(found: dict[str, Found], unknown: bool, when: str) -> str:
+    """The report's tables; radii and axes say nothing of robots that look for themselves."""
+    scanners = list(dict.fromkeys(scanner for places in found.values() for _, scanner in places))
+    pairs = [(scanner, name) for scanner in scanners for name in found]
+    groups = {(scanner, name): places_of(found[name], scanner) for scanner, name in pairs}
+    columns = [f"{scanner}, {name}" for scanner, name in pairs]
+    first = ("aliasing",) if unknown else ()
+    of_errors = ("runs that miss themselves",) if unknown else ("error, median", "error, 95 %")
+    parts = [f"## Places driven about{when}"]
+    rows = [
+        [*case, name, len(p), int(column(p, "bad").sum()), *spread_of(p, unknown)]
+        for name, places in found.items()
+        for case, p in places.items()
+    ]
+    rows.sort(key=lambda row: (scanners.index(row[1]), row[0]))
+    header = ("environment", "scanner", "localizer", "places", "bad", *of_errors)
+    parts.append(table(header, rows, words=3))
+    parts += [f"### Bad places among those in each zone{when}", by_zone(groups)]
+    for title, figure in (("AUC", auc_of), ("Rank correlation with the error", rank_of)):
+        parts.append(f"## {title}{when}, mean over the environments")
+        rows = []
+        for name in LAYERS:
+            cells = [mean_of(some, name, figure) for some in groups.values()]
+            known = [value for value in cells if not np.isnan(value)]
+            if known:
+                mean = float(np.mean(known))
+                rows.append([name, *[_cell(value) for value in cells], _cell(mean)])
+        parts.append(table(("layer", *columns, "all"), rows))
+    parts.append(f"## AUC by environment{when}")
+    rows = [
+        [*case, name, *[_cell(auc_of(places, layer)) for layer in (*first, *SHOWN)]]
+        for name, every in found.items()
+        for case, places in every.items()
+        if np.isfinite(auc_of(places, "level"))
+    ]
+    rows.sort(key=lambda row: (scanners.index(row[1]), row[0]))
+    parts.append(table(("environment", "scanner", "localizer", *first, *SHOWN), rows, words=3))
+    for ours in (*first, "level", RADIUS):
+        parts.append(f"## AUC of `{ours}`{when} less that of the others, intervals of 95 %")
+        rows = [
+            [name, *[difference(some, ours, name) for some in groups.values()]]
+            for name in LAYERS
+            if name != ours
+        ]
+        parts.append(table(("layer", *columns), [row for row in rows if any(row[1:])]))
+    parts += [f"## In words{when}", in_words(groups, when)]
+    if unknown:
+        return "\n\n".join(parts)
+    parts.append("## Measured error by predicted radius, median (and quartiles)")
+    parts.append(table(("layer", *columns), [calibration(groups, name) for name in METRES]))
+    parts.append("## Angle to the measured weak axis in corridor zones, median degrees (places)")
+    parts.append(table(("layer", *columns), [angles(groups, name) for name in AXES]))
+    return "\n\n".join(parts)
+
+
+def by_zone(groups: Groups) -> str:
+    """How many places are bad in each zone of the map, of how many."""
+    rows = []
+    for (scanner, name), some in groups.items():
+        places = [place for group in some for place in group]
+        cells = []
+        for code in range(len(ZONES)):
+            bad = [place["bad"] for place in places if place.get("zone") == code]
+            cells.append(f"{sum(bad)} of {len(bad)}")
+        rows.append([scanner, name, *cells])
+    return table(("scanner", "localizer", *ZONES), rows, words=2)
+
+
+def in_words(groups: Groups, when: str) -> str:
+    """The layers that tell best, each sentence with all that it is true of."""
+    told = []
+    for (scanner, name), some in groups.items():
+        usable = [group for group in some if np.isfinite(auc_of(group, "level"))]
+        if not usable:
+            continue
+        values = {layer: mean_of(usable, layer, auc_of) for layer in LAYERS}
+        best = sorted((layer for layer in values if values[layer] > 0.0), key=lambda k: -values[k])
+        shown = [*best[:2], *[k for k in ("level", RADIUS) if k in best[2:]]]
+        told.append(
+            f"- {scanner}, {ODOMETRY}, `{name}`{when}, {len(usable)} buildings with enough bad and "
+            f"good places, {sum(map(len, usable))} places: AUC of "
+            + ", ".join(f"`{layer}` {values[layer]:.2f}" for layer in shown)
+            + "."
+        )
+    return "\n".join(told) or "There are too few bad places."
+
+
+def spread_of(places: Sequence[Place], unknown: bool) -> list[str]:
+    """How large the errors of an environment are."""
+    error = column(places, "error")
+    if unknown:
+        return [f"{100.0 * error.mean():.0f} %"]
+    return [f"{np.median(error):.3f} m", f"{np.quantile(error, 0.95):.2f} m"]
+
+
+def places_of(found: Found, scanner: str) -> list[list[Place]]:
+    """Places of a scanner, by environment."""
+    return [places for (_, one), places in found.items() if one == scanner and places]
+
+
+def _cell(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.3f}"
+
+
+def auc_of(places: Sequence[Place], name: str) -> float:
+    """AUC of a layer."""
+    return auc(scores(places, name), column(places, "bad") > 0.0)
+
+
+def rank_of(places: Sequence[Place], name: str) -> float:
+    """Rank correlation of a layer with the error; nan where the layer is the same everywhere."""
+    score = scores(places, name)
+    if np.ptp(rankdata(score)) == 0.0:
+        return float("nan")
+    return float(spearmanr(rankdata(score), column(places, "error")).statistic)
+
+
+def mean_of(groups: list[list[Place]], name: str, figure: Any) -> float:
+    """Mean of a figure over the environments that have it; nan where the layer is missing."""
+    if not groups or not any(name in place for group in groups for place in group):
+        return float("nan")
+    values = np.array([figure(group, name) for group in groups])
+    return float(np.nanmean(values)) if np.isfinite(values).any() else float("nan")
+
+
+def difference(groups: list[list[Place]], ours: str, name: str, seed: int = 3) -> str:
+    """AUC of one layer less another's, with environments and places resampled."""
+    usable = [g for g in groups if np.isfinite(auc_of(g, ours)) and name in g[0]]
+    if not usable:
+        return ""
+    rng = np.random.default_rng(seed)
+    data = [(scores(g, ours), scores(g, name), column(g, "bad") > 0.0) for g in usable]
+    values = []
+    for _ in range(DRAWS):
+        one = []
+        for k in rng.integers(len(data), size=len(data)):
+            first, second, bad = data[k]
+            rows = rng.integers(len(bad), size=len(bad))
+            one.append(auc(first[rows], bad[rows]) - auc(second[rows], bad[rows]))
+        if np.isfinite(one).any():
+            values.append(np.nanmean(one))
+    low, high = np.quantile(values, (0.025, 0.975))
+    middle = np.mean([auc(a, c) - auc(b, c) for a, b, c in data])
+    return f"{middle:+.3f} ({low:+.3f} to {high:+.3f})"
+
+
+def calibration(groups: Groups, name: str) -> list[str]:
+    """How many times what is predicted the error is."""
+    cells = [name]
+    for some in groups.values():
+        places = [place for group in some for place in group]
+        ratio = column(places, "error") / column(places, name)
+        ratio = ratio[np.isfinite(ratio)]
+        if not len(ratio):
+            cells.append("")
+            continue
+        low, middle, high = np.quantile(ratio, (0.25, 0.5, 0.75))
+        cells.append(f"{middle:.2f} ({low:.2f} to {high:.2f})")
+    return cells
+
+
+def angles(groups: Groups, name: str) -> list[str]:
+    """How far the predicted weak axis is off."""
+    cells = [name]
+    for some in groups.values():
+        places = [place for group in some for place in group]
+        long = column(places, "error_major") >= 2.0 * column(places, "error_minor")
+        axis = column(places, name)
+        chosen = long & (column(places, "zone") == CORRIDOR) & np.isfinite(axis)
+        if not chosen.any():
+            cells.append("")
+            continue
+        off = np.abs((axis - column(places, "error_axis") + np.pi / 2) % np.pi - np.pi / 2)
+        cells.append(f"{np.degrees(np.median(off[chosen])):.1f} ({int(chosen.sum())})")
+    return cells

@@ -1,0 +1,149 @@
+"""The studies can be stopped, and what they compare is comparable."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import itertools
+import json
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from ambinav.drive.noise import OdometryNoise
+from benchmarks.harness import appended, in_all, kept_rows
+from benchmarks.localizers import ROBOT, between_scans
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> object:
+    """Import a script of the benchmarks as it is when it runs."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+
+    def found(name: str) -> ModuleType:
+        return importlib.import_module(name)
+
+    return found
+
+
+def test_rows_outlive_a_writer_that_was_stopped(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "rows.jsonl"
+    assert kept_rows(path) == []
+    with appended(path) as tell:
+        tell({"pair": 0})
+        tell({"pair": 1})
+    with path.open("a") as file:
+        file.write('{"pair": 2, "lo')
+    assert [row["pair"] for row in kept_rows(path)] == [0, 1]
+    with appended(path) as tell:
+        tell({"pair": 2})
+    assert [row["pair"] for row in kept_rows(path)] == [0, 1, 2]
+    assert all(row["commit"] for row in kept_rows(path))
+    assert len(path.read_text().splitlines()) == 3
+
+
+def test_one_writer_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rows.jsonl"
+    with appended(path) as tell:
+        tell({"pair": 0})
+        with pytest.raises(SystemExit) as ended, appended(path):
+            pass
+        tell({"pair": 1})
+    assert ended.value.code == 2
+    assert "another process" in capsys.readouterr().err
+    assert len(kept_rows(path)) == 2
+
+
+def test_localizers_are_compared_on_what_all_have_driven() -> None:
+    found = {
+        "product": [{"pair": k, "odometry": 0.5} for k in range(4)],
+        "kalman": [{"pair": k, "odometry": 0.5} for k in (3, 1)],
+        "amcl": [{"pair": 0, "odometry": 0.5}, {"pair": 1, "odometry": 0.5}],
+        "sum": [],
+    }
+    shared = in_all(found, ("product", "kalman"), ("pair", "odometry"))
+    told = {name: sorted(row["pair"] for row in rows) for name, rows in shared.items()}
+    assert told == {"product": [1, 3], "kalman": [1, 3], "amcl": [1], "sum": []}
+    # One that has driven nothing is not asked.
+    alone = in_all(found, ("product", "sum"), ("pair",))
+    assert len(alone["product"]) == 4
+
+
+@pytest.mark.parametrize("rate", [5.0, 10.0])
+def test_kalman_filter_is_told_how_odometry_errs_between_scans(rate: float) -> None:
+    noise = OdometryNoise(scale=0.5)
+    model = between_scans(noise, rate)
+    metres = 6.0
+    steps = round(metres * rate / ROBOT.max_speed)
+    poses = np.column_stack([np.linspace(0.0, metres, steps + 1), np.zeros((steps + 1, 2))])
+    covariance = np.zeros((1, 3, 3))
+    for before, after in itertools.pairwise(poses):
+        covariance = model.covariances(before, covariance, before, after)
+    # A Wiener process, as the head of ambinav/drive/noise.py has it.
+    rate_of = noise.scale**2 * noise.distance * metres
+    assert covariance[0, 2, 2] == pytest.approx(2.0 * noise.alpha2 * rate_of)
+    assert covariance[0, 0, 0] == pytest.approx(noise.alpha3 * rate_of)
+    across = 2.0 / 3.0 * noise.alpha2 * rate_of * metres**2
+    assert covariance[0, 1, 1] == pytest.approx(across, rel=0.02)
+
+
+def test_figures_stand_beside_those_before(script: object) -> None:
+    figures = script("figures")  # type: ignore[operator]
+    old = "\n".join(
+        [
+            "# Title", "", "- commit: 1111111aaaaa", "", "## Rates", "",
+            "| building | pairs | lost | lost |", "| --- | ---: | ---: | ---: |",
+            "| demo | 3 | 1.0 % | 2.0 % |", "| aces | 4 | 5.0 % | 6.0 % |", "",
+        ]
+    )  # fmt: skip
+    new = "\n".join(
+        [
+            "# Another title", "", "## Rates", "",
+            "| building | localizer | pairs | lost | lost |",
+            "| --- | --- | ---: | ---: | ---: |",
+            "| demo | product | 3 | 1.5 % | 2.0 % |", "| demo | kalman | 3 | 9.0 % | 9.0 % |", "",
+        ]
+    )  # fmt: skip
+    told = figures.compared(old, new)
+    assert "| demo | 3 | 1.0 % → 1.5 % | 2.0 % |" in told
+    assert "| aces | 4 → gone | 5.0 % → gone | 6.0 % → gone |" in told
+    assert figures.commit_of(old) == "1111111"
+    assert figures.compared(old, old) == "No figure of tables that are in both has changed."
+    assert figures.compared(old, "# Nothing\n").startswith("Its tables are other ones")
+
+
+def test_list_of_figures_is_whole(script: object) -> None:
+    figures = script("figures")  # type: ignore[operator]
+    plain = figures.yaml.safe_load((BENCHMARKS / "figures.yaml").read_text())
+    listed = [one["report"] for one in plain["reports"]]
+    assert len(listed) == len(set(listed))
+    assert {one.get("status", "open") for part in ("readme", "reports") for one in plain[part]} <= (
+        set(figures.STATES)
+    )
+    # Reports that came since are put beside those that are listed.
+    page = figures.page(plain)
+    for path in (BENCHMARKS / "results").glob("*.md"):
+        assert f"| `{path.name}` |" in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("localizer", ["product", "kalman"])
+def test_places_do_not_depend_on_where_a_study_was_stopped(
+    script: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, localizer: str
+) -> None:
+    truth = script("truth_case")  # type: ignore[operator]
+
+    def drive(folder: str, poses: int) -> list[dict[str, object]]:
+        words = ["demo", "laser-4m", "--localizer", localizer, "--poses", str(poses), "--runs", "2"]
+        monkeypatch.setattr("sys.argv", ["x", *words, "--folder", str(tmp_path / folder)])
+        truth.main()
+        args = argparse.Namespace(localizer=localizer, world="map", start="known", runs=2, seed=23)
+        path = truth.drives_path(tmp_path / folder, "demo", "laser-4m", args)
+        return [json.loads(line) for line in path.read_text().splitlines()]
+
+    assert len(drive("stopped", 1)) == 1
+    assert drive("stopped", 3) == drive("whole", 3)
