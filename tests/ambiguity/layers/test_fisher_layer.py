@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -217,10 +219,20 @@ def to_line(
     return float(n @ (point - start) / (n @ u))
 
 
+def to_point(pose: np.ndarray, point: np.ndarray, mx: float, my: float) -> float:
+    """Distance from a sensor at (mx, my) to a point."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return math.hypot(point[0] - pose[0] - c * mx + s * my, point[1] - pose[1] - s * mx - c * my)
+
+
 def brute_information(
     ground: Ground, pose: np.ndarray, scanner: RangeScanner, heading: float
 ) -> np.ndarray:
-    """Each beam's ray against the line that it ends on, moved a little: (3, 3)."""
+    """Each beam, moved a little: (3, 3).
+
+    A ray, and the edge of a cone, against the line that it ends on; within a cone what is nearest
+    stays the point that it is.
+    """
     env, h = ground.environment, 1e-5
     total = np.zeros((3, 3))
     for sensor, (mx, my, yaw) in zip(
@@ -237,12 +249,16 @@ def brute_information(
         x0, y0, x1, y1 = env.segments.xy[k]
         n = np.array([y0 - y1, x1 - x0]) / math.hypot(x1 - x0, y1 - y0)
         here = np.array([*pose[:2], heading])
-        line = (n, np.array([x0, y0]), mx, my, float(look) - heading)
-        g = np.array(
-            [to_line(here + d, *line) - to_line(here - d, *line) for d in h * np.eye(3)]
-        ) / (2 * h)
-        facing = abs(n @ [math.cos(float(look)), math.sin(float(look))])
-        g *= min(facing / 0.05, 1.0)  # 1 / cos b is held at 20
+        u = np.array([math.cos(float(look)), math.sin(float(look))])
+        measure: Callable[[np.ndarray], float]
+        if abs(float(look) - heading - yaw) < 0.5 * sensor.aperture - 1e-9:
+            start = np.array([pose[0] + c * mx - s * my, pose[1] + s * mx + c * my])
+            measure = partial(to_point, point=start + float(found) * u, mx=mx, my=my)
+        else:
+            line = {"n": n, "point": np.array([x0, y0]), "turn": float(look) - heading}
+            measure = partial(to_line, mx=mx, my=my, **line)
+        g = np.array([measure(here + d) - measure(here - d) for d in h * np.eye(3)]) / (2 * h)
+        g *= min(abs(n @ u) / 0.05, 1.0)  # 1 / cos b is held at 20
         total += np.outer(g, g) / (
             sensor.std_at(float(found)) ** 2 + sensor.resolution**2 / 12 + ground.map_std**2
         )
