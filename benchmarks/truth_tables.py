@@ -14,13 +14,13 @@ from ambinav.maps.zones import CORRIDOR, ZONES
 
 LAYERS = {
     "level": 1, "position_radius": 1, "major_radius": 1, "ambiguity": 1, "fisher": 1,
-    "localizability": -1,
+    "localizability": 1,
     "coastal_entropy": 1, "gfm": 1, "wall_normals": -1, "perturbation": 1, "clearance": 1,
     "aliasing": 1, "aliasing_area": 1,
 }  # fmt: skip
 """Layers, and 1 where a high value means badly localized."""
 RADIUS = "position_radius"
-METRES = (RADIUS, "major_radius", "fisher", "localizability_radius", "perturbation")
+METRES = (RADIUS, "major_radius", "fisher", "localizability", "perturbation")
 SHOWN = ("level", RADIUS, "ambiguity", "fisher", "coastal_entropy")
 """Layers shown for each environment, before them `aliasing` where the start is unknown."""
 AXES = ("direction", "fisher_direction", "localizability_direction", "perturbation_direction")
