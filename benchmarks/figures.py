@@ -1,9 +1,9 @@
 """Every published figure before and after: the README's by hand, the reports' from their tables.
 
-`figures.yaml` says what the README states, and why a report has changed. The tables of
+`figures.yaml` says what the README states, by subject, and why a report has changed. The tables of
 `results/` are compared with those of the commit that it names, cell by cell: the same heading, the
 same words in a row, the same column. A row or a column of today that names a localizer stands for
-the one without it where it is `product`.
+the one without it where it is `product`. Intervals are left out of the comparison.
 
     python benchmarks/figures.py --out docs/figures.md
 """
@@ -25,7 +25,7 @@ RESULTS = "benchmarks/results"
 STATES = {
     "measured": "measured again",
     "same": "as before",
-    "learning": "as before; left to the issue on learning",
+    "learning": "as before until the issue on learning",
     "open": "to be measured again",
     "withdrawn": "withdrawn",
     "new": "new",
@@ -33,6 +33,8 @@ STATES = {
 MAIN = "product"
 """The localizer that a report without the name of one had."""
 NUMBER = re.compile(r"\d")
+INTERVAL = re.compile(r"(?<=[\d%m]) \(-?[\d.]+ ?%? to -?[\d.]+ ?[%m]?\)")
+GONE = "gone"
 
 
 @dataclass(frozen=True)
@@ -63,37 +65,59 @@ def main() -> None:
 
 
 def page(plain: dict[str, Any]) -> str:
-    """The whole page."""
+    """The whole page: what the README states by subject, the list of reports, their tables."""
     base = plain["before"]
+    stated = [one for part in plain["readme"] for one in part["figures"]]
     parts = [f"# {plain['title']}", plain["text"].strip(), "## What the README states"]
-    header = ("what", "made by", "before", "after", "status", "cause")
-    rows = [
-        [
-            one["what"], f"`{one['command']}`", _with(one["before"], one.get("commit")),
-            _with(one.get("after", ""), one.get("after_commit")), STATES[one["status"]],
-            one.get("cause", ""),
-        ]
-        for one in plain["readme"]
-    ]  # fmt: skip
-    parts.append(table(header, rows, words=6))
+    parts.append(counted([one["status"] for one in stated]))
+    header = ("figure", "before", "now", "cause of the change", "made by")
+    for part in plain["readme"]:
+        rows = [
+            [
+                one["what"], _with(one["before"], one.get("commit")), now(one),
+                one.get("cause", ""), f"`{one['command']}`",
+            ]
+            for one in part["figures"]
+        ]  # fmt: skip
+        parts += [f"### {part['subject']}", table(header, rows, words=5)]
     parts.append("## The reports in benchmarks/results")
-    changed, rows = [], []
+    changed, rows, states = [], [], []
     listed = {one["report"] for one in plain["reports"]}
     others = sorted(path.name for path in (ROOT / RESULTS).glob("*.md") if path.name not in listed)
     for one in [*plain["reports"], *({"report": name} for name in others)]:
-        old, new = before(base, one["report"]), after(one["report"])
+        name = one["report"]
+        old, new = before(base, name), after(name)
         same = old == new
         status = one.get("status") or ("open" if same else "measured" if old else "new")
+        states.append(status)
+        link = f"[{name}](../{RESULTS}/{name})" if new else f"`{name}`"
         rows.append(
-            [f"`{one['report']}`", commit_of(old), "" if same else commit_of(new), STATES[status],
+            [link, commit_of(old), "" if same else commit_of(new), STATES[status],
              one.get("cause", "")]
         )  # fmt: skip
         if old and new and not same:
-            changed.append((one["report"], compared(old, new)))
-    parts.append(table(("report", "before at", "after at", "status", "cause"), rows, words=5))
+            changed.append((name, compared(old, new)))
+    header = ("report", "before at", "now at", "status", "cause of the change")
+    parts += [counted(states), table(header, rows, words=5)]
+    parts += ["## What has changed in the reports", plain["tables"].strip()]
     for name, tables in changed:
-        parts += [f"## {name}", tables]
+        parts += [f"<details><summary>{name}</summary>", tables, "</details>"]
     return "\n\n".join(parts) + "\n"
+
+
+def now(one: dict[str, Any]) -> str:
+    """What a figure of the README is now: the value, or why there is none."""
+    state = f"*{STATES[one['status']]}*"
+    if "after" not in one:
+        return state
+    value = _with(one["after"], one.get("after_commit"))
+    return f"{value}; {state}" if one["status"] == "withdrawn" else value
+
+
+def counted(states: list[str]) -> str:
+    """How many are in which state, in words."""
+    number = [f"{states.count(name)} {text}" for name, text in STATES.items() if name in states]
+    return f"{len(states)} in all: {', '.join(number)}."
 
 
 def _with(text: str, commit: str | None) -> str:
@@ -170,34 +194,60 @@ def words_of(one: Table, row: tuple[str, ...]) -> tuple[str, ...] | None:
 
 
 def compared(old: str, new: str) -> str:
-    """The old tables, each cell that is another one now with both values."""
+    """The old tables, without the rows and columns in which nothing has changed."""
     known: dict[tuple[Any, ...], str] = {}
     for one in tables_of(new):
         known |= keyed(one)
-    parts, shared = [], False
-    for one in tables_of(old):
-        if not keyed(one).keys() & known.keys():
-            continue
-        shared = True
-        lines = []
-        for row in one.rows:
-            words = words_of(one, row)
-            counts: dict[str, int] = {}
-            line = []
-            for at, (name, cell) in enumerate(zip(one.header, row, strict=False)):
-                number = counts.get(name, 0)
-                counts[name] = number + 1
-                now = known.get((one.heading, words, name, number))
-                if now is None and cell and at >= len(words or ()):
-                    now = "gone"
-                line.append(cell if now in (None, cell) else f"{cell} → {now}")
-            lines.append(line)
-        if any("→" in cell for line in lines for cell in line):
-            title = [f"### {one.heading}"] if one.heading else []
-            parts += [*title, table(one.header, lines, words=1)]
+    shared = [one for one in tables_of(old) if keyed(one).keys() & known.keys()]
     if not shared:
         return "Its tables are other ones now; the report holds them."
+    parts = [text for one in shared if (text := _changed(one, known))]
     return "\n\n".join(parts) or "No figure of tables that are in both has changed."
+
+
+def _changed(one: Table, known: dict[tuple[Any, ...], str]) -> str:
+    """What has changed in a table, under its heading; empty if nothing has."""
+    rows, gone = [], []
+    for row in one.rows:
+        words = words_of(one, row)
+        if words is None:
+            continue
+        counts: dict[str, int] = {}
+        pairs = []
+        for at, (name, cell) in enumerate(zip(one.header, row, strict=False)):
+            number = counts.get(name, 0)
+            counts[name] = number + 1
+            now = known.get((one.heading, words, name, number), GONE if cell else "")
+            pairs.append((plain_of(cell), plain_of(cell if at < len(words) else now)))
+        if any(text != GONE for _, text in pairs[len(words) :]):
+            rows.append((len(words), pairs))
+        else:
+            gone.append(" ".join(words))
+    lead = max((count for count, _ in rows), default=0)
+    moved = [{at for at, (was, now) in enumerate(pairs) if was != now} for _, pairs in rows]
+    columns = [at for at in range(len(one.header)) if at < lead or any(at in m for m in moved)]
+    lines = [
+        [_cell(*pairs[at]) for at in columns]
+        for (_, pairs), changes in zip(rows, moved, strict=True)
+        if changes
+    ]
+    if not lines and not gone:
+        return ""
+    parts = [f"**{one.heading}**"] if one.heading else []
+    if lines:
+        parts.append(table([one.header[at] for at in columns], lines, words=max(lead, 1)))
+    if gone:
+        parts.append(f"No longer in the report: {'; '.join(gone)}.")
+    return "\n\n".join(parts)
+
+
+def _cell(was: str, now: str) -> str:
+    return was if was == now else f"{was} → {now}"
+
+
+def plain_of(cell: str) -> str:
+    """A cell without its intervals."""
+    return INTERVAL.sub("", cell)
 
 
 if __name__ == "__main__":
