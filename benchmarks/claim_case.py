@@ -113,7 +113,7 @@ def main() -> None:
 
 def localizer(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
     """Monte Carlo localization that is told how odometry errs; else one of `LOCALIZERS`."""
-    told = {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
+    told = {key: getattr(noise.modelled, key) for key in ALPHAS if key != "alpha5"}
     if name == "amcl":
         return MclParameters.from_dict(told)
     cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
