@@ -146,14 +146,16 @@ class _Turning:
     def __init__(self, amap: AmbiguityMap) -> None:
         environment, scanner = place_and_scanner(amap, None)
         parameters = json.loads(amap.dataset.attrs["parameters"])
-        for name in ("tau", "map_std"):
+        for name in ("tau", "map_std", "beams", "beams_used"):
             if name not in parameters:
                 raise InputError(
                     f"{amap.source}: its parameters lack {name}; make the map again with "
                     "`ambinav map`."
                 )
         beams, weight = _thinned(scanner, amap.possible.shape[2])
-        self.share = 1.0 / (2.0 * float(parameters["tau"]))
+        # The map's tau is of the beams that it was made with.
+        tau = parameters["tau"] * parameters["beams"] / parameters["beams_used"]
+        self.share = 1.0 / (2.0 * tau)
         self.cast = cast_tables(environment, scanner, beams)
         noise = beam_noise(environment, scanner, float(parameters["map_std"]))
         self.noise = noise._replace(
