@@ -112,7 +112,8 @@ class Information:
             for part in parts:
                 part[:, :, k] = part[nearest]
         origin = (float(data["x"].values[0]), float(data["y"].values[0]))
-        return cls(*parts, origin, amap.spacing)
+        xx, xy, yy, xt, yt, tt, weak = parts
+        return cls(xx, xy, yy, xt, yt, tt, weak, origin, amap.spacing)
 
     @property
     def fields(self) -> tuple[NDArray[np.float32], ...]:
