@@ -15,15 +15,17 @@ that does not know its heading.
 Heading: the map keeps no moments of position and heading together, so what couples them is taken
 from the Fisher information F of the scan of all beams (Censi 2007, "On achievable accuracy for
 range-finder localization", ICRA). With c = F_pt / F_tt, metres, by which a turn looks like a shift,
-and h = F_tt / (2 tau), the whole is
+and h, what the scan tells of the heading of a robot that knows its position, the whole is
 
     [ A + h c c^T    h c ]
     [   h c^T         h  ]
 
-whose Schur complement, what is left for the position if the heading is unknown, is A again. tau of
-the map says how many beams carry one piece of evidence; the 2 is there because indistinguishability
-compares two noisy scans, so that in the limit of small offsets A, too, is half of F / tau
-(docs/model.md). Which of tensor, F and both predicts best was measured: docs/planning.md.
+whose Schur complement, what is left for the position if the heading is unknown, is A again. h is
+F_tt / (2 tau): tau of the map says how many beams carry one piece of evidence, and the 2 is there
+because indistinguishability compares two noisy scans, so that in the limit of small offsets A, too,
+is half of F / tau (docs/model.md). Where the map has `heading_radius` and `heading` (those of
+scanners that look all around), h is no more than what they tell by the formula above. Which of
+tensor, F and both predicts best was measured: docs/planning.md.
 """
 
 from __future__ import annotations
@@ -90,7 +92,8 @@ class Information:
         data = amap.dataset
         possible = amap.possible
         rows, columns, headings = possible.shape
-        layers = {name: _as_headings(amap, name) for name in LAYERS}
+        names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
+        layers = {name: _as_headings(amap, name) for name in names}
         theta = data["theta"].values.astype(np.float64) if amap.has_theta else np.zeros(1)
         turning = _Turning(amap)
         parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
@@ -104,7 +107,10 @@ class Information:
             poses = np.column_stack(
                 [data["x"].values[column], data["y"].values[row], np.full(len(row), theta[k])]
             )
-            told = _told(at, *turning.at(poses))
+            turn, shift = turning.at(poses)
+            if "heading" in at:
+                turn = np.minimum(turn, _along(at["heading"], at["heading_radius"]))
+            told = _told(at, turn, shift)
             for part, values in zip(parts, told, strict=True):
                 part[row, column, k] = values
         for k in range(headings):
@@ -133,6 +139,7 @@ class Information:
 
 
 LAYERS = ("major", "minor", "major_radius", "minor_radius", "direction")
+TURNS = ("heading", "heading_radius")
 
 
 def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
