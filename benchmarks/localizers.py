@@ -62,7 +62,7 @@ def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> Mcl
 
 def alphas_of(noise: OdometryNoise) -> dict[str, float]:
     """What a localizer is told of odometry that errs so."""
-    return {key: getattr(noise, key) * noise.scale**2 for key in ALPHAS if key != "alpha5"}
+    return {key: getattr(noise.modelled, key) for key in ALPHAS if key != "alpha5"}
 
 
 def localizer_of(

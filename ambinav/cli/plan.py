@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +14,9 @@ from ambinav.cli.planned import Asked, draw_no_way, plan_front, show_routes, wri
 from ambinav.cli.running import above_zero, check_file, check_writable, not_negative, reporting
 from ambinav.errors import InputError
 
+if TYPE_CHECKING:
+    from ambinav_planners.belief_search import BeliefModel
+
 ROUTE_FILES = (".csv", ".geojson", ".json")
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -20,6 +24,8 @@ Point = tuple[float, float]
 
 UNHEARD = {
     "--max-std": "is for the planners belief and belief-roadmap",
+    "--start-std": "is for the planners belief and belief-roadmap",
+    "--odometry-scale": "is for the planners belief and belief-roadmap",
     "--clearance-weight": "is no part of what the belief planners minimise",
     "--weights": "is for --pareto",
     "--headings": "is for spaces other than r2, where the robot faces along its way",
@@ -179,6 +185,24 @@ def plan(
             show_default="no limit",
         ),
     ] = None,
+    start_std: Annotated[
+        float | None,
+        typer.Option(
+            "--start-std",
+            metavar="M",
+            help="For belief planners: the deviation of x and of y at the start, metres.",
+            show_default="0.1",
+        ),
+    ] = None,
+    odometry_scale: Annotated[
+        float | None,
+        typer.Option(
+            "--odometry-scale",
+            help="For belief planners: the deviations of the odometry's errors by those of AMCL's "
+            "default alphas, as `odometry: scale` of a comparison.",
+            show_default="0.25",
+        ),
+    ] = None,
     improve: Annotated[
         bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
     ] = True,
@@ -230,6 +254,8 @@ def plan(
         _check_together(
             {
                 "--max-std": max_std is None or (planner or "").startswith("belief"),
+                "--start-std": start_std is None or (planner or "").startswith("belief"),
+                "--odometry-scale": odometry_scale is None or (planner or "").startswith("belief"),
                 "--clearance-weight": clearance_weight == 0.0
                 or not (planner or "").startswith("belief"),
                 "--weights": weights is None or pareto,
@@ -241,6 +267,10 @@ def plan(
             }
         )
         not_negative(weight, "--weight", "5", "a number")
+        if start_std is not None:
+            not_negative(start_std, "--start-std", "0.1", "metres")
+        if odometry_scale is not None:
+            not_negative(odometry_scale, "--odometry-scale", "0.25", "a number")
         above_zero(comfort, "--comfort", "0.5")
         not_negative(clearance_weight, "--clearance-weight", "1", "a number")
         if pareto:
@@ -251,11 +281,11 @@ def plan(
         if picture is not None:
             _check_suffix(picture, "--picture", PICTURES)
             check_file(picture)
+        from ambinav.drive.noise import OdometryNoise
         from ambinav.geometry.footprint import Footprint
         from ambinav.maps.ambiguity_map import AmbiguityMap
         from ambinav.service.service import AmbiguityService
         from ambinav_planners import NoWayError, RoutePlanner
-        from ambinav_planners.belief_search import BeliefModel
         from ambinav_planners.planning import DEFAULT_RADIUS
 
         service = AmbiguityService(
@@ -277,7 +307,8 @@ def plan(
             avoid_open=avoid_open,
             max_bad_metres=max_bad_metres,
             bad_level=bad_level,
-            belief=BeliefModel(max_std=math.inf if max_std is None else max_std),
+            belief=_belief(start_std, max_std),
+            odometry=None if odometry_scale is None else OdometryNoise(scale=odometry_scale),
         )
         first, last = (0.0, 0.0) if headings is None else map(math.radians, headings)
         here, there = (*start, first), (*goal, last)
@@ -295,6 +326,16 @@ def plan(
             where = picture or output.with_name(f"{output.stem}-no-way.png")
             draw_no_way(robot, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None
+
+
+def _belief(start_std: float | None, max_std: float | None) -> BeliefModel:
+    """What belief planners suppose of the robot, as far as options tell."""
+    from ambinav_planners.belief_search import BeliefModel
+
+    model = BeliefModel(max_std=math.inf if max_std is None else max_std)
+    if start_std is None:
+        return model
+    return replace(model, start_std=(start_std, start_std, model.start_std[2]))
 
 
 def _check_together(fits: dict[str, bool]) -> None:

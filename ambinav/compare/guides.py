@@ -88,7 +88,7 @@ def guide_of(plain: Mapping[str, Any] | str, noise: OdometryNoise) -> Guide:
         if told:
             raise InputError(f"{next(iter(told))} means nothing to the localizer {kind!r}; drop it")
         return str(kind)
-    alphas = {name: getattr(noise, name) * noise.scale**2 for name in ALPHAS if name != "alpha5"}
+    alphas = {name: getattr(noise.modelled, name) for name in ALPHAS if name != "alpha5"}
     told = {**alphas, **told}
     return making(EkfParameters)(told) if kind == "ekf" else MclParameters.from_dict(told)
 

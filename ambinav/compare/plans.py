@@ -170,6 +170,7 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
     """Plan a route; without a limit of time, so that it is the same every time."""
     _need_ompl()
     from ambinav_planners import RoutePlanner
+    from ambinav_planners.belief_search import BeliefModel
 
     common = loaded.scenario.planning
     service = AmbiguityService(
@@ -184,6 +185,8 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
         footprint=loaded.scenario.robot.radius + common.margin,
         space=common.space,
         turning_radius=common.turning_radius,
+        belief=BeliefModel(start_std=loaded.scenario.drive.start_deviations),
+        odometry=loaded.scenario.odometry,
     )
     return robot.plan(
         pair.start,

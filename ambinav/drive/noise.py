@@ -12,6 +12,9 @@ small steps, and its errors must not depend on their size: here the variances gr
 and on the spot, where all of the turn is rot2, scale^2 alpha1 |turn| angle for that alone. Driving
 straight on for L metres the heading's variance is 2 scale^2 alpha2 distance L, that of the
 position along the way scale^2 alpha3 distance L, and across it 2/3 scale^2 alpha2 distance L^3.
+
+This is the one model of how odometry errs. The belief planners predict with it; what a localizer is
+told of it are the alphas of AMCL's own model, an `OdometryModel`, which `modelled` makes of it.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
-from ambinav.localization.odometry import wrapped
+from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
 from ambinav.sensing.fields import as_number
 
@@ -104,6 +107,30 @@ class OdometryNoise:
             self.bias_distance,
             self.bias_turn,
         )
+
+    @property
+    def modelled(self) -> OdometryModel:
+        """What a localizer believes that is told the truth: AMCL's model with the same variances.
+
+        They agree for updates every `distance` metres straight on, or `angle` radians on the spot;
+        AMCL's alone depends on how often the localizer updates.
+        """
+        square = self.scale * self.scale
+        return OdometryModel(
+            alpha1=square * self.alpha1,
+            alpha2=square * self.alpha2,
+            alpha3=square * self.alpha3,
+            alpha4=square * self.alpha4,
+        )
+
+    def growth(self, distance: float) -> float:
+        """Variance a metre of the position in its worse direction, over so many metres ahead.
+
+        For planners that know of one deviation alone: straight on from a pose that is known, the
+        larger of what adds up along the way and across it, m^2 / m.
+        """
+        noise = self.packed
+        return max(noise.way_way, 2.0 / 3.0 * noise.turn_way * distance * distance)
 
     def spread(self, poses: Floats, covariances: Floats, before: Floats, after: Floats) -> Floats:
         """Covariances of dead reckoning after a motion, to first order, shape (N, 3, 3).

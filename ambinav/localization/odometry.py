@@ -12,6 +12,10 @@ With two amendments of nav2 (nav2_amcl, differential_motion_model.cpp): a motion
 centimetre has no direction, so that all of its turn is rot2; and in the variances a turn counts
 by how far it is from 0 or from half a turn, whichever is nearer, so that driving backward is as
 exact as driving forward.
+
+This is what a localizer believes of odometry, under AMCL's names for it. How the simulated robot's
+odometry truly errs, and what planners predict with, is `ambinav.drive.noise.OdometryNoise`; its
+`modelled` gives the model here of a localizer that is told the truth.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ ON_THE_SPOT = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class OdometryModel:
-    """The shares of AMCL's differential model.
+    """The shares of AMCL's differential model: what a localizer believes of odometry.
 
     Attributes:
         alpha1: Variance of a turn by the square of that turn.

@@ -46,8 +46,6 @@ class Field:
     @classmethod
     def of(cls, amap: AmbiguityMap, layer: str) -> Field:
         """Take a layer of a map; the layer's name must be one of `amap.layers`."""
-        from scipy.ndimage import distance_transform_edt
-
         data = amap.dataset[layer]
         values = data.values.astype(np.float32)
         if values.ndim == 2:
@@ -55,15 +53,8 @@ class Field:
         free = np.ascontiguousarray(amap.dataset["free"].values, dtype=np.bool_)
         possible = amap.possible if values.shape[2] > 1 else free[:, :, np.newaxis]
         filled = np.empty_like(values)
-        count = values.shape[2]
-        some = np.flatnonzero(possible.any(axis=(0, 1)))
-        for k in range(count):
-            # Of a heading that is possible nowhere the nearest one that is.
-            near = some[np.abs((some - k + count // 2) % count - count // 2).argmin()]
-            row, column = distance_transform_edt(
-                ~possible[:, :, near], return_distances=False, return_indices=True
-            )
-            filled[:, :, k] = values[row, column, near]
+        for k in range(values.shape[2]):
+            filled[:, :, k] = values[nearest_possible(possible, k)]
         origin = (float(amap.dataset["x"].values[0]), float(amap.dataset["y"].values[0]))
         return cls(filled, free, origin, amap.spacing, possible)
 
@@ -141,6 +132,30 @@ class Field:
             steering.kind, steering.kernel_radius, a, b, values, left, low, inverse, out
         )
         return out
+
+
+def nearest_possible(
+    possible: NDArray[np.bool_], heading: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
+    """Where the value of each cell at a heading is read: itself, or the nearest possible cell.
+
+    Args:
+        possible: Where a robot can stand, shape (rows, columns, headings).
+        heading: An index.
+
+    Returns:
+        Rows and columns, each of shape (rows, columns), and the heading: this one, or the nearest
+        that is possible anywhere.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    count = possible.shape[2]
+    some = np.flatnonzero(possible.any(axis=(0, 1)))
+    near = int(some[np.abs((some - heading + count // 2) % count - count // 2).argmin()])
+    row, column = distance_transform_edt(
+        ~possible[:, :, near], return_distances=False, return_indices=True
+    )
+    return row, column, near
 
 
 def _between(u: NDArray[Any], count: int) -> tuple[NDArray[np.int64], Floats]:

@@ -235,8 +235,8 @@ class NavigationParameters:
         """Parameters of the Monte Carlo localizer."""
         if self.mcl is not None:
             return self.mcl
-        odometry, square = self.odometry, self.odometry.scale**2
-        alphas = {f"alpha{k}": getattr(odometry, f"alpha{k}") * square for k in range(1, 5)}
+        modelled = self.odometry.modelled
+        alphas = {f"alpha{k}": getattr(modelled, f"alpha{k}") for k in range(1, 5)}
         return MclParameters.for_scanner(self.scanner, **alphas)
 
     def _set(self, key: str, value: object) -> None:

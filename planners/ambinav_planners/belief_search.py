@@ -4,13 +4,16 @@ Roy & Thrun (1999, "Coastal navigation with mobile robots", NIPS 12) add the unc
 more dimension of the state; Gonzalez & Stentz (2005, "Planning with uncertainty in position: an
 optimal and efficient planner", IROS; 2007, "... using high-resolution maps", ICRA) keep the
 standard deviation sigma of an isotropic position beside the cell, and need no grid over it: of
-two ways to a place, one that costs more and leaves a larger sigma can be dropped. So does this.
+two ways to a place, one that costs more and leaves a larger sigma can be dropped. So does this,
+after them.
 
-What happens to sigma is our own model. A metre of travel adds odometry^2 to its square. Every
-scan_distance metres a scan adds the map's information in its weakest direction, 1/sigma^2 grows
-by I. Spread evenly over the metres, the two make a Riccati equation for p = sigma^2,
+What happens to sigma is our own model. A metre of travel adds q to its square, what the robot's
+odometry adds in its worse direction from scan to scan (`OdometryNoise.growth`; turns on the spot
+are not counted). Every scan_distance metres a scan adds the map's information in its weakest
+direction, 1/sigma^2 grows by I. Spread evenly over the metres, the two make a Riccati equation for
+p = sigma^2,
 
-    dp/ds = q - b p^2,    q = odometry^2,    b = I / scan_distance,
+    dp/ds = q - b p^2,    q = growth(scan_distance),    b = I / scan_distance,
 
 which for constant b has the solution
 
@@ -29,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
 from ambinav.service.field import value_at
@@ -55,8 +59,8 @@ class BeliefModel:
     """How sure the robot is, and what being unsure costs.
 
     Attributes:
-        std: Standard deviation of the position at the start, metres.
-        odometry: Standard deviation that a metre of travel adds, metres per root of a metre.
+        start_std: Standard deviations of x, y (metres) and heading (radians) at the start, as
+            `ambinav.drive.drive` takes them.
         scan_distance: Metres of travel from one scan that tells something new to the next.
         weight: Extra metres that a metre at a deviation of `reference` is worth.
         reference: Metres.
@@ -67,19 +71,21 @@ class BeliefModel:
         InputError: an attribute is out of its range.
     """
 
-    std: float = 0.1
-    odometry: float = 0.1
-    scan_distance: float = 1.0
+    start_std: tuple[float, float, float] = (0.1, 0.1, 0.05)
+    scan_distance: float = 2.0
     weight: float = 5.0
     reference: float = 0.5
     max_std: float = math.inf
     max_goal_std: float = math.inf
 
     def __post_init__(self) -> None:
-        for name in ("std", "odometry", "weight"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} is {value}; give a number of at least 0.")
+        start = self.start_std
+        if len(start) != 3 or not all(math.isfinite(v) and v >= 0.0 for v in start):
+            raise InputError(
+                f"start_std is {start}; give the deviations of x, y and heading, at least 0."
+            )
+        if not (math.isfinite(self.weight) and self.weight >= 0.0):
+            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
         for name in ("scan_distance", "reference"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -87,6 +93,11 @@ class BeliefModel:
         for name in ("max_std", "max_goal_std"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}; give metres above 0, or inf.")
+
+    @property
+    def std(self) -> float:
+        """Deviation of an isotropic position at the start: the larger one, metres."""
+        return max(self.start_std[:2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +119,12 @@ class Growth:
 
     @classmethod
     def of(
-        cls, graph: MotionGraph, information: Information, model: BeliefModel, step: float = 0.5
+        cls,
+        graph: MotionGraph,
+        information: Information,
+        model: BeliefModel,
+        odometry: OdometryNoise,
+        step: float = 0.5,
     ) -> Growth:
         """Read the information in the middle of pieces of at most `step` metres.
 
@@ -123,7 +139,8 @@ class Growth:
         run_rows(
             _grow, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
             graph.poses, graph.first, graph.target, graph.length, first, information.weak,
-            *information.lattice, model.odometry**2, model.scan_distance, add, shrink, least=16,
+            *information.lattice, odometry.growth(model.scan_distance), model.scan_distance, add,
+            shrink, least=16,
         )  # fmt: skip
         return cls(first, add, shrink)
 

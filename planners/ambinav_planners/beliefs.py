@@ -16,8 +16,6 @@ from ambinav_planners.registry import Budget, Found, Planner, register
 from ambinav_planners.roadmap import grown_graph
 from ambinav_planners.roadmap_search import search_roadmap
 
-# Standard deviation of the heading at the start, radians.
-START_HEADING_STD = 0.05
 # A metre of deviation at the goal counts as so many metres at weight 1.
 METRES_PER_METRE = 10.0
 # Part of the time that goes into the roadmap; filter and search take about twice as long.
@@ -34,7 +32,7 @@ def solve_belief(problem: Problem, budget: Budget) -> Found:
     started = time.perf_counter()
     graph = lattice_of(problem.service, problem.checker).with_ends(problem.ends, problem.checker)
     model = replace(problem.belief, weight=problem.service.weight)
-    growth = Growth.of(graph, Information.of(problem.service.map), model)
+    growth = Growth.of(graph, Information.of(problem.service.map), model, problem.odometry)
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     found = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
     if found is None:
@@ -67,7 +65,7 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
         scan_distance=problem.belief.scan_distance,
     )
     belief = problem.belief
-    covariance = np.diag(np.square([belief.std, belief.std, START_HEADING_STD]))
+    covariance = np.diag(np.square(belief.start_std))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     found = search_roadmap(
         roadmap,
@@ -97,7 +95,7 @@ register(
     Planner(
         "belief",
         solve_belief,
-        "least cost over place and standard deviation (Gonzalez and Stentz 2005; Roy and Thrun)",
+        "least cost over position and its deviation (after Gonzalez and Stentz; Roy and Thrun)",
         iteration="labels",
         spaces=("r2",),
         uses_ompl=False,
@@ -108,7 +106,7 @@ register(
     Planner(
         "belief-roadmap",
         solve_belief_roadmap,
-        "the way on a PRM* that ends best localized (Prentice and Roy 2009)",
+        "the path on a PRM* that ends best localized (after Prentice and Roy 2009)",
         iteration="milestones",
         minimises_cost=False,
     )

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
@@ -16,7 +17,6 @@ from ambinav.geometry.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief_roadmap import OdometryNoise
 from ambinav_planners.belief_search import BeliefModel
 from ambinav_planners.finishing import finish, is_free, not_found
 from ambinav_planners.limit import BadStretchLimit
@@ -53,9 +53,10 @@ class RoutePlanner:
         max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
         bad_level: See there.
         belief: What the belief-aware planners suppose of the robot: its deviation at the start,
-            its scans, the limits of its deviation, and for the planner belief its odometry; the
-            weight in it is replaced by the plan's. None for the defaults.
-        odometry: The odometry's noise for the planner belief-roadmap. None for the default.
+            its scans and the limits of its deviation; the weight in it is replaced by the plan's.
+            None for the defaults.
+        odometry: How the odometry of the robot errs that will drive, for the same planners; its
+            biases are not counted. None for the default.
 
     Raises:
         InputError: a value that cannot be used.

@@ -11,13 +11,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.geometry.collision import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.steering import Steering
 from ambinav.maps.zones import OPEN
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief_roadmap import OdometryNoise
 from ambinav_planners.belief_search import BeliefModel
 from ambinav_planners.limit import BadStretchLimit
 

@@ -5,7 +5,10 @@ length, and keep for every node the one covariance of the least trace that was f
 rule of thumb: one with a larger trace can be the better one to go on with. Here the length
 counts too, and every way to a node is gone on with unless a shorter one has left a covariance that
 is no larger: by the measure alone, or exactly, in every direction (the Loewner order, which the
-filter preserves, so that nothing is lost).
+filter preserves, so that nothing is lost). In r2 two paths come to a node with different headings,
+and turn differently to go on; the one that is dropped must then be no smaller than the other after
+a turn to its heading. A turn by way of a third heading adds no less in any direction than the short
+way round does, so that is enough.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
-from ambinav_planners.belief_roadmap import BeliefRoadmap
+from ambinav_planners.belief_roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.labels import (
     Way,
     check_node,
@@ -131,8 +134,9 @@ def search_roadmap(
     turned_round = reversed_graph(graph.first, graph.target)
     floor = weight * _least_ending(*turned_round, *blocks, weak, start, goal)
     motions, cost, labels = _search(
-        graph.first, graph.target, graph.length, *blocks, first, float(weight), weak, max_std,
-        max_goal_std,        1.0 + tolerance, exact, ahead, floor, start, goal,
+        graph.first, graph.target, graph.length, *blocks, roadmap.heading, roadmap.odometry, first,
+        float(weight), weak, max_std, max_goal_std, 1.0 + tolerance, exact, ahead, floor, start,
+        goal,
     )  # fmt: skip
     if labels < 0:
         return None
@@ -230,15 +234,32 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
 
 
 @kernel
-def _covered(last, before, covariance, found, margin, weak, exact):
-    """Whether one of the labels of a node, from the last one back, leaves no more."""
+def _turned(covariance, last, to, heading, odometry):
+    """A covariance after the turn from motion `last` (-1: none) to motion `to`."""
+    out = covariance.copy()
+    if last >= 0:
+        turn_on_the_spot(out, heading[last], heading[to], odometry)
+    return out
+
+
+@kernel
+def _covered(
+    last, before, covariance, motion, found, at, heading, odometry, margin, weak, exact
+):  # fmt: skip
+    """Whether one of the labels of a node, from the last one back, leaves no more than `found`.
+
+    The covariance `found` is after motion `at`; -1: at the start.
+    """
     if not exact:  # the last one has the lowest deviation
         if last < 0:
             return False
         return _deviation(covariance[last], weak) <= math.sqrt(margin) * _deviation(found, weak)
     label = last
     while label >= 0:
-        if no_larger(covariance[label], found, margin):
+        one = covariance[label]
+        if at >= 0:
+            one = _turned(one, motion[label], at, heading, odometry)
+        if no_larger(one, found, margin):
             return True
         label = before[label]
     return False
@@ -246,9 +267,8 @@ def _covered(last, before, covariance, found, margin, weak, exact):
 
 @kernel
 def _search(
-    first, target, length, carry, noise, seen, covariance, weight, weak, most, most_at_goal,
-    margin,
-    exact, ahead, floor, start, goal,
+    first, target, length, carry, noise, seen, heading, odometry, covariance, weight, weak, most,
+    most_at_goal, margin, exact, ahead, floor, start, goal,
 ):  # fmt: skip
     """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
     nodes = first.size - 1
@@ -271,7 +291,20 @@ def _search(
         drop_first(keys, items, size)
         size -= 1
         node = at[label]
-        if _covered(newest[node], before, found, found[label], margin, weak, exact):
+        last = motion[label]
+        if _covered(
+            newest[node],
+            before,
+            found,
+            motion,
+            found[label],
+            last,
+            heading,
+            odometry,
+            margin,
+            weak,
+            exact,
+        ):
             continue
         before[label], newest[node] = newest[node], label
         taken += 1
@@ -285,10 +318,23 @@ def _search(
             total = gone[label] + length[e]
             if total + ahead[to] + floor >= best:
                 continue
-            ending = carried(carry[e], noise[e], seen[e], found[label])
+            ready = _turned(found[label], last, e, heading, odometry)
+            ending = carried(carry[e], noise[e], seen[e], ready)
             if _deviation(ending, weak) > most:
                 continue
-            if _covered(newest[to], before, found, ending, margin, weak, exact):
+            if _covered(
+                newest[to],
+                before,
+                found,
+                motion,
+                ending,
+                e,
+                heading,
+                odometry,
+                margin,
+                weak,
+                exact,
+            ):
                 continue
             if count == at.size:
                 at, parent, motion = grown(at), grown(parent), grown(motion)

@@ -18,6 +18,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav.maps.zones import NOT_FREE
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
 
 SPACING = 0.1
 HALL_RIM = 2.0
@@ -114,13 +116,30 @@ def dataset(headings: int = 0) -> xr.Dataset:
         "environment_sha256": "0" * 64,
         "environment_notes": json.dumps(["one ring was not closed"]),
         "scanner": "made-up scanner",
-        "scanner_yaml": "name: made-up scanner\n",
-        "parameters": json.dumps({"spacing": SPACING, "radius": 0.5, "headings": headings or None}),
+        "scanner_yaml": scanner(headings).to_yaml(),
+        "parameters": json.dumps(
+            {
+                "spacing": SPACING,
+                "radius": 0.5,
+                "headings": headings or None,
+                "tau": 2.0,
+                "map_std": 0.02,
+                "beams": 60,
+                "beams_used": 60,
+            }
+        ),
         "ambinav_version": "0",
         "created": "2026-01-01T00:00:00Z",
         "versions": json.dumps({"numpy": np.__version__}),
     }
     return out
+
+
+def scanner(headings: int = 0) -> RangeScanner:
+    """What the map is said to be for: a laser of 4 m, all around or, with headings, ahead."""
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
+    aperture = math.pi if headings else 2.0 * math.pi
+    return RangeScanner.planar(sensor=sensor, beams=60, aperture=aperture, name="made-up scanner")
 
 
 def _distance(

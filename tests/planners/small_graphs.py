@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.geometry.steering import Steering
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.information import Information
@@ -61,22 +62,50 @@ def simple_ways(graph: MotionGraph, start: int, goal: int) -> Iterator[list[int]
     yield from go(start, frozenset([start]), [])
 
 
+def odometry(
+    along: float = 0.0, drift: float = 0.0, turn: float = 0.0, slip: float = 0.0
+) -> OdometryNoise:
+    """Odometry by what it adds to the deviations: along the way and of the heading per root of a
+    metre, of the heading and of the position (slip) per root of a radian turned."""
+    alphas = {
+        "alpha1": turn**2, "alpha2": drift**2 / 2.0, "alpha3": along**2, "alpha4": slip**2
+    }  # fmt: skip
+    return OdometryNoise(**alphas, scale=1.0, distance=1.0, angle=1.0)
+
+
+def information_of(told: NDArray[np.float64], spacing: float) -> Information:
+    """Information matrices, shape (rows, columns, 3, 3), of a map without headings."""
+    position = told[..., :2, :2] - _shadow(told)
+    parts = [told[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
+    parts.append(np.linalg.eigvalsh(position)[..., 0].clip(0.0))
+    fields = [np.ascontiguousarray(v[..., np.newaxis], dtype=np.float32) for v in parts]
+    return Information(*fields, (0.0, 0.0), spacing)
+
+
+def _shadow(told: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What of the information about the position is lost if the heading is unknown."""
+    shift, turn = told[..., :2, 2], told[..., 2, 2][..., np.newaxis, np.newaxis]
+    both = shift[..., :, np.newaxis] * shift[..., np.newaxis, :]
+    return np.divide(both, turn, out=np.zeros_like(both), where=turn > 0.0)
+
+
 def random_information(rng: np.random.Generator, most: float = 50.0) -> Information:
     """Positive semidefinite information over a square of 4 m, nothing in places."""
-    root = rng.normal(size=(9, 9, 1, 2, 2)) * (rng.random((9, 9, 1, 1, 1)) < 0.6)
-    told = root @ root.transpose(0, 1, 2, 4, 3)
-    told *= most / max(float(told.max()), 1e-9)
-    layers = (told[..., 0, 0], told[..., 0, 1], told[..., 1, 1], rng.uniform(0, most, (9, 9, 1)))
-    weak = np.linalg.eigvalsh(told)[..., 0].clip(0.0)
-    parts = [np.ascontiguousarray(v, dtype=np.float32) for v in (*layers, weak)]
-    return Information(*parts, (0.0, 0.0), 0.5)
+    root = rng.normal(size=(9, 9, 3, 3)) * (rng.random((9, 9, 1, 1)) < 0.6)
+    told = root @ root.transpose(0, 1, 3, 2)
+    return information_of(told * most / max(float(told.max()), 1e-9), 0.5)
 
 
 def even_information(told: float) -> Information:
     """The same in every direction and place, nothing about the heading."""
-    plane = np.full((2, 2, 1), told, dtype=np.float32)
-    none = np.zeros_like(plane)
-    return Information(plane, none, plane, none, plane, (0.0, 0.0), 1.0)
+    return information_of(np.broadcast_to(np.diag([told, told, 0.0]), (2, 2, 3, 3)), 1.0)
+
+
+def landmarks(told: float) -> Information:
+    """Over 4 m x 2 m: as much in every direction above y = 0.75, nothing below."""
+    out = np.zeros((9, 17, 3, 3))
+    out[3:, :, 0, 0] = out[3:, :, 1, 1] = told
+    return information_of(out, 0.25)
 
 
 def ways_up_to(graph: MotionGraph, start: int, goal: int, longest: float) -> Iterator[list[int]]:

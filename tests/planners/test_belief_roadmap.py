@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.geometry.steering import Steering
-from ambinav_planners.belief_roadmap import BeliefRoadmap, OdometryNoise
+from ambinav_planners.belief_roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.graph import MotionGraph
 from ambinav_planners.information import Information
 from ambinav_planners.roadmap_search import deviation, search_roadmap
@@ -23,13 +24,15 @@ from tests.planners.small_graphs import (
     even_information,
     graph_of,
     graphs,
+    landmarks,
+    odometry,
     random_information,
     ways_up_to,
 )
 
 Matrix = NDArray[np.float64]
 Step = tuple[Matrix, Matrix, Matrix]
-NOISE = OdometryNoise(along=0.1, across=0.05, drift=0.08, turn=0.1)
+NOISE = odometry(along=0.1, drift=0.08, turn=0.1, slip=0.05)
 START = np.diag([0.1, 0.2, 0.1]) ** 2
 
 
@@ -136,8 +139,11 @@ def steps_along(
     for before, after in itertools.pairwise(poses):
         dx, dy, turn = after - before
         turn = abs((turn + np.pi) % (2 * np.pi) - np.pi)
-        heading = noise.drift**2 * ds + noise.turn**2 * turn
-        local = np.diag([noise.along**2 * ds, noise.across**2 * ds + heading * ds**2 / 3, heading])
+        # By the definition of the alphas: every variance grows with metres or with radians.
+        per = noise.scale**2 * np.array([noise.distance, noise.angle])
+        heading = 2 * noise.alpha2 * per[0] * ds + noise.alpha1 * per[1] * turn
+        along = noise.alpha3 * per[0] * ds + noise.alpha4 * per[1] * turn
+        local = np.diag([along, heading * ds**2 / 3, heading])
         local[1, 2] = local[2, 1] = heading * ds / 2
         travel = math.atan2(dy, dx)
         c, s = math.cos(travel), math.sin(travel)
@@ -182,21 +188,101 @@ def test_the_cut_of_a_straight_line_does_not_matter() -> None:
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-12, atol=1e-15)
 
 
-def test_noise_is_that_of_a_simulated_odometry() -> None:
-    """20 000 robots that drive 2 m straight on with white errors, in steps of 2 cm."""
+@pytest.mark.parametrize("space", ["r2", "dubins"])
+def test_prediction_is_the_spread_of_simulated_robots(space: str) -> None:
+    """20 000 robots with the simulated odometry, which know nothing but where they start."""
+    noise = OdometryNoise(scale=0.3)
+    steering = Steering(space, 0.5 if space == "dubins" else 0.0)
+    corners = np.array([[0, 0, 0], [1.5, 0, 0.8], [1.5, 1.5, 2.0]], dtype=float)
+    graph = graph_of(corners, [(0, 1), (1, 2)], steering)
+    motions = np.array([int(np.flatnonzero((graph.source == a) & (graph.target == a + 1))[0])
+                        for a in range(2)])  # fmt: skip
+    roadmap = BeliefRoadmap.of(graph, even_information(0.0), noise, step=0.05)
+    found = roadmap.along(motions, np.zeros((3, 3)))[-1]
+    truth = small_steps(steering, corners)
+    ends = dead_reckoned(truth, noise, 20_000)
+    np.testing.assert_allclose(found, np.cov((ends - truth[-1]).T), rtol=0.08, atol=8e-4)
+
+
+def small_steps(steering: Steering, corners: Matrix) -> Matrix:
+    """Poses along a route some millimetres apart; in r2 with the turns on the spot."""
+    if steering.space != "r2":
+        dense, _, _ = steering.dense(corners, 0.01)
+        dense[:, 2] = np.unwrap(dense[:, 2])
+        return dense[np.concatenate([[True], np.abs(np.diff(dense, axis=0)).max(axis=1) > 0])]
+    share = np.linspace(0.0, 1.0, 100)[1:, np.newaxis]
+    poses = [np.zeros((1, 3))]
+    for a, b in itertools.pairwise(corners):
+        heading = math.atan2(*(b - a)[1::-1])
+        here = poses[-1][-1]
+        for there in (np.array([*a[:2], heading]), np.array([*b[:2], heading])):
+            poses.append(here + share * (there - here))
+            here = there
+    return np.vstack(poses)
+
+
+def dead_reckoned(truth: Matrix, noise: OdometryNoise, count: int) -> Matrix:
+    """Where so many robots believe they end that go by odometry alone, shape (count, 3).
+
+    Written from the definition: the variances of both turns and of the distance.
+    """
     rng = np.random.default_rng(0)
-    pose, ds = np.zeros((20_000, 3)), 0.02
-    for _ in range(100):
-        forward = ds + NOISE.along * math.sqrt(ds) * rng.normal(size=len(pose))
-        side = NOISE.across * math.sqrt(ds) * rng.normal(size=len(pose))
-        pose[:, 2] += NOISE.drift * math.sqrt(ds) * rng.normal(size=len(pose))
-        c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-        pose[:, 0] += c * forward - s * side
-        pose[:, 1] += s * forward + c * side
-    graph = chain(np.array([0.0, 2.0]))
-    roadmap = BeliefRoadmap.of(graph, even_information(0.0), NOISE)
-    found = roadmap.along(np.array([0]), np.zeros((3, 3)))[1]
-    np.testing.assert_allclose(found, np.cov(pose.T), rtol=0.05, atol=2e-4)
+    at = np.tile(truth[0], (count, 1))
+    square = noise.scale**2
+    for before, after in itertools.pairwise(truth):
+        way = float(np.hypot(*(after - before)[:2]))
+        turn = float(after[2] - before[2])
+        turning = square * noise.alpha1 * noise.angle * abs(turn)
+        going = square * noise.alpha2 * noise.distance * way
+        along = square * (
+            noise.alpha3 * noise.distance * way + noise.alpha4 * noise.angle * abs(turn)
+        )
+        half = 0.5 if way > 0 else 0.0
+        first = math.sqrt(turning * half + going) * rng.normal(size=count)
+        second = math.sqrt(turning * (1 - half) + going) * rng.normal(size=count)
+        gone = way + math.sqrt(along) * rng.normal(size=count)
+        ahead = math.atan2(after[1] - before[1], after[0] - before[0]) if way > 0 else before[2]
+        heading = at[:, 2] + (ahead - before[2]) + first
+        at[:, 0] += gone * np.cos(heading)
+        at[:, 1] += gone * np.sin(heading)
+        at[:, 2] += turn + first + second
+    return at
+
+
+@settings(max_examples=300, deadline=None)
+@given(a=st.floats(-7, 7), b=st.floats(-7, 7), c=st.floats(-7, 7))
+def test_a_turn_by_way_of_another_heading_adds_no_less(a: float, b: float, c: float) -> None:
+    """What the exact search relies on when it drops a path."""
+    straight, round_about = np.zeros((3, 3)), np.zeros((3, 3))
+    turn_on_the_spot(straight, a, c, NOISE.packed)
+    turn_on_the_spot(round_about, a, b, NOISE.packed)
+    turn_on_the_spot(round_about, b, c, NOISE.packed)
+    assert np.linalg.eigvalsh(straight).min() >= -1e-12
+    assert np.linalg.eigvalsh(round_about - straight).min() >= -1e-12
+
+
+def test_corners_add_what_a_turn_on_the_spot_adds() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0]], dtype=float)
+    line = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]], dtype=float)
+    noise = odometry(turn=0.3)
+    ends = []
+    for poses in (square, line):
+        graph = graph_of(poses, [(0, 1), (1, 2)])
+        roadmap = BeliefRoadmap.of(graph, even_information(0.0), noise)
+        there = np.flatnonzero(graph.target > graph.source)
+        ends.append(roadmap.along(there, np.zeros((3, 3)))[-1])
+    assert ends[0][2, 2] == pytest.approx(0.09 * math.pi / 2)
+    np.testing.assert_array_equal(ends[1], 0.0)
+
+
+def test_another_odometry_is_another_prediction() -> None:
+    graph = chain(np.array([0.0, 2.0, 4.0]))
+    there = np.flatnonzero(graph.target > graph.source)
+    ends = []
+    for noise in (OdometryNoise(scale=0.1), OdometryNoise(scale=0.4)):
+        roadmap = BeliefRoadmap.of(graph, even_information(4.0), noise)
+        ends.append(deviation(roadmap.along(there, START)[-1]))
+    assert ends[1] > 1.3 * ends[0]
 
 
 def best_of_all(
@@ -248,10 +334,7 @@ def test_best_of_all_ways(
 def test_it_goes_by_the_landmarks_if_that_is_worth_it() -> None:
     poses = np.array([[0, 0, 0], [4, 0, 0], [0, 1, 0], [4, 1, 0]], dtype=float)
     graph = graph_of(poses, [(0, 1), (0, 2), (2, 3), (3, 1)])
-    plane = np.zeros((9, 17, 1), dtype=np.float32)
-    plane[3:] = 100.0
-    none = np.zeros_like(plane)
-    information = Information(plane, none, plane, none, plane, (0.0, 0.0), 0.25)
+    information = landmarks(100.0)
     roadmap = BeliefRoadmap.of(graph, information, NOISE)
     for weight, exact, nodes in ((0.0, True, [0, 1]), (50.0, True, None), (50.0, False, None)):
         found = search_roadmap(roadmap, 0, 1, START, weight=weight, exact=exact)
@@ -283,7 +366,5 @@ def test_bad_input() -> None:
         search_roadmap(roadmap, 0, 1, np.triu(np.ones((3, 3))))
     with pytest.raises(InputError, match="3 x 3"):
         search_roadmap(roadmap, 0, 1, np.eye(2))
-    with pytest.raises(InputError, match="turn is -1"):
-        OdometryNoise(turn=-1.0)
     with pytest.raises(InputError, match="scan_distance is 0"):
         BeliefRoadmap.of(graph, even_information(1.0), NOISE, scan_distance=0.0)

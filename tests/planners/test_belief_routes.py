@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,13 +14,14 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import LOCALIZABLE
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
-from ambinav_planners.belief_roadmap import OdometryNoise
 from ambinav_planners.belief_search import BeliefModel
 from ambinav_planners.limit import longest_bad
 from tests.maps import synthetic
+from tests.planners.small_graphs import odometry
 
 START, GOAL = (17.0, 5.0), (25.0, 5.0)
-UNSURE = BeliefModel(std=0.05, odometry=0.2)
+UNSURE = BeliefModel(start_std=(0.05, 0.05, 0.05), scan_distance=1.0)
+ODOMETRY = odometry(along=0.2, drift=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +52,7 @@ def test_a_limit_on_bad_metres_in_a_row_is_kept(service: AmbiguityService) -> No
 
 
 def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
-    robot = RoutePlanner(service, belief=UNSURE)
+    robot = RoutePlanner(service, belief=UNSURE, odometry=ODOMETRY)
     straight = robot.plan(START, GOAL, planner_name="belief", weight=0.0)
     route = robot.plan(START, GOAL, planner_name="belief", weight=5.0)
     assert straight.length == pytest.approx(8.0, rel=1e-3)
@@ -61,13 +63,13 @@ def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
     assert route.covariances[0, 0, 0] == pytest.approx(0.05**2)
     np.testing.assert_array_equal(route.covariances[:, 0, 0], route.covariances[:, 1, 1])
     np.testing.assert_array_equal(route.covariances[:, 2], 0.0)
-    timid = RoutePlanner(service, belief=BeliefModel(std=0.05, odometry=0.2, max_std=0.06))
+    timid = RoutePlanner(service, belief=replace(UNSURE, max_std=0.06), odometry=ODOMETRY)
     with pytest.raises(InputError, match=re.escape("keeps the standard deviation up to 0.06 m")):
         timid.plan(START, GOAL, planner_name="belief")
 
 
 def test_belief_roadmap_ends_well_known(service: AmbiguityService) -> None:
-    robot = RoutePlanner(service, belief=UNSURE, odometry=OdometryNoise(along=0.2, across=0.2))
+    robot = RoutePlanner(service, belief=UNSURE, odometry=ODOMETRY)
     ends = []
     for weight in (0.0, 8.0):
         route = robot.plan(

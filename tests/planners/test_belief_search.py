@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav_planners.belief_search import BeliefModel, Growth, belief_search, std_along
 from ambinav_planners.graph import MotionGraph
@@ -20,11 +23,14 @@ from tests.planners.small_graphs import (
     even_information,
     graph_of,
     graphs,
+    landmarks,
+    odometry,
     random_information,
     ways_up_to,
 )
 
-UNSURE = BeliefModel(std=0.2, odometry=0.2, scan_distance=0.5, weight=2.0, reference=0.5)
+UNSURE = BeliefModel(start_std=(0.2, 0.2, 0.0), scan_distance=0.5, weight=2.0, reference=0.5)
+DRIFT = odometry(along=0.2)
 
 
 def priced(
@@ -57,7 +63,7 @@ def test_least_cost_of_all_ways(
 ) -> None:
     information = random_information(np.random.default_rng(seed))
     model = replace(UNSURE, max_std=max_std, max_goal_std=max_goal_std)
-    growth = Growth.of(graph, information, model)
+    growth = Growth.of(graph, information, model, DRIFT)
     goal = len(graph.poses) - 1
     longest = 6.0
     least = math.inf
@@ -85,9 +91,9 @@ def test_least_cost_of_all_ways(
 def test_without_growth_and_scans_it_is_the_shortest_way(
     graph: MotionGraph, seed: int, std: float
 ) -> None:
-    model = replace(UNSURE, odometry=0.0, std=std)
+    model = replace(UNSURE, start_std=(std, std, 0.0))
     told = even_information(0.0) if std else random_information(np.random.default_rng(seed))
-    growth = Growth.of(graph, told, model)
+    growth = Growth.of(graph, told, model, odometry())
     goal = len(graph.poses) - 1
     found = belief_search(graph, growth, model, 0, goal)
     nodes = graph.cheapest(0, goal, 0.0)
@@ -100,22 +106,22 @@ def test_without_growth_and_scans_it_is_the_shortest_way(
 def test_growth_without_scans_is_a_root() -> None:
     x = np.array([0.0, 0.1, 1.0, 4.0])
     graph = chain(x)
-    growth = Growth.of(graph, even_information(0.0), UNSURE)
+    growth = Growth.of(graph, even_information(0.0), UNSURE, DRIFT)
     found = belief_search(graph, growth, UNSURE, 0, 3)
     assert found is not None
     np.testing.assert_allclose(found.std, np.sqrt(0.04 + 0.04 * x), rtol=1e-9)
 
 
-@pytest.mark.parametrize("odometry", [0.0, 0.2])
-def test_scans_against_the_differential_equation(odometry: float) -> None:
+@pytest.mark.parametrize("along", [0.0, 0.2])
+def test_scans_against_the_differential_equation(along: float) -> None:
     """Deviation and cost against a solver, over 3 m with 8 per square metre and scan."""
-    model = replace(UNSURE, odometry=odometry)
     graph = chain(np.array([0.0, 3.0]))
-    found = belief_search(graph, Growth.of(graph, even_information(8.0), model), model, 0, 1)
+    growth = Growth.of(graph, even_information(8.0), UNSURE, odometry(along=along))
+    found = belief_search(graph, growth, UNSURE, 0, 1)
 
     def slope(_: float, state: np.ndarray) -> list[float]:
         p = state[0]
-        return [odometry**2 - 8.0 / 0.5 * p * p, 1.0 + 2.0 * math.sqrt(p) / 0.5]
+        return [along**2 - 8.0 / 0.5 * p * p, 1.0 + 2.0 * math.sqrt(p) / 0.5]
 
     solved = solve_ivp(slope, (0.0, 3.0), [0.04, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
     assert found is not None
@@ -127,7 +133,7 @@ def test_the_cut_into_motions_does_not_matter() -> None:
     ends = []
     for count in (2, 5, 40):
         graph = chain(np.linspace(0.0, 3.0, count))
-        growth = Growth.of(graph, even_information(5.0), UNSURE, step=0.7)
+        growth = Growth.of(graph, even_information(5.0), UNSURE, DRIFT, step=0.7)
         forwards = np.flatnonzero(graph.target > graph.source)
         ends.append(std_along(growth, forwards, 0.5)[-1])
     np.testing.assert_allclose(ends, ends[0], rtol=1e-12)
@@ -137,10 +143,10 @@ def test_rate_is_the_limit_of_scans_one_by_one() -> None:
     """A Kalman filter that grows and updates every scan_distance, for scans that tell little."""
     model = replace(UNSURE, scan_distance=0.05)
     graph = chain(np.array([0.0, 4.0]))
-    growth = Growth.of(graph, even_information(0.5), model)
+    growth = Growth.of(graph, even_information(0.5), model, DRIFT)
     p = model.std**2
     for _ in range(80):
-        p += model.odometry**2 * 0.05
+        p += 0.2**2 * 0.05
         p = 1.0 / (1.0 / p + 0.5)
     assert std_along(growth, np.array([0]), model.std)[-1] == pytest.approx(math.sqrt(p), rel=0.02)
 
@@ -149,17 +155,16 @@ def two_ways() -> tuple[MotionGraph, Information]:
     """4 m straight on where nothing tells, or 6 m along landmarks above y = 0.75."""
     poses = np.array([[0, 0, 0], [4, 0, 0], [0, 1, 0], [4, 1, 0]], dtype=float)
     graph = graph_of(poses, [(0, 1), (0, 2), (2, 3), (3, 1)])
-    plane = np.zeros((9, 17, 1), dtype=np.float32)
-    plane[3:] = 100.0
-    none = np.zeros_like(plane)
-    return graph, Information(plane, none, plane, none, plane, (0.0, 0.0), 0.25)
+    return graph, landmarks(100.0)
 
 
 def test_the_way_by_the_landmarks() -> None:
     graph, information = two_ways()
     for weight, nodes in ((0.0, [0, 1]), (5.0, [0, 2, 3, 1])):
-        model = BeliefModel(std=0.2, odometry=0.3, weight=weight, reference=0.3)
-        growth = Growth.of(graph, information, model)
+        model = BeliefModel(
+            start_std=(0.2, 0.2, 0.0), scan_distance=1.0, weight=weight, reference=0.3
+        )
+        growth = Growth.of(graph, information, model, odometry(along=0.3))
         found = belief_search(graph, growth, model, 0, 1)
         assert found is not None
         assert found.way.nodes.tolist() == nodes
@@ -169,8 +174,8 @@ def test_the_way_by_the_landmarks() -> None:
 @pytest.mark.parametrize("limit", ["max_std", "max_goal_std"])
 def test_limits_force_the_way_by_the_landmarks(limit: str) -> None:
     graph, information = two_ways()
-    model = BeliefModel(std=0.2, odometry=0.3, weight=0.0)
-    growth = Growth.of(graph, information, model)
+    model = BeliefModel(start_std=(0.2, 0.2, 0.0), scan_distance=1.0, weight=0.0)
+    growth = Growth.of(graph, information, model, odometry(along=0.3))
     found = belief_search(graph, growth, replace(model, **{limit: 0.4}), 0, 1)
     assert found is not None
     assert found.way.nodes.tolist()[-2:] == [3, 1]
@@ -181,10 +186,31 @@ def test_limits_force_the_way_by_the_landmarks(limit: str) -> None:
     assert belief_search(graph, growth, replace(model, **{limit: 0.1}), 0, 1) is None
 
 
+def test_growth_is_what_dead_reckoning_adds_from_scan_to_scan() -> None:
+    """The covariance of driving straight on in many small steps, divided by the distance."""
+    for noise in (OdometryNoise(), OdometryNoise(alpha2=2.0, scale=0.5)):
+        poses = np.zeros((2001, 3))
+        poses[:, 0] = np.linspace(0.0, 2.0, len(poses))
+        covariance = np.zeros((1, 3, 3))
+        for before, after in itertools.pairwise(poses):
+            covariance = noise.spread(before[None], covariance, before[None], after[None])
+        worse = float(np.linalg.eigvalsh(covariance[0, :2, :2])[1])
+        assert noise.growth(2.0) == pytest.approx(worse / 2.0, rel=1e-3)
+
+
+def test_another_odometry_is_another_prediction() -> None:
+    graph = chain(np.array([0.0, 4.0]))
+    ends = []
+    for noise in (OdometryNoise(scale=0.1), OdometryNoise(scale=0.5)):
+        growth = Growth.of(graph, even_information(8.0), UNSURE, noise)
+        ends.append(std_along(growth, np.array([0]), 0.2)[-1])
+    assert ends[1] > 1.5 * ends[0]
+
+
 @settings(max_examples=30, deadline=None)
 @given(graph=graphs(14), seed=st.integers(0, 2**32 - 1))
 def test_tolerance_costs_little(graph: MotionGraph, seed: int) -> None:
-    growth = Growth.of(graph, random_information(np.random.default_rng(seed)), UNSURE)
+    growth = Growth.of(graph, random_information(np.random.default_rng(seed)), UNSURE, DRIFT)
     goal = len(graph.poses) - 1
     exact = belief_search(graph, growth, UNSURE, 0, goal)
     quick = belief_search(graph, growth, UNSURE, 0, goal, tolerance=0.02)
@@ -195,20 +221,21 @@ def test_tolerance_costs_little(graph: MotionGraph, seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("std", -1.0), ("odometry", math.nan), ("weight", -0.1), ("scan_distance", 0.0),
+    [("start_std", (0.1, -1.0, 0.1)), ("start_std", (0.1, 0.1)),
+     ("start_std", (0.1, 0.1, math.nan)), ("weight", -0.1), ("scan_distance", 0.0),
      ("reference", 0.0), ("max_std", 0.0), ("max_goal_std", -1.0)],
 )  # fmt: skip
-def test_bad_model(name: str, value: float) -> None:
+def test_bad_model(name: str, value: Any) -> None:
     with pytest.raises(InputError, match=f"{name} is"):
         BeliefModel(**{name: value})
 
 
 def test_bad_input() -> None:
     graph = chain(np.array([0.0, 1.0]))
-    growth = Growth.of(graph, even_information(1.0), UNSURE)
+    growth = Growth.of(graph, even_information(1.0), UNSURE, DRIFT)
     with pytest.raises(InputError, match="tolerance is -1"):
         belief_search(graph, growth, UNSURE, 0, 1, tolerance=-1.0)
     with pytest.raises(InputError, match="start is node -1"):
         belief_search(graph, growth, UNSURE, -1, 1)
     with pytest.raises(InputError, match="step is 0"):
-        Growth.of(graph, even_information(1.0), UNSURE, step=0.0)
+        Growth.of(graph, even_information(1.0), UNSURE, DRIFT, step=0.0)

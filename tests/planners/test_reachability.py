@@ -88,7 +88,7 @@ def test_a_footprint_beyond_a_wall_is_no_start() -> None:
 def test_limits_of_the_deviation_hold_for_both_belief_planners() -> None:
     service = building(1.0).service
     for name in ("belief", "belief-roadmap"):
-        sure = BeliefModel(std=0.1, max_std=0.13)
+        sure = BeliefModel(start_std=(0.1, 0.1, 0.05), max_std=0.13)
         route = RoutePlanner(service, belief=sure).plan((1, 2), (3, 2), planner_name=name)
         assert route.covariances is not None
         assert np.sqrt(np.linalg.eigvalsh(route.covariances[:, :2, :2])[:, -1]).max() <= 0.13
