@@ -21,6 +21,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, MclParameters
+from ambinav.localization.scanner_settings import CONE_PRODUCT, CONE_RAYS, has_cones
 from ambinav.sensing.scanner import RangeScanner
 
 ROBOT = Robot(radius=0.105)
@@ -34,26 +35,17 @@ WHAT = {
     "kalman": "extended Kalman filter on the ranges, every scan taken in",
 }
 FIELD = {"importance_factor": 0.3, "sigma_hit": 0.1}
-RAYS = {
-    "z_hit": 0.7, "z_max": 0.2, "z_short": 0.05, "z_rand": 0.05, "beam_table_resolution": 0.1,
-}  # fmt: skip
 FIELD_PRODUCT = {**FIELD, "laser_model_type": "likelihood_field_prob"}
 FIELD_SUM = {**FIELD, "laser_model_type": "likelihood_field"}
-RAY_PRODUCT = {**RAYS, **FIELD, "laser_model_type": "beam_prob"}
-RAY_SUM = {**RAYS, "laser_model_type": "beam"}
-
-
-def has_cones(scanner: RangeScanner) -> bool:
-    """Whether any sensor of the scanner is a cone."""
-    return any(sensor.aperture > 0.0 for sensor in scanner.sensors)
+RAY_SUM = {**CONE_RAYS, "laser_model_type": "beam"}
 
 
 def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> MclParameters:
     """Those of the Monte Carlo localizers among `LOCALIZERS`."""
     cones = has_cones(scanner)
     chosen = {
-        "product": RAY_PRODUCT if cones else FIELD_PRODUCT,
-        "rays": RAY_PRODUCT,
+        "product": CONE_PRODUCT if cones else FIELD_PRODUCT,
+        "rays": CONE_PRODUCT,
         "sum": RAY_SUM if cones else FIELD_SUM,
         "amcl": {},
     }[name]
