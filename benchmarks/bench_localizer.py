@@ -15,6 +15,7 @@ from functools import partial
 import numba
 import numpy as np
 from harness import add_out, environment_path, interleave, report, spread, table
+from localizers import alphas_of
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
@@ -144,7 +145,7 @@ def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str,
     planner = RoutePlanner(build_map(env, scanner), footprint=0.3)
     route = planner.plan((3.0, 3.0), (42.2, 20.0), weight=0.0)
     noise = OdometryNoise()
-    told = {name: getattr(noise, name) * noise.scale**2 for name in ODOMETRY}
+    told = alphas_of(noise)
     rows = []
     for model in LASER_MODELS:
         parameters = MclParameters.from_dict({"laser_model_type": model, **told})
