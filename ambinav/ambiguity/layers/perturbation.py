@@ -15,7 +15,8 @@ P what was known beforehand: |delta| in x and y, sigma_theta in the heading. W i
 sensor, bin and map; beams that disagree by more than their noise and the last step explain (they
 meet another surface than at p) are weighted down as in the kernel. A beam without an echo at p has
 no point to match, nor has one that ends in unknown space at either pose; at the estimate a beam is
-followed beyond the sensor's maximum range, for the wall is on the map. Nothing here depends on the
+followed beyond the sensor's maximum range, for the wall is on the map. What a cone's echo tells is
+as everywhere (`casting.echo_normal`). Nothing here depends on the
 map's lattice but which poses have a value.
 
 What is left of delta is the error. With the errors e1, e2 of two displacements at right angles,
