@@ -176,8 +176,10 @@ class MclParameters:
         self._require("max_beams", self.max_beams >= 2, "at least 2 beams")
         most = f"at least min_particles ({self.min_particles})"
         self._require("max_particles", self.max_particles >= self.min_particles, most)
-        if self.laser_model_type == "likelihood_field_prob":
-            self._require("z_rand", self.z_rand > 0.0, "more than 0 where beams are multiplied")
+        # Else one reading that a model holds impossible takes the whole scan away.
+        needed = {"likelihood_field_prob": ("z_rand",), "beam_prob": ("z_rand", "z_max")}
+        for key in needed.get(self.laser_model_type, ()):
+            self._require(key, getattr(self, key) > 0.0, "more than 0 where beams are multiplied")
         slow, fast = self.recovery_alpha_slow, self.recovery_alpha_fast
         low = "at most recovery_alpha_fast, or 0 for both"
         self._require("recovery_alpha_slow", slow <= fast, low)

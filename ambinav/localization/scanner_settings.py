@@ -60,6 +60,6 @@ def unsuited(model: str, scanner: RangeScanner) -> str | None:
     return (
         f"the localizer's laser_model_type {model} takes every echo to come from the axis of its "
         f"beam and learns nothing from a missing one, so it loses robots where scanner "
-        f"{scanner.name!r}, which has cones, would not; leave laser_model_type out, or choose "
-        "beam_prob."
+        f"{scanner.name!r}, which has cones, would not; take what suits the scanner (type mcl "
+        "without a laser_model_type, or MclParameters.for_scanner), or choose beam_prob."
     )

@@ -61,7 +61,7 @@ def test_cones_are_localized_by_the_product_unless_said_otherwise(
     given = {"z_hit": 0.6, "alpha1": 0.3, "beam_table_resolution": 0.0}
     assert guide(given) == replace(suited, **given)
     # AMCL's own goes by its name, for any scanner; lasers have it anyhow.
-    with pytest.warns(InputWarning, match="flat.yaml: the localizer's laser_model_type likelihood"):
+    with pytest.warns(InputWarning, match=r"flat\.yaml: the localizer.*take what suits .*type mcl"):
         assert guide("amcl") == MclParameters(**alphas)
     assert guide({"type": "amcl", "laser_model_type": "beam"}) == MclParameters(
         laser_model_type="beam", **alphas

@@ -49,6 +49,11 @@ def test_bad_values_are_refused_by_name(values: dict[str, Any]) -> None:
 def test_products_need_random_readings() -> None:
     with pytest.raises(InputError, match="z_rand"):
         MclParameters(laser_model_type="likelihood_field_prob", z_rand=0.0)
+    for key in ("z_rand", "z_max"):
+        given: dict[str, Any] = {key: 0.0}
+        with pytest.raises(InputError, match=f"{key} is 0.0; give more than 0 where beams are"):
+            MclParameters(laser_model_type="beam_prob", **given)
+        MclParameters(laser_model_type="beam", **given)
 
 
 def test_unknown_names_are_refused_with_the_nearest() -> None:

@@ -22,7 +22,7 @@ class Band:
         end: One past the last.
         first: First pose of all that are within reach.
         last: One past the last.
-        part: These as a slice, for `Ground.returns`.
+        part: These as a slice.
     """
 
     begin: int

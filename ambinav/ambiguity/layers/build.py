@@ -60,7 +60,25 @@ def with_layers(
         added |= _variables(layer, ground, layer.compute(ground, **given), given)
         if report is not None:
             report((done + 1) / len(chosen))
-    return AmbiguityMap(amap.dataset.assign(added), source=amap.source)
+    dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
+    return AmbiguityMap(dataset.assign(added), source=amap.source)
+
+
+def _left_over(amap: AmbiguityMap, chosen: tuple[Layer, ...]) -> set[str]:
+    """What an older version of the layers has beside them, which would pass for theirs."""
+    found = set()
+    for layer in chosen:
+        ours = f"{layer.name}_"
+        # Layers of other names that begin with this one's, as a user may choose them.
+        others = tuple(f"{name}_" for name in schema.added(amap.dataset) if name.startswith(ours))
+        found |= {
+            name
+            for name in amap.layers
+            if name.startswith(ours)
+            and not f"{name}_".startswith(others)
+            and "source" in amap.dataset[name].attrs
+        }
+    return found
 
 
 def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str, object]]) -> None:

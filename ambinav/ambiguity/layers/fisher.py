@@ -12,7 +12,8 @@ same prior the layer is what `localization.expected.expected_covariance(..., sou
 
 Our own reading: the prior (`marginal.prior_deviations`), without which the bound is infinite in a
 corridor; the radius as the measure, in metres, where Censi shows the covariance; sigma holds the
-sensor, the rounding to a bin and the map. A beam with a cone counts as its nearest ray. Where b is
+sensor, the rounding to a bin and the map. A beam with a cone counts as its nearest ray, and
+within the cone tells the distance to what it meets alone (`casting.echo_normal`). Where b is
 near to 90 degrees the 1 / cos b is held at 20 (`information.GRAZING`). `incidence=False` leaves
 1 / cos b out, g = [cos a, sin a, r sin b]: the information of point-to-line scan matching, which
 measures what a scan is off by across the surface and so is not drawn by grazing rays.

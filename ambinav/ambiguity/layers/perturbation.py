@@ -15,7 +15,8 @@ P what was known beforehand: |delta| in x and y, sigma_theta in the heading. W i
 sensor, bin and map; beams that disagree by more than their noise and the last step explain (they
 meet another surface than at p) are weighted down as in the kernel. A beam without an echo at p has
 no point to match, nor has one that ends in unknown space at either pose; at the estimate a beam is
-followed beyond the sensor's maximum range, for the wall is on the map. Nothing here depends on the
+followed beyond the sensor's maximum range, for the wall is on the map. What a cone's echo tells is
+as everywhere (`casting.echo_normal`). Nothing here depends on the
 map's lattice but which poses have a value.
 
 What is left of delta is the error. With the errors e1, e2 of two displacements at right angles,
@@ -42,7 +43,13 @@ from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
 from ambinav.geometry.fan import scan_rays
 from ambinav.kernels import kernel
-from ambinav.localization.casting import CastTables, cast_tables, expected_ranges, work_space
+from ambinav.localization.casting import (
+    CastTables,
+    cast_tables,
+    echo_normal,
+    expected_ranges,
+    work_space,
+)
 from ambinav.localization.information import beam_noise, gradient, sensor_line
 from ambinav.sensing.fields import as_count, as_number
 from ambinav.threads import run_rows
@@ -164,10 +171,14 @@ def lines_at(x, y, theta, cast, frontier, work, ranges, ray, edge, line):
         if j < 0 or frontier[k]:
             continue
         line[b, 0] = ranges[b]
-        line[b, 1], line[b, 2], line[b, 3] = gradient(
-            ranges[b], 0.0, co, si, cast.cosine[j], cast.sine[j], cast.start[j, 0],
-            cast.start[j, 1], cast.normal[k, 0], cast.normal[k, 1],
+        bx, by = cast.cosine[j], cast.sine[j]
+        nx, ny = echo_normal(
+            cast.inner[j], co * bx - si * by, si * bx + co * by, cast.normal[k, 0],
+            cast.normal[k, 1],
         )  # fmt: skip
+        line[b, 1], line[b, 2], line[b, 3] = gradient(
+            ranges[b], 0.0, co, si, bx, by, cast.start[j, 0], cast.start[j, 1], nx, ny
+        )
     return True
 
 

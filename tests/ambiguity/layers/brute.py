@@ -131,10 +131,14 @@ def ray_starts(scanner: RangeScanner, poses: Floats) -> tuple[Floats, Floats]:
 
 
 def slopes(env: Environment, scanner: RangeScanner, poses: Floats, found: Scan) -> Floats:
-    """Change of each range with x, y and theta along the line of its segment, (N, B, 3).
+    """Change of each range with x, y and theta, (N, B, 3); 0 where there is no echo.
 
-    By central differences; no steeper than at `GRAZING`; 0 where there is no echo.
+    By central differences, along the line of its segment and no steeper than at `GRAZING`. Within a
+    cone, but for its edges, what is nearest stays the point that it is.
     """
+    rays = scanner.rays()
+    inner = (found.ray > rays.start[:-1]) & (found.ray < rays.start[1:] - 1)
+    x, y = _ends(scanner, poses, found)
     out = np.zeros((*found.distance.shape, 3))
     for axis in range(3):
         step = np.zeros(3)
@@ -142,15 +146,36 @@ def slopes(env: Environment, scanner: RangeScanner, poses: Floats, found: Scan) 
         ahead, _ = _to_line(env, scanner, poses + step, found)
         behind, facing = _to_line(env, scanner, poses - step, found)
         slope = (ahead - behind) / 2e-6 * np.minimum(facing / GRAZING, 1.0)
+        away = [
+            np.hypot(x - sx, y - sy)
+            for sx, sy in (_starts(scanner, poses + sign * step, found) for sign in (1.0, -1.0))
+        ]
+        slope = np.where(inner, (away[0] - away[1]) / 2e-6, slope)
         out[..., axis] = np.where(found.segment >= 0, slope, 0.0)
     return out
+
+
+def _starts(scanner: RangeScanner, poses: Floats, found: Scan) -> tuple[Floats, Floats]:
+    """Where the rays of `found` start, (N, B) each."""
+    x, y = ray_starts(scanner, poses)
+    return (
+        np.take_along_axis(x, found.ray, axis=1), np.take_along_axis(y, found.ray, axis=1)
+    )  # fmt: skip
+
+
+def _ends(scanner: RangeScanner, poses: Floats, found: Scan) -> tuple[Floats, Floats]:
+    """What the rays of `found` meet, (N, B) each; nothing of use without an echo."""
+    x, y = _starts(scanner, poses, found)
+    angle = poses[:, 2:] + scanner.rays().angle[found.ray]
+    distance = np.where(np.isfinite(found.distance), found.distance, 0.0)
+    return x + distance * np.cos(angle), y + distance * np.sin(angle)
 
 
 def _to_line(
     env: Environment, scanner: RangeScanner, poses: Floats, found: Scan
 ) -> tuple[Floats, Floats]:
     """Distance of the beams to the infinite lines of `found`, and the cosine of the incidence."""
-    x, y = (np.take_along_axis(part, found.ray, axis=1) for part in ray_starts(scanner, poses))
+    x, y = _starts(scanner, poses, found)
     angle = poses[:, 2:] + scanner.rays().angle[found.ray]
     ax, ay, bx, by = np.moveaxis(env.segments.xy[found.segment], -1, 0)
     nx, ny = ay - by, bx - ax

@@ -139,17 +139,21 @@ def sampled(
 
 @pytest.mark.parametrize("people", [0.0, 0.1])
 @pytest.mark.parametrize(
-    ("env", "x", "y"),
+    ("env", "x", "y", "off"),
     [
-        (scenes.room(3.0, 2.4), 1.25, 1.05),
-        (scenes.room(3.0, 2.4), 0.25, 0.35),
-        (scenes.room(12.0, 2.0), 6.05, 0.75),
-        (scenes.room(12.0, 12.0), 3.55, 6.05),
-        (scenes.room(5.0, 4.0, np.array([2.0, 0.0, 2.5, 2.2])), 2.75, 2.35),
+        (scenes.room(3.0, 2.4), 1.25, 1.05, 0.1),
+        # In a corner scans are not linear over a quarter of a cell.
+        (scenes.room(3.0, 2.4), 0.25, 0.35, 0.35),
+        (scenes.room(12.0, 2.0), 6.05, 0.75, 0.1),
+        # With few beams it matters which of them people block.
+        (scenes.room(12.0, 12.0), 3.55, 6.05, 0.2),
+        (scenes.room(5.0, 4.0, np.array([2.0, 0.0, 2.5, 2.2])), 2.75, 2.35, 0.1),
     ],
     ids=["room", "corner", "corridor", "wall", "edge"],
 )
-def test_is_what_sampled_scans_leave(env: Environment, x: float, y: float, people: float) -> None:
+def test_is_what_sampled_scans_leave(
+    env: Environment, x: float, y: float, off: float, people: float
+) -> None:
     ground = ground_of(env, MANY, radius=0.3)
     layer = coastal_entropy(ground, people=people)["coastal_entropy"]
     i = np.abs(ground.lattice.y - y).argmin(), np.abs(ground.lattice.x - x).argmin()
@@ -158,7 +162,7 @@ def test_is_what_sampled_scans_leave(env: Environment, x: float, y: float, peopl
         env, MANY, ground.model, ground.spacing, (x, y, 0.0), rng, people=people, poses=512
     )
     print(f"{layer[i]:.2f} {expected:.2f}")
-    assert float(layer[i]) == pytest.approx(expected, abs=0.3)
+    assert float(layer[i]) == pytest.approx(expected, abs=off)
 
 
 def patches(

@@ -286,5 +286,5 @@ def test_against_brute_force(
         off.append(np.abs(np.log(layer) - 0.5 * np.log(values[::-1])).max())
     print(np.sort(off)[-5:])
     # A ray into a corner may end on either wall.
-    assert np.quantile(off, 0.95) < 1e-3
+    assert np.quantile(off, 0.9) < 1e-6
     assert np.max(off) < 0.05
