@@ -91,45 +91,6 @@ def test_kalman_filter_is_told_how_odometry_errs_between_scans(rate: float) -> N
     assert covariance[0, 1, 1] == pytest.approx(across, rel=0.02)
 
 
-def test_figures_stand_beside_those_before(script: object) -> None:
-    figures = script("figures")  # type: ignore[operator]
-    old = "\n".join(
-        [
-            "# Title", "", "- commit: 1111111aaaaa", "", "## Rates", "",
-            "| building | pairs | lost | lost |", "| --- | ---: | ---: | ---: |",
-            "| demo | 3 | 1.0 % | 2.0 % |", "| aces | 4 | 5.0 % | 6.0 % |", "",
-        ]
-    )  # fmt: skip
-    new = "\n".join(
-        [
-            "# Another title", "", "## Rates", "",
-            "| building | localizer | pairs | lost | lost |",
-            "| --- | --- | ---: | ---: | ---: |",
-            "| demo | product | 3 | 1.5 % | 2.0 % |", "| demo | kalman | 3 | 9.0 % | 9.0 % |", "",
-        ]
-    )  # fmt: skip
-    told = figures.compared(old, new)
-    assert "| demo | 3 | 1.0 % → 1.5 % | 2.0 % |" in told
-    assert "| aces | 4 → gone | 5.0 % → gone | 6.0 % → gone |" in told
-    assert figures.commit_of(old) == "1111111"
-    assert figures.compared(old, old) == "No figure of tables that are in both has changed."
-    assert figures.compared(old, "# Nothing\n").startswith("Its tables are other ones")
-
-
-def test_list_of_figures_is_whole(script: object) -> None:
-    figures = script("figures")  # type: ignore[operator]
-    plain = figures.yaml.safe_load((BENCHMARKS / "figures.yaml").read_text())
-    listed = [one["report"] for one in plain["reports"]]
-    assert len(listed) == len(set(listed))
-    assert {one.get("status", "open") for part in ("readme", "reports") for one in plain[part]} <= (
-        set(figures.STATES)
-    )
-    # Reports that came since are put beside those that are listed.
-    page = figures.page(plain)
-    for path in (BENCHMARKS / "results").glob("*.md"):
-        assert f"| `{path.name}` |" in page
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("localizer", ["product", "kalman"])
 def test_places_do_not_depend_on_where_a_study_was_stopped(
