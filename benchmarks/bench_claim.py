@@ -301,14 +301,13 @@ def verdict(found: dict[str, list[Pair]], shown: dict[str, str]) -> str:
     if both[first] == both[second]:
         texts = {"a gain": "a gain is shown with both", "a loss": "a loss is shown with both"}
         return texts.get(both[first], "nothing is shown with either")
-    parts = [
-        f"nothing is shown with `{name}`" if what == "neither" else f"{what} is shown with `{name}`"
-        for name, what in both.items()
-    ]
+    # What is shown first; "a gain" comes before "a loss", and that before "neither".
+    (one, what), (other, less) = sorted(both.items(), key=lambda item: item[1])
+    rest = f"not shown with `{other}`" if less == "neither" else f"{less} with `{other}`"
     value, low, high = (100 * v for v in gains_apart(found[first], found[second]))
     apart = "which is shown" if low > 0.0 or high < 0.0 else "which is not shown to differ from 0"
     return (
-        f"{', '.join(sorted(parts))}; their differences are {value:+.1f} points apart "
+        f"{what} is shown with `{one}`, {rest}; their differences are {value:+.1f} points apart "
         f"({low:+.1f} to {high:+.1f}), {apart}"
     )
 
