@@ -367,6 +367,8 @@ def common(rows: list[dict[str, Any]], key: str) -> list[dict[str, Any]]:
         return row["environment"], row["pair"], row["route"]
 
     values = {row[key] for row in rows}
+    if not values:
+        return []
     shared = set.intersection(*({case(r) for r in rows if r[key] == v} for v in values))
     return [row for row in rows if case(row) in shared]
 
