@@ -2,7 +2,9 @@
 
 Routes are the shortest ones between places drawn at random. Each is driven open loop, with the same
 seeds for every localizer: the truth stays on the route, so that all errors are of the pose that the
-prediction is of. The localizers are told the truth about odometry. What is held against them are
+prediction is of. The localizers are told the truth about odometry: the particle filters, which take
+in a scan every 0.25 m or 0.2 rad, its variances after that, the Kalman filter, which takes in every
+scan (5 a second), those between two scans. What is held against them are
 the planners' own figures: of `belief-roadmap` the covariance of the pose at each node of the route,
 cut into pieces of `PIECE` metres; of `belief` the isotropic deviation there.
 
@@ -159,7 +161,7 @@ def errors_at(
 ) -> Floats:
     """Errors of the estimates where the drives pass the nodes of a route, shape (R, N, 3)."""
     args, number = case
-    guide = localizer_of(guide_of(parameters, noise), environment, scanner, args.runs)
+    guide = localizer_of(guide_of(parameters, noise, ROBOT, RATE), environment, scanner, args.runs)
     drives = drive(
         environment, scanner, ROBOT, route, guide, np.random.default_rng([args.seed, number]),
         args.runs, noise=noise, open_loop=True, rate=RATE, start_std=START_STD,

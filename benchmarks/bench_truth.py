@@ -54,8 +54,8 @@ The criterion, written before the first whole run:
   but lasers too are localized with the ray model, which knows that an echo is missing, where the
   likelihood field leaves such a beam out. As many particles; no trials, no claim.
 - A second localizer, an extended Kalman filter on the ranges, came after all that: it drives about
-  the same places with the same odometry, where the start is known. What one localizer shows and the
-  other does not is the localizer's. There are fewer places for each case since.
+  the same places with the same odometry, where the start is known. What is shown with one localizer
+  alone is said of that one alone. There are fewer places for each case since.
 - Goals: AUC of `level` 0.85 or more on average and level with every other layer for each scanner;
   weak direction within 15 degrees at the median; predicted radius within a factor of 2.
 """

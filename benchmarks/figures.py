@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import re
 import subprocess
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +34,9 @@ STATES = {
 MAIN = "product"
 """The localizer that a report without the name of one had."""
 NUMBER = re.compile(r"\d")
-INTERVAL = re.compile(r"(?<=[\d%m]) \(-?[\d.]+ ?%? to -?[\d.]+ ?[%m]?\)")
+INTERVAL = re.compile(
+    r"(?<=[\d%m]) (?:\([-+]?[\d.]+ ?%? to [-+]?[\d.]+ ?[%m]?\)|\[-?[\d.e+]+, -?[\d.e+]+\])"
+)
 GONE = "gone"
 
 
@@ -165,14 +168,15 @@ def tables_of(text: str) -> Iterator[Table]:
 def keyed(one: Table) -> dict[tuple[Any, ...], str]:
     """Cells by heading, words of the row and column; the same words again have another number."""
     found: dict[tuple[Any, ...], str] = {}
+    counts: Counter[tuple[Any, ...]] = Counter()
     for row in one.rows:
         words = words_of(one, row)
         if words is None:
             continue
         for name, cell in zip(one.header, row, strict=True):
-            key: tuple[Any, ...] = (one.heading, words, name.removesuffix(f", {MAIN}"))
-            number = sum(1 for k in found if k[:3] == key)
-            found[(*key, number)] = cell
+            key = (one.heading, words, name.removesuffix(f", {MAIN}"))
+            found[(*key, counts[key])] = cell
+            counts[key] += 1
     return found
 
 
@@ -208,15 +212,15 @@ def compared(old: str, new: str) -> str:
 def _changed(one: Table, known: dict[tuple[Any, ...], str]) -> str:
     """What has changed in a table, under its heading; empty if nothing has."""
     rows, gone = [], []
+    counts: Counter[tuple[Any, ...]] = Counter()
     for row in one.rows:
         words = words_of(one, row)
         if words is None:
             continue
-        counts: dict[str, int] = {}
         pairs = []
         for at, (name, cell) in enumerate(zip(one.header, row, strict=False)):
-            number = counts.get(name, 0)
-            counts[name] = number + 1
+            number = counts[words, name]
+            counts[words, name] += 1
             now = known.get((one.heading, words, name, number), GONE if cell else "")
             pairs.append((plain_of(cell), plain_of(cell if at < len(words) else now)))
         if any(text != GONE for _, text in pairs[len(words) :]):

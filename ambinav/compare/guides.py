@@ -9,6 +9,7 @@ from typing import Any, Final
 from ambinav.compare.parts import making
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.odometry import OdometryModel
@@ -68,14 +69,20 @@ class EkfParameters:
 Guide = MclParameters | EkfParameters | str
 
 
-def guide_of(plain: Mapping[str, Any] | str, noise: OdometryNoise) -> Guide:
+def guide_of(
+    plain: Mapping[str, Any] | str, noise: OdometryNoise, robot: Robot, rate: float
+) -> Guide:
     """The localizer that a scenario asks for.
 
     Args:
         plain: A name, or a mapping with the key type ("mcl" if it lacks) and parameters. Alphas
             that it leaves out are those of the simulated odometry, all else as AMCL has it; see
             `suited`.
-        noise: The simulated odometry.
+        noise: The simulated odometry. Monte Carlo localization is told its variances after as
+            much motion as it updates by (`OdometryNoise.modelled`), the Kalman filter, which takes
+            in every scan, those between two scans at the robot's largest speed.
+        robot: The robot that drives.
+        rate: Scans a second.
 
     Raises:
         InputError: the type or a parameter is unknown, or a value makes no sense.
@@ -88,7 +95,10 @@ def guide_of(plain: Mapping[str, Any] | str, noise: OdometryNoise) -> Guide:
         if told:
             raise InputError(f"{next(iter(told))} means nothing to the localizer {kind!r}; drop it")
         return str(kind)
-    alphas = {name: getattr(noise.modelled, name) for name in ALPHAS if name != "alpha5"}
+    model = noise.modelled
+    if kind == "ekf":
+        model = noise.modelled_every(robot.max_speed / rate, robot.max_turn_rate / rate)
+    alphas = {name: getattr(model, name) for name in ALPHAS if name != "alpha5"}
     told = {**alphas, **told}
     return making(EkfParameters)(told) if kind == "ekf" else MclParameters.from_dict(told)
 

@@ -112,7 +112,7 @@ class Scenario(Part):
     @property
     def guide(self) -> Guide:
         """The localizer; alphas that the file leaves out are those of the simulated odometry."""
-        return guide_of(self.localizer, self.odometry)
+        return guide_of(self.localizer, self.odometry, self.robot, self.drive.rate)
 
     @property
     def baseline(self) -> str:

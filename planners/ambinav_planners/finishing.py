@@ -108,6 +108,12 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
             for limit, where in ((belief.max_std, ""), (belief.max_goal_std, " at the goal"))
             if math.isfinite(limit)
         ]
+        if belief.std > belief.max_std:
+            return (
+                f"start_std is {belief.std:g} m, more than the {belief.max_std:g} m of max_std "
+                "(--start-std and --max-std of `ambinav plan`); give a smaller deviation at the "
+                "start, or a larger limit."
+            )
         return (
             f"planner {chosen.name!r} found no way that keeps the standard deviation "
             f"{' and '.join(limits)}; allow more, or see without a limit whether there is a way "

@@ -49,8 +49,8 @@ from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
-# On a map with headings a scan is cast at each of them: with so many beams a cell in all, evenly
-# chosen of each sensor and weighted up, the 760 000 poses of the demo take 10 s.
+# On a map with headings a scan is cast at each of them: with so many beams of each sensor a cell in
+# all, evenly chosen and weighted up, the 760 000 poses of the demo take 10 s.
 BEAMS_A_CELL = 2400
 
 
@@ -161,9 +161,8 @@ class _Turning:
                     "`ambinav map`."
                 )
         beams, weight = _thinned(scanner, amap.possible.shape[2])
-        # The map's tau is of the beams that it was made with.
-        tau = parameters["tau"] * parameters["beams"] / parameters["beams_used"]
-        self.share = 1.0 / (2.0 * tau)
+        weight = weight * _used(scanner, parameters["beams_used"])[beams]
+        self.share = 1.0 / (2.0 * parameters["tau"])
         self.cast = cast_tables(environment, scanner, beams)
         noise = beam_noise(environment, scanner, float(parameters["map_std"]))
         self.noise = noise._replace(
@@ -186,6 +185,18 @@ class _Turning:
             where=turn[:, np.newaxis] > 0.0,
         )  # fmt: skip
         return self.share * turn, shift
+
+
+def _used(scanner: RangeScanner, beams_used: int) -> Floats:
+    """For how many beams of the map each of a scanner's stands, shape (B,).
+
+    The map's tau is of the beams that it was made with: all of a part of few beams, some of a part
+    of many.
+    """
+    sizes = np.array([len(part.layout.mounts()) for part in scanner.parts])
+    kept = np.array([len(part.layout.mounts()) for part in scanner.thinned(beams_used).parts])
+    share = kept / sizes * (beams_used / kept.sum())
+    return np.asarray(np.repeat(share, sizes), dtype=np.float64)
 
 
 def _thinned(scanner: RangeScanner, headings: int) -> tuple[NDArray[np.int64], Floats]:

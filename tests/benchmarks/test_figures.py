@@ -35,15 +35,40 @@ def test_only_rows_and_columns_with_a_change_are_shown(figures: ModuleType) -> N
 
 
 @pytest.mark.parametrize(
-    "cell", ["0.90 (0.87 to 0.92)", "-0.1 (-0.2 to 0.1)", "24 % (19 to 30)", "24 % (19 % to 30 %)"]
+    "cell",
+    [
+        "0.90 (0.87 to 0.92)",
+        "-0.1 (-0.2 to 0.1)",
+        "24 % (19 to 30)",
+        "24 % (19 % to 30 %)",
+        "+1.2 (-0.5 to +2.9)",
+        "-0.012 (-0.020 to -0.004)",
+        "61 [28.6, 113]",
+        "0.9 [-0.1, 1.2e+03]",
+    ],
 )
 def test_intervals_do_not_count_as_a_change(figures: ModuleType, cell: str) -> None:
-    value = cell.split(" (")[0]
+    value = cell.replace("[", "(").split(" (")[0]
     assert figures.plain_of(cell) == value
     same = figures.compared(
         report(f"| a | full | 3 | {cell} |"), report(f"| a | full | 3 | {value} |")
     )
     assert same == "No figure of tables that are in both has changed."
+
+
+def test_rows_of_the_same_words_are_compared_in_their_order(figures: ModuleType) -> None:
+    old = report("| a | full | 3 | 0.9 |", "| a | full | 5 | 0.8 |")
+    new = report("| a | full | 3 | 0.9 |", "| a | full | 5 | 0.7 |")
+    shown = figures.compared(old, new)
+    assert "| a | full | 0.8 → 0.7 |" in shown
+    assert "0.9" not in shown
+    assert figures.compared(old, old) == "No figure of tables that are in both has changed."
+
+
+def test_reports_without_a_table_in_common(figures: ModuleType) -> None:
+    old = report("| a | full | 3 | 0.9 |")
+    assert figures.compared(old, "# Nothing\n").startswith("Its tables are other ones")
+    assert figures.commit_of("# Title\n\n- commit: 1111111aaaaa\n") == "1111111"
 
 
 def test_brackets_that_are_no_interval_stay(figures: ModuleType) -> None:
@@ -78,3 +103,7 @@ def test_every_statement_has_what_the_page_shows(figures: ModuleType) -> None:
         assert ("after" in one) or one["status"] != "measured", one["what"]
     names = [one["report"] for one in plain["reports"]]
     assert len(names) == len(set(names))
+    # Reports that came since are put beside those that are listed.
+    page = figures.page(plain)
+    for path in (BENCHMARKS / "results").glob("*.md"):
+        assert f"| [{path.name}](" in page, path.name

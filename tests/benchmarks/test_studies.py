@@ -91,43 +91,45 @@ def test_kalman_filter_is_told_how_odometry_errs_between_scans(rate: float) -> N
     assert covariance[0, 1, 1] == pytest.approx(across, rel=0.02)
 
 
-def test_figures_stand_beside_those_before(script: object) -> None:
-    figures = script("figures")  # type: ignore[operator]
-    old = "\n".join(
-        [
-            "# Title", "", "- commit: 1111111aaaaa", "", "## Rates", "",
-            "| building | pairs | lost | lost |", "| --- | ---: | ---: | ---: |",
-            "| demo | 3 | 1.0 % | 2.0 % |", "| aces | 4 | 5.0 % | 6.0 % |", "",
-        ]
-    )  # fmt: skip
-    new = "\n".join(
-        [
-            "# Another title", "", "## Rates", "",
-            "| building | localizer | pairs | lost | lost |",
-            "| --- | --- | ---: | ---: | ---: |",
-            "| demo | product | 3 | 1.5 % | 2.0 % |", "| demo | kalman | 3 | 9.0 % | 9.0 % |", "",
-        ]
-    )  # fmt: skip
-    told = figures.compared(old, new)
-    assert "| demo | 3 | 1.0 % → 1.5 % | 2.0 % |" in told
-    assert "| aces | 4 → gone | 5.0 % → gone | 6.0 % → gone |" in told
-    assert figures.commit_of(old) == "1111111"
-    assert figures.compared(old, old) == "No figure of tables that are in both has changed."
-    assert figures.compared(old, "# Nothing\n").startswith("Its tables are other ones")
+def driven_pairs(shortest: float, aware: float, pairs: int = 12) -> list[dict[str, object]]:
+    """Pairs with about these shares of lost runs, and other ones for each pair."""
+    rng = np.random.default_rng(3)
+    return [
+        {
+            "environment": "demo", "scanner": "laser", "pair": pair, "odometry": 0.5,
+            "shortest": {"lost": (rng.random(30) < shortest).astype(float).tolist()},
+            "aware": {"lost": (rng.random(30) < aware).astype(float).tolist()},
+        }
+        for pair in range(pairs)
+    ]  # fmt: skip
 
 
-def test_list_of_figures_is_whole(script: object) -> None:
-    figures = script("figures")  # type: ignore[operator]
-    plain = figures.yaml.safe_load((BENCHMARKS / "figures.yaml").read_text())
-    listed = [one["report"] for one in plain["reports"]]
-    assert len(listed) == len(set(listed))
-    assert {one.get("status", "open") for part in ("readme", "reports") for one in plain[part]} <= (
-        set(figures.STATES)
-    )
-    # Reports that came since are put beside those that are listed.
-    page = figures.page(plain)
-    for path in (BENCHMARKS / "results").glob("*.md"):
-        assert f"| `{path.name}` |" in page
+@pytest.mark.parametrize(
+    ("product", "kalman", "told"),
+    [
+        ((0.4, 0.1), (0.5, 0.1), "a gain is shown with both."),
+        ((0.0, 0.0), (0.0, 0.0), "nothing is shown with either."),
+        # One interval without 0 and one with it: are the localizers shown to differ?
+        ((0.4, 0.0), (0.05, 0.05), "a gain is shown with `product`, not shown with `kalman`"),
+        ((0.1, 0.06), (0.3, 0.22), "which is not shown to differ from 0."),
+        ((0.9, 0.1), (0.1, 0.1), "which is shown."),
+        ((0.1, 0.9), (0.9, 0.1), "a gain is shown with `kalman`, a loss with `product`"),
+    ],
+)  # fmt: skip
+def test_what_is_said_of_two_localizers(
+    script: object, product: tuple[float, float], kalman: tuple[float, float], told: str
+) -> None:
+    claim = script("bench_claim")  # type: ignore[operator]
+    found = {"product": driven_pairs(*product), "kalman": driven_pairs(*kalman)[::-1]}
+    assert told in claim.sentence("laser", found)
+
+
+def test_criterion_of_routes_by_two_layers(script: object) -> None:
+    study = script("bench_route_layers")  # type: ignore[operator]
+    lower, none, higher = (study.Interval(v, v - 1.0, v + 1.0, 9) for v in (-2.0, 0.0, 2.0))
+    assert study.judged((lower, none)) == "met"
+    assert study.judged((none, lower)) == "met"
+    assert study.judged((none, none)) == study.judged((lower, higher)) == "not met"
 
 
 @pytest.mark.slow

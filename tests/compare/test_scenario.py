@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -41,7 +43,32 @@ def test_kinds_of_localizers(scenario: Plain) -> None:
         found.append(parse_scenario(scenario, "x.yaml", "x").guide)
     assert found[:2] == ["perfect", "odometry"]
     assert isinstance(found[2], MclParameters)
-    assert found[3] == EkfParameters(0.1, 0.05, 0.05, 0.05, gate=4)
+    # Ten scans a second at 0.5 m/s and 2 rad/s: every 5 cm or 0.2 rad, not every 25 cm.
+    assert found[3] == EkfParameters(0.1, 0.25, 0.25, 0.05, gate=4)
+
+
+@pytest.mark.parametrize("rate", [5.0, 10.0])
+def test_the_kalman_filter_believes_in_the_odometry_that_is_driven(
+    scenario: Plain, rate: float
+) -> None:
+    """Over some metres, scan by scan, its variances are those of the simulated odometry."""
+    scenario |= {"odometry": {"scale": 0.5}, "localizer": "ekf", "robot": {"max_speed": 0.25}}
+    scenario["drive"] = {**scenario.get("drive", {}), "rate": rate}
+    parsed = parse_scenario(scenario, "x.yaml", "x")
+    assert isinstance(parsed.guide, EkfParameters)
+    steps = round(4.0 * rate / 0.25)
+    poses = np.column_stack([np.linspace(0.0, 4.0, steps + 1), np.zeros((steps + 1, 2))])
+    told, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    for before, after in itertools.pairwise(poses[:, None]):
+        told = parsed.guide.odometry.covariances(before, told, before, after)
+        true = parsed.odometry.spread(before, true, before, after)
+    np.testing.assert_allclose(told, true, rtol=1e-9, atol=1e-15)
+    on_the_spot = np.array([[[0.0, 0.0, k * 2.0 / rate]] for k in range(11)])
+    told, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    for before, after in itertools.pairwise(on_the_spot):
+        told = parsed.guide.odometry.covariances(before, told, before, after)
+        true = parsed.odometry.spread(before, true, before, after)
+    np.testing.assert_allclose(told, true, rtol=1e-9, atol=1e-15)
 
 
 def test_cones_are_localized_by_the_product_unless_said_otherwise(

@@ -66,6 +66,10 @@ def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
     timid = RoutePlanner(service, belief=replace(UNSURE, max_std=0.06), odometry=ODOMETRY)
     with pytest.raises(InputError, match=re.escape("keeps the standard deviation up to 0.06 m")):
         timid.plan(START, GOAL, planner_name="belief")
+    lost = replace(UNSURE, start_std=(0.02, 0.3, 0.01), max_std=0.2)
+    for name in ("belief", "belief-roadmap"):
+        with pytest.raises(InputError, match=re.escape("start_std is 0.3 m, more than the 0.2 m")):
+            RoutePlanner(service, belief=lost).plan(START, GOAL, planner_name=name, iterations=50)
 
 
 def test_belief_roadmap_ends_well_known(service: AmbiguityService) -> None:

@@ -123,6 +123,33 @@ def test_heading_and_coupling_against_differences_of_scans(
     assert agreed >= 0.8 * len(chosen)  # the others have a beam that grazes a wall
 
 
+def test_few_beams_beside_many_count_as_the_map_counts_them() -> None:
+    """A map takes every beam of a small part and one in eleven of a large one."""
+    environment = load_environment(DEMO)
+    sensor = RangeSensor(max_range=6.0, std=0.01, resolution=1e-6)
+    few = RangeScanner.planar(sensor=sensor, beams=12, aperture=1.2 * math.pi)
+    fine = RangeSensor(max_range=6.0, std=0.05, resolution=1e-6, name="fine")
+    many = RangeScanner.planar(sensor=fine, beams=331, aperture=1.4 * math.pi)
+    amap = build_map(environment, RangeScanner.mixed(few, many, name="both"), spacing=0.4,
+                     headings=3, map_std=0.0)  # fmt: skip
+    parameters = json.loads(amap.dataset.attrs["parameters"])
+    kept = parameters["beams_used"] - 12
+    information = Information.of(amap)
+    free = np.argwhere(amap.possible)
+    data, agreed = amap.dataset, 0
+    chosen = free[np.random.default_rng(4).permutation(len(free))[:30]]
+    for row, column, k in chosen:
+        pose = np.array([float(data[name].values[i])
+                         for name, i in (("x", column), ("y", row), ("theta", k))])  # fmt: skip
+        told = by_differences(environment, few, pose, 0.01)
+        told = told + kept / 331 * by_differences(environment, many, pose, 0.05)
+        found = information.at(pose[None])[0]
+        near = np.isclose(found[2, 2], told[2, 2] / (2.0 * parameters["tau"]), rtol=0.03)
+        near &= np.allclose(found[:2, 2] / found[2, 2], told[:2, 2] / told[2, 2], atol=1e-2)
+        agreed += bool(near)
+    assert agreed >= 0.7 * len(chosen)
+
+
 def test_corridor_tells_across_only() -> None:
     information = Information.of(AmbiguityMap(dataset()))
     found = information.at(np.array([IN_ROOM, IN_CORRIDOR, IN_HALL]))

@@ -258,7 +258,8 @@ def _drive(
     if isinstance(driver, RouteFollower):
         told: dict[str, Any] = {"method": method.identity, "place": setting.place.identity}
         told |= {"scanner": parameters.scanner.to_yaml(), "robot": repr(parameters.robot)}
-        told |= {"layer": parameters.cost_layer}
+        told |= {"layer": parameters.cost_layer, "odometry": repr(parameters.odometry)}
+        told |= {"start_std": list(parameters.start_std)}
         routes = work / f"routes-{key_of(told)}.npz"
         driver.routes.load(routes)
     try:

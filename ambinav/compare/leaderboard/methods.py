@@ -17,6 +17,7 @@ from ambinav.compare.leaderboard.waypoint import (
     follower_name,
 )
 from ambinav.drive.course import Course
+from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.errors import InputError
 from ambinav.geometry.steering import Steering
@@ -72,13 +73,21 @@ class RouteFollower:
     Args:
         choice: The planner.
         layer: Of the ambiguity map that it reads.
+        odometry: See `Routes`.
+        start_std: See `Routes`.
 
     Attributes:
         routes: All that it has planned; they may be kept and given to another one.
     """
 
-    def __init__(self, choice: PlannerChoice, layer: str = "level") -> None:
-        self.routes = Routes(choice, layer)
+    def __init__(
+        self,
+        choice: PlannerChoice,
+        layer: str = "level",
+        odometry: OdometryNoise | None = None,
+        start_std: tuple[float, float, float] | None = None,
+    ) -> None:
+        self.routes = Routes(choice, layer, odometry, start_std)
         self._followers: Followers | None = None
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
@@ -112,7 +121,9 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
     text = f"planner {choice.planner}, weight {choice.weight:g}, followed by pure pursuit"
     return Method(
         name, "planner", text, {"route": asdict(choice)}, dict(STEERS),
-        lambda parameters: RouteFollower(choice, parameters.cost_layer),
+        lambda parameters: RouteFollower(
+            choice, parameters.cost_layer, parameters.odometry, parameters.start_std
+        ),
     )  # fmt: skip
 
 

@@ -9,11 +9,12 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.service.service import AmbiguityService
@@ -21,6 +22,7 @@ from ambinav.service.service import AmbiguityService
 if TYPE_CHECKING:
     from ambinav_envs.buildings.building import Building
     from ambinav_envs.buildings.tasks import Task
+    from ambinav_planners import RoutePlanner
     from ambinav_planners.problem import Problem
     from ambinav_planners.registry import Found, Planner
 
@@ -59,12 +61,20 @@ class Routes:
     Args:
         choice: The planner.
         layer: Of the ambiguity map that it reads.
+        odometry: What the localizer is told of it, for belief planners; None: their default.
+        start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
     Raises:
         InputError: OMPL is missing, or there is no such planner.
     """
 
-    def __init__(self, choice: PlannerChoice, layer: str = "level") -> None:
+    def __init__(
+        self,
+        choice: PlannerChoice,
+        layer: str = "level",
+        odometry: OdometryNoise | None = None,
+        start_std: tuple[float, float, float] | None = None,
+    ) -> None:
         from importlib.util import find_spec
 
         if find_spec("ompl") is None:
@@ -73,6 +83,7 @@ class Routes:
 
         self.choice = choice
         self.layer = layer
+        self._odometry, self._start_std = odometry, start_std
         self._planner = planner(choice.planner)
         self._known: dict[str, Floats | None] = {}
 
@@ -90,16 +101,29 @@ class Routes:
         self._known |= dict.fromkeys(todo)
         return [self._known[key] for key in keys]
 
+    def _robot(self, building: Building, margin: float) -> RoutePlanner:
+        """What plans in a building."""
+        from ambinav_planners import RoutePlanner
+        from ambinav_planners.belief_search import BeliefModel
+
+        return RoutePlanner(
+            AmbiguityService(building.amap, self.layer, self.choice.weight),
+            footprint=building.robot_radius + margin,
+            belief=None if self._start_std is None else BeliefModel(start_std=self._start_std),
+            odometry=self._odometry,
+        )
+
     def _planned(
         self, todo: dict[str, tuple[Building, Task]], margin: float
     ) -> dict[str, Floats | None]:
         from ambinav_planners.seeded import call_seeded
 
-        robots: dict[str, Any] = {}
-        asked = {
-            key: _asked(building, task, margin, self.choice.weight, self.layer, robots)
-            for key, (building, task) in todo.items()
-        }
+        robots: dict[str, RoutePlanner] = {}
+        asked: dict[str, _Asked | None] = {}
+        for key, (building, task) in todo.items():
+            if building.key not in robots:
+                robots[building.key] = self._robot(building, margin)
+            asked[key] = _asked(building, task, robots[building.key])
         found: dict[str, Floats | None] = dict.fromkeys(asked)
         keys = [key for key, item in asked.items() if item is not None]
         for low in range(0, len(keys), GROUP):
@@ -158,21 +182,8 @@ class _Asked:
         return np.vstack([self.start, way, self.goal])
 
 
-def _asked(
-    building: Building,
-    task: Task,
-    margin: float,
-    weight: float,
-    layer: str,
-    robots: dict[str, Any],
-) -> _Asked | None:
+def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None:
     """What to plan for a task, or None if there is no room for the margin at one of its ends."""
-    from ambinav_planners import RoutePlanner
-
-    if building.key not in robots:
-        service = AmbiguityService(building.amap, layer, weight)
-        robots[building.key] = RoutePlanner(service, footprint=building.robot_radius + margin)
-    robot = robots[building.key]
     start, goal = np.asarray(task.start), np.append(task.goal, 0.0)
     ends = []
     for pose in (start, goal):

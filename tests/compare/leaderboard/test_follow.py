@@ -10,9 +10,10 @@ import pytest
 
 pytest.importorskip("ompl")
 
-from ambinav.compare.leaderboard.methods import RouteFollower
+from ambinav.compare.leaderboard.methods import RouteFollower, planner_method
 from ambinav.compare.leaderboard.routes import PlannerChoice, Routes
 from ambinav.compare.leaderboard.waypoint import WaypointFollower
+from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -41,6 +42,31 @@ def test_all_arrive_who_know_where_they_are(choice: PlannerChoice) -> None:
     if choice.weight == 0.0:
         # The goal counts as reached 0.3 m before it, and lattice ways are up to 3 % too long.
         assert ((found.length_ratio > 0.85) & (found.length_ratio < 1.05)).all()
+
+
+def test_planners_are_told_what_the_localizer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Odometry that errs more than the localizer is told is not known to planners either."""
+    robots = []
+    plain = Routes._robot
+
+    def kept(self: Routes, *given: Any) -> Any:
+        robots.append(plain(self, *given))
+        return robots[-1]
+
+    monkeypatch.setattr(Routes, "_robot", kept)
+    told = {
+        "odometry": OdometryNoise(scale=0.4),
+        "odometry_scale": 2.0,
+        "start_std": (0.2, 0.1, 0.03),
+    }
+    source, parameters = scenario(None, room(), None, 0, None, {**OPTIONS, **told})
+    follower = planner_method("belief 5", PlannerChoice("belief")).make(parameters)
+    assert isinstance(follower, RouteFollower)
+    evaluate(follower, source, parameters, 1, seed=1, chunk=8)
+    assert robots
+    for robot in robots:
+        assert robot.odometry == OdometryNoise(scale=0.4)
+        assert robot.belief.start_std == (0.2, 0.1, 0.03)
 
 
 def test_routes_are_the_same_again_and_kept(
