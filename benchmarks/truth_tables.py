@@ -137,8 +137,9 @@ def in_words(groups: Groups, when: str) -> str:
         best = sorted((layer for layer in values if values[layer] > 0.0), key=lambda k: -values[k])
         beside = next(layer for layer in ("level", *best[1:]) if layer != best[0])
         shown = [*best[:2], *[k for k in ("level", RADIUS) if k in best[2:]]]
+        buildings = "1 building" if len(usable) == 1 else f"{len(usable)} buildings"
         told.append(
-            f"- {scanner}, {ODOMETRY}, `{name}`{when}, {len(usable)} buildings with enough bad and "
+            f"- {scanner}, {ODOMETRY}, `{name}`{when}, {buildings} with enough bad and "
             f"good places, {sum(map(len, usable))} places: AUC of "
             + ", ".join(f"`{layer}` {values[layer]:.2f}" for layer in shown)
             + f"; `{best[0]}` less `{beside}` {difference(usable, best[0], beside)}."
