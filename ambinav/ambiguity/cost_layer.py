@@ -1,9 +1,8 @@
 """Which layer costs and rewards read where nobody names one.
 
-By what the layers tell and what robots did on routes (docs/truth.md, "To plan by"): where the
-sensors differ and do not look all around, `position` tells bad places far better, and robots on
-routes by it were lost less, or no more on shorter ways; with one kind of sensor, `level` was the
-better cost or as good.
+By what robots did on routes (docs/truth.md, "To plan by"): where the sensors differ and do not look
+all around, Monte Carlo localization lost fewer robots on routes by `position`, and a Kalman filter
+as many; with one kind of sensor `level` is as good.
 """
 
 from __future__ import annotations
