@@ -71,7 +71,11 @@ def page(plain: dict[str, Any]) -> str:
     """The whole page: what the README states by subject, the list of reports, their tables."""
     base = plain["before"]
     stated = [one for part in plain["readme"] for one in part["figures"]]
-    parts = [f"# {plain['title']}", plain["text"].strip(), "## What README.md and measured.md state"]
+    parts = [
+        f"# {plain['title']}",
+        plain["text"].strip(),
+        "## What README.md and measured.md state",
+    ]
     parts.append(counted([one["status"] for one in stated]))
     header = ("figure", "before", "now", "cause of the change", "made by")
     for part in plain["readme"]:
