@@ -14,7 +14,7 @@ from ambinav.errors import InputError, InputWarning
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import build_map
     from ambinav.geometry.environment import Environment, load_environment
-    from ambinav.geometry.shapes import environment_from_shapes
+    from ambinav.geometry.io.shapes import environment_from_shapes
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.sensing.sensor import RangeSensor
@@ -43,7 +43,7 @@ _HOME = {
     "RangeScanner": "ambinav.sensing.scanner",
     "RangeSensor": "ambinav.sensing.sensor",
     "build_map": "ambinav.ambiguity.build",
-    "environment_from_shapes": "ambinav.geometry.shapes",
+    "environment_from_shapes": "ambinav.geometry.io.shapes",
     "load_environment": "ambinav.geometry.environment",
 }
 

@@ -35,14 +35,14 @@ import yaml
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 
-from ambinav.compare.intervals import interval_text
-from ambinav.compare.leaderboard.draws import episode_weights, interval_of, ratios
-from ambinav.compare.leaderboard.figures import FIGURES
-from ambinav.compare.leaderboard.methods import RouteFollower
-from ambinav.compare.leaderboard.routes import PlannerChoice
 from ambinav.drive.bootstrap import Interval
+from ambinav.drive.intervals import interval_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
+from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios
+from ambinav_envs.leaderboard.figures import FIGURES
+from ambinav_envs.leaderboard.methods import RouteFollower
+from ambinav_envs.leaderboard.routes import PlannerChoice
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies import Policy, load_policy
 from ambinav_envs.rewards import PRESETS

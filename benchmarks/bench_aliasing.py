@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.aliasing import LEAST_LIKENESS, look_alikes
-from ambinav.ambiguity.layers.aliasing_scans import Scans
-from ambinav.ambiguity.layers.aliasing_signature import Signatures
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, look_alikes
+from ambinav.ambiguity.layers.aliasing.scans import Scans
+from ambinav.ambiguity.layers.aliasing.signature import Signatures
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.audit.alikes import SPACING, seek
-from ambinav.audit.link_pictures import plot_links
-from ambinav.audit.links import LEAST_DISTANCE, find_links
+from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_links
+from ambinav.audit.aliasing import SPACING, seek
+from ambinav.audit.aliasing_pictures import plot_links
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.drawing import save_figure
 

@@ -33,21 +33,21 @@ from numpy.typing import NDArray
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
-from ambinav.compare.guides import guide_of, localizer_of
+from ambinav.compare.localizer_spec import guide_of, localizer_of
 from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
-from ambinav_planners.belief_roadmap import BeliefRoadmap
-from ambinav_planners.belief_search import BeliefModel, Growth, std_along
-from ambinav_planners.graph import MotionGraph
-from ambinav_planners.information import Information
+from ambinav_planners.belief.information import Information
+from ambinav_planners.belief.place_search import BeliefModel, Growth, std_along
+from ambinav_planners.belief.roadmap import BeliefRoadmap
+from ambinav_planners.search.graph import MotionGraph
 
 LIBRARIES = ("ambinav", "numba", "numpy", "scipy", "ompl")
 MAPS = ("demo", "willow_full_005", "stata_hallways_5cm", "nav2_depot")

@@ -24,21 +24,21 @@ from scipy import ndimage
 
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
-from ambinav.geometry.boundary import environment_from_grid
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import load_map_server
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.occupancy import load_map_server
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_planners import RoutePlanner
-from ambinav_planners.lattice_graph import lattice_of
 from ambinav_planners.ompl_setup import prepare
 from ambinav_planners.planning import NotFoundError
-from ambinav_planners.reachability import NoWayError
 from ambinav_planners.registry import planner
+from ambinav_planners.search.lattice_graph import lattice_of
+from ambinav_planners.search.reachability import NoWayError
 
 sys.path.insert(0, str(ROOT))
 from tests.geometry.raw_intrusion import ROUNDING, route_intrusion

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from ambinav.ambiguity.build import build_map
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
-from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.layers.wall_normals import wall_normals
 from ambinav.geometry.environment import Environment, load_environment

@@ -16,7 +16,7 @@ from map_case import RADIUS, SPACING, plain_scanner, small_room
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import ALL, chosen_layers
 from ambinav.geometry.environment import load_environment
 from ambinav.sensing.scanner import RangeScanner

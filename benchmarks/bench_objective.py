@@ -15,7 +15,7 @@ from harness import add_out, interleave, report, spread, table
 from ompl import base as ob
 from plan_case import pairs, service
 
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 from ambinav_planners.ompl_setup import Setup, prepare

@@ -21,8 +21,8 @@ from harness import ENVIRONMENTS, add_out, environment_path, interleave, report,
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.geometry.fan import scan_rays
-from ambinav.geometry.raycast import cast_rays
+from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.raycast import cast_rays
 from ambinav.geometry.segments import Segments
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

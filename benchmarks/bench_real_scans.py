@@ -21,19 +21,19 @@ from typing import Any
 
 import numpy as np
 from harness import add_out, kept_or_made, report, table
-
-from ambinav.errors import InputWarning
-from ambinav.logs.carmen import read_carmen
-from ambinav.logs.log import Log
-from ambinav.maps.drawing import save_figure
-from ambinav.validation.plot_real_log import plot_real_log
-from ambinav.validation.rank_agreement import (
+from real_scans.plot_real_log import plot_real_log
+from real_scans.rank_agreement import (
     RankAgreement,
     floor_squares,
     rank_agreement,
     spearman,
 )
-from ambinav.validation.real_log import PAIR_RADIUS, STRETCH, RealLog, study_log
+from real_scans.real_log import PAIR_RADIUS, STRETCH, RealLog, study_log
+
+from ambinav.errors import InputWarning
+from ambinav.logs.carmen import read_carmen
+from ambinav.logs.log import Log
+from ambinav.maps.drawing import save_figure
 
 LIBRARIES = ("ambinav", "numba", "numpy", "scipy")
 LOGS = ("intel", "aces", "freiburg-079", "infinite-corridor", "belgioioso", "edmonton")

@@ -27,7 +27,7 @@ from plan_case import RADIUS, pairs, service
 import ambinav as an
 from ambinav.errors import InputError
 from ambinav_planners import NotFoundError, NoWayError, RoutePlanner
-from ambinav_planners.limit import longest_bad
+from ambinav_planners.search.limit import longest_bad
 
 BAD_LEVEL = 0.4
 SHARES = (0.95, 0.8, 0.6, 0.4)

@@ -13,9 +13,9 @@ from harness import add_out, report, table
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambinav.geometry.boundary import MIN_AREA, environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import FREE, OCCUPIED, OccupancyGrid, load_map_server
+from ambinav.geometry.io.boundary import MIN_AREA, environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid, load_map_server
 
 FOLDERS = ("maps", "maps_research_only", "maps_from_logs", "planner_maps")
 SMALLEST_WALL = 10

@@ -23,7 +23,7 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner, pareto
-from ambinav_planners.lattice_graph import lattice_of
+from ambinav_planners.search.lattice_graph import lattice_of
 
 RADIUS = 0.2
 WEIGHT = 5.0

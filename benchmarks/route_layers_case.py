@@ -22,7 +22,7 @@ from ambinav.ambiguity.build import build_map
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import metrics
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner

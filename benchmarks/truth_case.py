@@ -30,10 +30,10 @@ from ambinav.drive.drives import Drives
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.files import replacing
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import Segments
-from ambinav.geometry.steering import Steering
 from ambinav.localization.filter_state import filter_state
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters

@@ -21,9 +21,9 @@ from scipy.spatial import cKDTree
 from truth_case import scanner_of
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing import look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import look_alikes
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.ambiguity.radius import position_radius
 from ambinav.geometry.environment import Environment, load_environment

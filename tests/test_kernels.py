@@ -96,8 +96,8 @@ def test_an_edit_of_circles_reaches_the_length_of_motions(tmp_path: Path) -> Non
     """In a fresh copy of the package, as a pull in an editable checkout does it."""
     shutil.copytree(ROOT / "ambinav", tmp_path / "ambinav", ignore=shutil.ignore_patterns("*.nb?"))
     length = (
-        "from ambinav.geometry.curves import motion_length;"
-        "from ambinav.geometry.steering import Steering;"
+        "from ambinav.geometry.motion.curves import motion_length;"
+        "from ambinav.geometry.motion.steering import Steering;"
         "s = Steering('dubins', 1.0);"
         "print(motion_length(s.kind, s.kernel_radius, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0))"
     )

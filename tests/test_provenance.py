@@ -68,7 +68,7 @@ KEYS = """
 import sys
 from ambinav.provenance import code_digest
 print(code_digest())
-from ambinav.compare.leaderboard.store import key_of
+from ambinav_envs.leaderboard.store import key_of
 print(key_of({"a": 1}))
 from ambinav_envs.buildings.cache import code_folder
 from pathlib import Path

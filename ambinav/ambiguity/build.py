@@ -18,12 +18,12 @@ from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.progress import reporter
 from ambinav.ambiguity.returns import BLIND, BeamTable, Returns, beam_returns
 from ambinav.ambiguity.standing import standing_lattice
+from ambinav.config import as_count
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 
 # Headings of a map whose scanner does not look all around.

@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.sensing.fields import as_number
 
 VIEWS = 2.0
 """How many scans the views of a scanner that does not look all around are worth together."""

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import scan_rays
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.sensing.scanner import RangeScanner
 
 # Sensors nearer to the robot's centre than this stand where it does, metres.

@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ambinav.audit.alikes import Alikes
-from ambinav.audit.places import Place, find_places
+from ambinav.audit.aliasing import Alikes
+from ambinav.audit.ambiguous_regions import Place, find_places
 from ambinav.audit.sight import Sight, look
 from ambinav.errors import InputError
+from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach, find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.reach import ROBOT_RADIUS, Reach, find_reach
 from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES
@@ -161,9 +161,9 @@ def audit(
         scanner: What the map was built for.
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        alikes: Look-alikes to report, see `ambinav.audit.alikes.find_alikes`.
-        reach: What the robot reaches (`ambinav.geometry.reach.find_reach`); None: what a disc of
-            `robot_radius(scanner)` reaches of the largest piece.
+        alikes: Look-alikes to report, see `ambinav.audit.aliasing.find_alikes`.
+        reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
+            what a disc of `robot_radius(scanner)` reaches of the largest piece.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ambinav.audit.alikes import Alikes
+from ambinav.audit.aliased_pairs import Link
+from ambinav.audit.aliasing import Alikes
+from ambinav.audit.ambiguous_regions import Place
 from ambinav.audit.audit import Audit, Finding, heading_words
-from ambinav.audit.links import Link
-from ambinav.audit.places import Place
 from ambinav.audit.sight import Sight
 from ambinav.maps import schema
 from ambinav.maps.zones import COLOURS, MEANINGS, ZONES

@@ -8,6 +8,8 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
+from ambinav.audit.aliasing_pictures import plot_links
+from ambinav.audit.ambiguous_regions import Place
 from ambinav.audit.audit import Audit, Finding, degrees
 from ambinav.audit.document import (
     FLOOR_ALIKES,
@@ -19,8 +21,6 @@ from ambinav.audit.document import (
     layer_picture,
     place_picture,
 )
-from ambinav.audit.link_pictures import plot_links
-from ambinav.audit.places import Place
 from ambinav.maps import schema
 from ambinav.maps.drawing import save_figure
 from ambinav.maps.plot import floor_axes, plot_layer, plot_zones

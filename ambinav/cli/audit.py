@@ -90,7 +90,7 @@ def audit(
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing, level, unit)
         from ambinav.audit.audit import robot_radius as radius_of
-        from ambinav.geometry.reach import find_reach
+        from ambinav.geometry.collision.reach import find_reach
 
         # Before the long work: a start inside a wall is told at once.
         reach = find_reach(environment, robot_radius or radius_of(chosen), start)
@@ -108,7 +108,7 @@ def audit(
                 progress=bars("ambiguity"),
                 layers=names,
             )
-            from ambinav.audit.alikes import find_alikes
+            from ambinav.audit.aliasing import find_alikes
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
 

@@ -16,7 +16,7 @@ from ambinav.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ambinav.compare.leaderboard.figures import Row
+    from ambinav_envs.leaderboard.figures import Row
 
 EPISODES, BUILDINGS = 300, 100
 QUICK_EPISODES, QUICK_BUILDINGS = 30, 10
@@ -129,10 +129,10 @@ def benchmark(
         check_writable(output)
         # The shipped policies, which take part, are trained ones.
         need("the leaderboard", TRAINED)
-        from ambinav.compare.leaderboard.board import Board, settings_for
-        from ambinav.compare.leaderboard.methods import all_methods
-        from ambinav.compare.leaderboard.report import JSON, MARKDOWN, WORK, check_output
-        from ambinav.compare.leaderboard.report import benchmark as run
+        from ambinav_envs.leaderboard.board import Board, settings_for
+        from ambinav_envs.leaderboard.methods import all_methods
+        from ambinav_envs.leaderboard.report import JSON, MARKDOWN, WORK, check_output
+        from ambinav_envs.leaderboard.report import benchmark as run
 
         check_output(output)
         count = episodes or (QUICK_EPISODES if quick else EPISODES)
@@ -166,7 +166,7 @@ def _show(rows: Sequence[Row], report: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.compare.leaderboard.figures import value_text
+    from ambinav_envs.leaderboard.figures import value_text
 
     console = Console(highlight=False)
     if not console.is_terminal:

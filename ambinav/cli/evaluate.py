@@ -13,7 +13,7 @@ from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav.compare.leaderboard.evaluated import Evaluation
+    from ambinav_envs.leaderboard.evaluated import Evaluation
 
 
 def evaluate(
@@ -85,7 +85,7 @@ def evaluate(
             check_writable(output / "evaluation.json")
         # What a policy's file needs beside it is told when that is loaded.
         need("evaluating", ENVIRONMENTS)
-        from ambinav.compare.leaderboard.evaluated import evaluate_policy, write_evaluation
+        from ambinav_envs.leaderboard.evaluated import evaluate_policy, write_evaluation
 
         if suite is not None:
             changed["suite"] = suite
@@ -132,7 +132,7 @@ def _show(found: Evaluation, output: Path | None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.compare.leaderboard.figures import value_text
+    from ambinav_envs.leaderboard.figures import value_text
 
     row = found.row
     table = Table(box=None, pad_edge=False, show_header=False)

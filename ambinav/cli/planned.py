@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
-    from ambinav_planners.reachability import NoWayError
+    from ambinav_planners.search.reachability import NoWayError
 
 Pose = tuple[float, float, float]
 
@@ -70,7 +70,7 @@ def draw_no_way(
     """Draw the part of the floor that the start reaches, and the one of the goal."""
     from ambinav.files import replacing
     from ambinav.maps.drawing import save_figure
-    from ambinav.routes.components import plot_components
+    from ambinav.routes.no_path_picture import plot_components
 
     with replacing(picture) as scratch:
         figure = plot_components(

@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.registry import on_request
-from ambinav.compare.plugins import load_callable
 from ambinav.drive.drive import PATIENCE, PERFECT, SPARE, drive
 from ambinav.drive.world import OUTCOMES
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
+from ambinav.plugins import load_callable
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
 
 if TYPE_CHECKING:
-    from ambinav.compare.parts import PairPart
     from ambinav.compare.route_part import RoutePart
     from ambinav.compare.scenario_file import Loaded
+    from ambinav.compare.scenario_schema import PairPart
     from ambinav.drive.robot import Robot
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap

@@ -9,13 +9,19 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 import ambinav
-from ambinav.compare.guides import name_of, note_on
-from ambinav.compare.parts import Part
+from ambinav.compare.localizer_spec import name_of, note_on
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_schema import Part
 from ambinav.compare.tables import Cell, Row, judge
-from ambinav.compare.words import baseline_sentence, floor_sentence, goal_text, headline, sentence
+from ambinav.compare.verdict_text import (
+    baseline_sentence,
+    floor_sentence,
+    goal_text,
+    headline,
+    sentence,
+)
 from ambinav.drive.bootstrap import Interval
 from ambinav.routes.bad_floor import BadFloor
 

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 from ambinav.ambiguity.layers.registry import check_known
 from ambinav.compare.controllers import Driver, driven_route, driver_of, is_controller
-from ambinav.compare.given import measured, policy_route, saved_route
-from ambinav.compare.parts import PairPart
-from ambinav.compare.plugins import load_module
+from ambinav.compare.external_routes import measured, policy_route, saved_route
 from ambinav.compare.route_part import GIVEN, RoutePart
 from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_schema import PairPart
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.plugins import load_module
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
 
@@ -170,7 +170,7 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
     """Plan a route; without a limit of time, so that it is the same every time."""
     _need_ompl()
     from ambinav_planners import RoutePlanner
-    from ambinav_planners.belief_search import BeliefModel
+    from ambinav_planners.belief.place_search import BeliefModel
 
     common = loaded.scenario.planning
     service = AmbiguityService(

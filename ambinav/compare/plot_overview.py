@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ambinav.compare.plot_rows import label_rows, stacked
 from ambinav.compare.tables import Cell, Row, judge
-from ambinav.compare.words import ERROR
+from ambinav.compare.verdict_text import ERROR
 from ambinav.maps import drawing
 from ambinav.maps.zones import COLOURS, CORRIDOR, OPEN, ZONES
 from ambinav.routes.bad_floor import BadFloor

@@ -12,8 +12,6 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
-from ambinav.compare.lock import NAME as LOCK
-from ambinav.compare.lock import only_one
 from ambinav.compare.plans import Plan, check_plans, make_plans
 from ambinav.compare.plot_overview import plot_overview
 from ambinav.compare.plots import plot_errors, plot_floor, plot_spread
@@ -29,7 +27,7 @@ from ambinav.compare.tables import (
     to_csv,
     value_text,
 )
-from ambinav.compare.words import EFFECTS, OUTCOMES
+from ambinav.compare.verdict_text import EFFECTS, OUTCOMES
 from ambinav.compare.workers import Setup
 from ambinav.compare.worlds import make_worlds
 from ambinav.errors import InputError
@@ -47,6 +45,8 @@ from ambinav.provenance import (
 )
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
+from ambinav.runfolder import NAME as LOCK
+from ambinav.runfolder import only_one
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"

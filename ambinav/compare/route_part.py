@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from ambinav.compare.parts import Part, check_keys
+from ambinav.compare.scenario_schema import Part, check_keys
+from ambinav.config import nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import nearest
 
 KINDS = (
     *("shortest", "clearance", "ambiguity", "belief", "belief-roadmap", "reference"),

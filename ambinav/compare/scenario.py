@@ -6,8 +6,9 @@ from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 
-from ambinav.compare.guides import Guide, guide_of
-from ambinav.compare.parts import (
+from ambinav.compare.localizer_spec import Guide, guide_of
+from ambinav.compare.route_part import RoutePart
+from ambinav.compare.scenario_schema import (
     DrivePart,
     ExportsPart,
     MapPart,
@@ -17,13 +18,12 @@ from ambinav.compare.parts import (
     PlanningPart,
     making,
 )
-from ambinav.compare.route_part import RoutePart
+from ambinav.config import nearest
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
-from ambinav.sensing.fields import nearest
 
 ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""

@@ -15,11 +15,11 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.compare.guides import note_on, suited
+from ambinav.compare.localizer_spec import note_on, suited
 from ambinav.compare.scenario import Scenario
+from ambinav.config import parse_yaml, read_text
 from ambinav.errors import InputError, InputWarning
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
-from ambinav.sensing.fields import parse_yaml, read_text
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment

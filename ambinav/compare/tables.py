@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.compare.criterion import Change, Verdict
-from ambinav.compare.intervals import csv_cells, interval_text
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined_metrics
 from ambinav.compare.scenario import ALL_PAIRS
 from ambinav.drive.bootstrap import Interval, Statistic, bootstrap, paired
+from ambinav.drive.intervals import csv_cells, interval_text
 from ambinav.drive.metrics import Metrics
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.route import Route

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ambinav.compare.controllers import PolicyController
-from ambinav.compare.guides import localizer_of
+from ambinav.compare.localizer_spec import localizer_of
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import Scenario
 from ambinav.drive.drives import Drives

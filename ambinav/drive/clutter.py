@@ -12,8 +12,8 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.motion.steering import checked_poses
 from ambinav.geometry.segments import WALL, Segments
-from ambinav.geometry.steering import checked_poses
 
 TRIES = 10_000
 # A piece of outline shorter than this, in metres, is left out: rounding at a wall.

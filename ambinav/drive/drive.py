@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_count, nearest
 from ambinav.drive.controller import Controller
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
@@ -21,12 +22,11 @@ from ambinav.drive.robots import Robots
 from ambinav.drive.schedule import scheduled
 from ambinav.drive.world import DRIVING, TIMED_OUT
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states as random_states
 from ambinav.routes.route import Route
-from ambinav.sensing.fields import as_count, nearest
 from ambinav.sensing.scanner import RangeScanner
 
 if TYPE_CHECKING:

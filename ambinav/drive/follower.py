@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from ambinav.geometry.circles import wrap
+from ambinav.geometry.motion.circles import wrap
 from ambinav.kernels import kernel
 
 # What a robot on its course is doing.

@@ -26,11 +26,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
 from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
-from ambinav.sensing.fields import as_number
 
 Floats = NDArray[np.float64]
 EITHER_SIGN = ("bias_distance", "bias_turn")

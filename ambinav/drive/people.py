@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import as_number
 from ambinav.drive.world import ROUNDING
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
-from ambinav.geometry.disc_sweep import clear_along
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.collision.disc_sweep import clear_along
+from ambinav.geometry.collision.sweep import pose_free
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
-from ambinav.geometry.sweep import pose_free
+from ambinav.geometry.motion.steering import Steering
 from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
-from ambinav.sensing.fields import as_number
 
 # How often a place is drawn before a person has none.
 TRIES = 10_000

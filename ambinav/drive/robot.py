@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
-from ambinav.sensing.fields import as_number
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
 from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_told
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 
 Floats = NDArray[np.float64]
 

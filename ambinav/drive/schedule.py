@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ambinav.drive.course import SPACING
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering, checked_poses
+from ambinav.geometry.motion.steering import Steering, checked_poses
 
 # Headings that differ by less than this are the same, radians.
 SAME = 1e-9

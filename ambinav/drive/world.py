@@ -6,7 +6,7 @@ import math
 
 from ambinav.drive.follower import ARRIVED, limited, pursue
 from ambinav.drive.noise import report
-from ambinav.geometry.disc_sweep import clear_along
+from ambinav.geometry.collision.disc_sweep import clear_along
 from ambinav.kernels import kernel
 from ambinav.localization.odometry import wrapped
 

@@ -14,16 +14,16 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
-from ambinav.geometry.border_cover import longest_bare
-from ambinav.geometry.grid import SegmentGrid
-from ambinav.geometry.raycast import cast_rays, clearances
+from ambinav.geometry.io.border_cover import longest_bare
+from ambinav.geometry.raycasting.grid import SegmentGrid
+from ambinav.geometry.raycasting.raycast import cast_rays, clearances
+from ambinav.geometry.raycasting.triangulation import Triangulation
+from ambinav.geometry.raycasting.walk import walk_rays
 from ambinav.geometry.segments import WALL, Segments
-from ambinav.geometry.triangulation import Triangulation
-from ambinav.geometry.walk import walk_rays
 from ambinav.mistaken import kind_of_path, refuse, refuse_image
 
 if TYPE_CHECKING:
-    from ambinav.geometry.occupancy import OccupancyGrid
+    from ambinav.geometry.io.occupancy import OccupancyGrid
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
@@ -127,7 +127,7 @@ class Environment:
         drivable = self.drivable
         if drivable is None:
             return self
-        from ambinav.geometry.collision_geometry import edges_of
+        from ambinav.geometry.collision.collision_geometry import edges_of
 
         if drivable.is_empty:
             raise InputError(
@@ -349,8 +349,8 @@ def load_environment(
     if path.is_dir():
         refuse(f"{path}", kind_of_path(path), "a building")
     if suffix in (".yaml", ".yml"):
-        from ambinav.geometry.boundary import environment_from_grid
-        from ambinav.geometry.occupancy import load_map_server
+        from ambinav.geometry.io.boundary import environment_from_grid
+        from ambinav.geometry.io.occupancy import load_map_server
 
         if level is not None or unit is not None:
             raise InputError(
@@ -358,7 +358,7 @@ def load_environment(
             )
         return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
     if suffix in (".geojson", ".json", ".wkt"):
-        from ambinav.geometry.polygons import load_polygons
+        from ambinav.geometry.io.polygons import load_polygons
 
         if tolerance is not None or gap is not None:
             raise InputError(

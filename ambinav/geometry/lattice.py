@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycast import cast_one
+from ambinav.geometry.raycasting.raycast import cast_one
 from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 

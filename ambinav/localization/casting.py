@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import STACK, cast_fan, counter_clockwise
-from ambinav.geometry.triangulation import locate
+from ambinav.geometry.raycasting.fan import STACK, cast_fan, counter_clockwise
+from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 

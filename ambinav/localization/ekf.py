@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_count, as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
@@ -27,7 +28,6 @@ from ambinav.localization.odometry import (
     motion_between,
     spread_motion,
 )
-from ambinav.sensing.fields import as_count, as_number
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.triangulation import PARALLEL
+from ambinav.geometry.raycasting.triangulation import PARALLEL
 from ambinav.kernels import kernel
 from ambinav.localization.casting import (
     cast_told,

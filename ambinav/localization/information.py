@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import FRONTIER
@@ -27,7 +28,6 @@ from ambinav.localization.casting import (
     expected_ranges,
     work_space,
 )
-from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 

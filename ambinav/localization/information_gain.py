@@ -22,15 +22,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
-from ambinav.localization.expected import place_and_scanner, walls_std
+from ambinav.localization.expected_covariance import place_and_scanner, walls_std
 from ambinav.localization.information import as_poses
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.online import as_covariances
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

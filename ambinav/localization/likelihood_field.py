@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
-from ambinav.sensing.fields import as_number
 from ambinav.threads import run_rows
 
 # A lattice of more points than this (1.6 GB) is refused.

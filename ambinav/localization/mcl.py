@@ -29,13 +29,13 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_count
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.bins import estimate, fill_bins
 from ambinav.localization.casting import CastTables, cast_tables
-from ambinav.localization.damping import damped
 from ambinav.localization.filter_state import (
     BEAM_PRODUCT,
     BEAM_SUM,
@@ -46,6 +46,7 @@ from ambinav.localization.filter_state import (
     filter_state,
 )
 from ambinav.localization.likelihood_field import LikelihoodField, field_factors
+from ambinav.localization.localizability_filter import damped
 from ambinav.localization.odometry import (
     apply_motion,
     deviations,
@@ -58,7 +59,6 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.random import normals, states
 from ambinav.localization.resampling import random_pose, resample
 from ambinav.localization.scanner_settings import unsuited
-from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 

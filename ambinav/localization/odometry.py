@@ -26,10 +26,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
 from ambinav.localization.random import normals
-from ambinav.sensing.fields import as_number
 
 Floats = NDArray[np.float64]
 

@@ -35,7 +35,7 @@ from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import cast_tables
-from ambinav.localization.dynamic import weighted_informations
+from ambinav.localization.dynamic_objects import weighted_informations
 from ambinav.localization.information import as_map_std, as_poses, beam_noise
 from ambinav.localization.parameters import MclParameters
 from ambinav.sensing.scanner import RangeScanner

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
+from ambinav.config import as_count, as_number, nearest
 from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import FIELDS, settings_for
-from ambinav.sensing.fields import as_count, as_number, nearest
 
 if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner

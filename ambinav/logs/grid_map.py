@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.boundary import MIN_AREA, environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import (
+from ambinav.geometry.io.boundary import MIN_AREA, environment_from_grid
+from ambinav.geometry.io.occupancy import (
     COARSEST,
     FINEST,
     FREE,

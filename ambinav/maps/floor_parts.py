@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.reach import Reach
+from ambinav.geometry.collision.reach import Reach
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 Mask = NDArray[np.bool_]

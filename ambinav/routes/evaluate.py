@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering, checked_poses
+from ambinav.geometry.motion.steering import Steering, checked_poses
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
 from ambinav.routes.route import Floats, Route

@@ -9,12 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from ambinav.config import read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.routes import table
 from ambinav.routes.record import Figures, Waypoint, checked, figures, route_of, waypoints
 from ambinav.routes.route import Floats, Route
-from ambinav.sensing.fields import read_text
 
 FORMATS: Final = (".csv", ".geojson", ".json")
 """Endings that a route's file may have."""

@@ -42,7 +42,7 @@ def cast_beams(
     Raises:
         InputError: a pose is not finite.
     """
-    from ambinav.geometry import fan  # brings in numba: only when something is cast
+    from ambinav.geometry.raycasting import fan  # brings in numba: only when something is cast
 
     poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
     flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]

@@ -16,8 +16,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import Fields, as_number, as_numbers
 from ambinav.errors import InputError
-from ambinav.sensing.fields import Fields, as_number, as_numbers
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import Fields, as_count, as_degrees, as_mount, as_number, as_numbers
 from ambinav.errors import InputError
-from ambinav.sensing.fields import Fields, as_count, as_degrees, as_mount, as_number, as_numbers
 from ambinav.sensing.sensor import RangeSensor
 
 Mount: TypeAlias = tuple[float, float, float]

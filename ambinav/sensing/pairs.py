@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import read_text
 from ambinav.errors import InputError
-from ambinav.sensing.fields import read_text
 
 COLUMNS = ("true_range", "reading")
 

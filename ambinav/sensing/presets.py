@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import nearest
 
 FOLDER = Path(__file__).parent / "presets"
 

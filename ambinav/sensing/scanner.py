@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_count, read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import kind_of_path, refuse
 from ambinav.sensing.casting import cast_beams
-from ambinav.sensing.fields import as_count, read_text
 from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring
 from ambinav.sensing.presets import preset_names, preset_path
 from ambinav.sensing.rays import RayTable, make_rays

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import yaml
 
+from ambinav.config import Fields, parse_yaml, read_text
 from ambinav.errors import InputError
 from ambinav.mistaken import SCANNER, kind_of, refuse
-from ambinav.sensing.fields import Fields, parse_yaml, read_text
 from ambinav.sensing.layout import KINDS, Part, layout_from_plain
 from ambinav.sensing.presets import preset_path
 from ambinav.sensing.sensor import RangeSensor

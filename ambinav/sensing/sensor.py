@@ -12,13 +12,13 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from ambinav.config import as_number, parse_yaml, read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import SENSOR, kind_of, refuse
 from ambinav.sensing import curves
 from ambinav.sensing.calibration import CalibrationFit, StdModel
 from ambinav.sensing.curves import Curve
-from ambinav.sensing.fields import as_number, parse_yaml, read_text
 from ambinav.sensing.sensor_file import parse_sensor, render_sensor
 
 MOST_BINS = 10_000_000

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ambinav.config import Fields, as_degrees
 from ambinav.sensing import curves
-from ambinav.sensing.fields import Fields, as_degrees
 
 if TYPE_CHECKING:
     from ambinav.sensing.sensor import RangeSensor

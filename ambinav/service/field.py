@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.kernels import kernel
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.threads import run_rows

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.curves import FACING, STRAIGHT, advance, curve_pieces
+from ambinav.geometry.motion.curves import FACING, STRAIGHT, advance, curve_pieces
 from ambinav.kernels import kernel
 from ambinav.service.field import corner, integral_straight, value_at
 from ambinav.threads import run_rows
@@ -36,8 +36,9 @@ def motion_integral(kind, radius, x0, y0, t0, x1, y1, t1, values, left, low, inv
     Straight lines are integrated exactly, arcs by the midpoint rule. FACING takes no notice of t0
     and t1: the field is read at the direction of travel.
 
-    Kind and radius as in `ambinav.geometry.sweep.motion_free`; poses in metres and radians; then
-    what `Field.arrays` holds, but for what is free. Returns the field's unit times metres.
+    Kind and radius as in `ambinav.geometry.collision.sweep.motion_free`; poses in metres and
+    radians; then what `Field.arrays` holds, but for what is free. Returns the field's unit times
+    metres.
     """
     if kind == STRAIGHT:
         return integral_straight(x0, y0, t0, x1, y1, t1, values, left, low, inverse)

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.sensing.fields import as_count
+from ambinav.config import as_count
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation

@@ -12,6 +12,7 @@ import numpy as np
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.layers.registry import check_known
+from ambinav.config import as_count, as_number, as_numbers, nearest
 from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.people import People
@@ -19,7 +20,6 @@ from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.scanner_settings import settings_for
-from ambinav.sensing.fields import as_count, as_number, as_numbers, nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.rewards import weights_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ambinav.config import as_number, nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import as_number, nearest
 from ambinav_envs.simulation.layout import TERMS as TERMS
 
 MEANINGS = {

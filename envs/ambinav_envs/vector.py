@@ -14,9 +14,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from ambinav.config import as_count
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.sensing.fields import as_count
 from ambinav_envs.infos import ends, info_of_all, part_of
 from ambinav_envs.navigation import Observation
 from ambinav_envs.rendering import metadata_for, renderer_for

@@ -27,8 +27,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from ambinav.config import as_count, nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import as_count, nearest
 
 GOAL_ONLY: Final = ("goal", "velocity")
 """What is left for a robot that sees only where it believes the goal to be."""

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from ambinav_planners.goal import PoseGoal
     from ambinav_planners.objective import AmbiguityObjective
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
-    from ambinav_planners.reachability import NoWayError
     from ambinav_planners.registry import Planner, planners
     from ambinav_planners.roadmap import Roadmap
+    from ambinav_planners.search.reachability import NoWayError
     from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
 
 __all__ = [
@@ -39,7 +39,7 @@ _HOME = {
     "AmbiguityObjective": "objective",
     "FootprintMotionValidator": "validator",
     "FootprintStateValidity": "validator",
-    "NoWayError": "reachability",
+    "NoWayError": "search.reachability",
     "NotFoundError": "planning",
     "Planner": "registry",
     "PoseGoal": "goal",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.curves import FACING, STRAIGHT
+from ambinav.geometry.motion.curves import FACING, STRAIGHT
 from ambinav.service.motion import motion_integrals
 from ambinav.service.service import AmbiguityService
 

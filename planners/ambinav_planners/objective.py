@@ -11,7 +11,7 @@ import numpy as np
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import FACING, Steering
+from ambinav.geometry.motion.steering import FACING, Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService

@@ -14,7 +14,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav_planners.goal import PoseGoal
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.problem import Problem

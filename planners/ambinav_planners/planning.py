@@ -11,18 +11,18 @@ import numpy as np
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief_search import BeliefModel
-from ambinav_planners.finishing import finish, is_free, not_found
-from ambinav_planners.limit import BadStretchLimit
+from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners.improve.finishing import finish, is_free, not_found
 from ambinav_planners.problem import Problem, check_pose, make_checker
-from ambinav_planners.reachability import check_reachable
 from ambinav_planners.registry import Budget, Found, check_suits, planner
+from ambinav_planners.search.limit import BadStretchLimit
+from ambinav_planners.search.reachability import check_reachable
 from ambinav_planners.seeded import call_seeded
 from ambinav_planners.warmth import warm_up
 

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import OPEN
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief_search import BeliefModel
-from ambinav_planners.limit import BadStretchLimit
+from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners.search.limit import BadStretchLimit
 
 Pose = tuple[float, float, float]
 

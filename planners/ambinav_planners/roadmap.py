@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from ompl import base as ob
 from ompl import geometric as og
 
-from ambinav_planners.cheapest import cheapest_on
-from ambinav_planners.graph import MotionGraph
 from ambinav_planners.ompl_setup import Setup, prepare
 from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Found, Planner, register
 from ambinav_planners.sampler import FreeSampler
+from ambinav_planners.search.cheapest import cheapest_on
+from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.spaces import pose_reader
 from ambinav_planners.validator import Unchecked
 

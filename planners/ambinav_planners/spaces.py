@@ -8,7 +8,7 @@ from typing import Any
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 
 Bounds = tuple[float, float, float, float]
 Pose = tuple[float, float, float]

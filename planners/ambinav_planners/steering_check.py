@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav_planners.spaces import kind_of, pose_reader, write_pose
 
 # The turn, radians, at which the radius is read off.

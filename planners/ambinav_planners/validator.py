@@ -6,8 +6,8 @@ from typing import Any
 
 from ompl import base as ob
 
-from ambinav.geometry.collision import CollisionChecker
-from ambinav.geometry.sweep import motion_free, pose_free
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.collision.sweep import motion_free, pose_free
 from ambinav_planners.direct import direct
 from ambinav_planners.spaces import has_heading
 
@@ -31,7 +31,7 @@ class FootprintStateValidity(ob.StateValidityChecker):
 class FootprintMotionValidator(ob.MotionValidator):
     """Whether the footprint sweeps from state to state without touching anything.
 
-    Exact for discs on straight motions; see `ambinav.geometry.collision` for the others.
+    Exact for discs on straight motions; see `ambinav.geometry.collision.checker` for the others.
     """
 
     def __init__(self, si: ob.SpaceInformation, checker: CollisionChecker) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ambinav.geometry.sweep import motion_free, pose_free
-from ambinav_planners.improve import improve
+from ambinav.geometry.collision.sweep import motion_free, pose_free
+from ambinav_planners.improve.route import improve
 from ambinav_planners.problem import Problem
 
 # A way this long, metres, is improved to load what improves ways.

@@ -11,7 +11,7 @@ import shapely
 
 from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.sensing import RangeScanner, RangeSensor
 from benchmarks.brute_force import level
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import load_map_server
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import load_map_server
 from ambinav.sensing import RangeScanner
 from benchmarks.raster import busiest, medians
 

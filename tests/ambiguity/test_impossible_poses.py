@@ -9,12 +9,12 @@ import pytest
 import xarray as xr
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing import look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import look_alikes
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.standing import can_stand
-from ambinav.audit.places import find_places
-from ambinav.geometry.steering import Steering
+from ambinav.audit.ambiguous_regions import find_places
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.routes.evaluate import zone_codes
@@ -132,7 +132,7 @@ def test_layers_do_not_read_what_is_impossible(
     amap: AmbiguityMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Rubbish in the scans of impossible poses changes nothing."""
-    import ambinav.ambiguity.layers.ground as module
+    import ambinav.ambiguity.layers.context as module
 
     names = ("coastal_entropy", "perturbation", "aliasing")
     plain = with_layers(amap, names)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

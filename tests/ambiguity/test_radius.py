@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import layer
 from ambinav.ambiguity.radius import position_radius
 from ambinav.errors import InputError

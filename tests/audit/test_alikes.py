@@ -11,9 +11,9 @@ import shapely
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.ground import Ground
-from ambinav.audit import alikes as module
-from ambinav.audit.alikes import Alikes, find_alikes, own_places, seek
+from ambinav.ambiguity.layers.context import Ground
+from ambinav.audit import aliasing as module
+from ambinav.audit.aliasing import Alikes, find_alikes, own_places, seek
 from ambinav.audit.audit import audit
 from ambinav.audit.document import Document
 from ambinav.audit.report import write_report

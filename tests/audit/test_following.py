@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.ambiguity.layers.aliasing import look_alikes, squares
-from ambinav.ambiguity.layers.aliasing_settle import settle
-from ambinav.ambiguity.layers.ground import Ground
-from ambinav.audit.arrangement import join, neighbours, same, stepped
-from ambinav.audit.following import LEAST_LIKENESS, follow
+from ambinav.ambiguity.layers.aliasing.layer import look_alikes, squares
+from ambinav.ambiguity.layers.aliasing.settle import settle
+from ambinav.ambiguity.layers.context import Ground
+from ambinav.audit.aliasing_groups import join, neighbours, same, stepped
+from ambinav.audit.aliasing_tracks import LEAST_LIKENESS, follow
 from tests.audit import symmetric
 
 SPACING = 0.25

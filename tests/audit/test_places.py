@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.audit.places import find_places
+from ambinav.audit.ambiguous_regions import find_places
 from ambinav.audit.regions import find_regions, passable
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN

@@ -17,10 +17,10 @@ from ambinav.ambiguity.build import build_map
 from ambinav.audit.audit import audit
 from ambinav.audit.document import document
 from ambinav.errors import InputWarning
-from ambinav.geometry.boundary import GAP_CELLS, LARGEST_DEFAULT_GAP, TOLERANCE_CELLS
+from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.geometry.occupancy import FREE, OCCUPIED
-from ambinav.geometry.reach import find_reach
+from ambinav.geometry.io.boundary import GAP_CELLS, LARGEST_DEFAULT_GAP, TOLERANCE_CELLS
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED
 from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

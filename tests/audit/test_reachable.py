@@ -11,17 +11,17 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from ambinav.ambiguity.build import build_map
-from ambinav.audit.alikes import find_alikes
+from ambinav.audit.aliasing import find_alikes
+from ambinav.audit.ambiguous_regions import find_places
 from ambinav.audit.audit import Audit, audit, robot_radius
 from ambinav.audit.document import document
-from ambinav.audit.places import find_places
 from ambinav.audit.report import write_report
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.boundary import environment_from_grid
+from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from ambinav.geometry.reach import find_reach
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.plot import plot_layer, plot_zones

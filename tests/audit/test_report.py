@@ -18,8 +18,8 @@ from ambinav.audit.audit import audit, axis_degrees, metres2, percent
 from ambinav.audit.document import Document, document
 from ambinav.audit.report import check_output, write_report
 from ambinav.errors import InputError
-from ambinav.geometry.reach import find_reach
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.collision.reach import find_reach
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from tests.maps import synthetic
 

@@ -16,8 +16,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from ambinav.cli import app
-from ambinav.compare.lock import only_one
 from ambinav.routes.files import load_route, save_route
+from ambinav.runfolder import only_one
 from tests.compare.conftest import SCENARIO, write
 
 

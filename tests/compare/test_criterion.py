@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from ambinav.compare.criterion import Goal, Verdict, verdict
-from ambinav.compare.words import baseline_sentence, floor_sentence, goal_text, headline, sentence
+from ambinav.compare.verdict_text import (
+    baseline_sentence,
+    floor_sentence,
+    goal_text,
+    headline,
+    sentence,
+)
 from ambinav.drive.metrics import Metrics
 from ambinav.errors import InputError
 from ambinav.routes.bad_floor import BadFloor

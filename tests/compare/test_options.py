@@ -17,12 +17,12 @@ from ambinav.compare.plans import make_plans
 from ambinav.compare.scenario_file import load_scenario
 from ambinav.compare.worlds import make_worlds
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.files import trace
 from tests.compare.conftest import write
 
 POLICY = '''
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.service.service import AmbiguityService
 

@@ -18,8 +18,8 @@ from ambinav.compare.plans import make_plans
 from ambinav.compare.scenario_file import load_scenario
 from ambinav.drive.noise import OdometryNoise
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav_planners.belief_search import BeliefModel
-from ambinav_planners.information import Information
+from ambinav_planners.belief.information import Information
+from ambinav_planners.belief.place_search import BeliefModel
 from tests.compare.conftest import write
 
 

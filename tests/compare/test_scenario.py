@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ambinav.compare.guides import EkfParameters
+from ambinav.compare.localizer_spec import EkfParameters
 from ambinav.compare.scenario_file import Loaded, load_scenario, parse_scenario
 from ambinav.errors import InputError, InputWarning
 from ambinav.localization.parameters import MclParameters

@@ -23,7 +23,7 @@ from ambinav.compare.tables import (
     to_csv,
     value_text,
 )
-from ambinav.compare.words import floor_sentence
+from ambinav.compare.verdict_text import floor_sentence
 from ambinav.drive.metrics import Metrics
 from ambinav.routes.bad_floor import BadFloor
 from tests.drive.cases import route_through

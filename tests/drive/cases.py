@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import ZONES
 from ambinav.routes.route import Route
 from ambinav.sensing import RangeScanner, RangeSensor

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav.compare.leaderboard.follow import Followers
 from ambinav.drive.course import Course
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
@@ -16,6 +15,7 @@ from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
 from ambinav.drive.world import COLLIDED, TIMED_OUT
 from ambinav.geometry.environment import Environment
+from ambinav_envs.leaderboard.follow import Followers
 from tests.drive.cases import laser, route_through
 from tests.geometry.scenes import environment
 

@@ -20,7 +20,7 @@ from ambinav.drive.schedule import scheduled
 from ambinav.drive.world import COLLIDED, REACHED, TIMED_OUT
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import MclParameters
 from tests.drive.cases import from_polyline, laser, route_through

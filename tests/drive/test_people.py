@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ambinav.drive.people import KEEP, strolled
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from tests.envs.cases import room
 
 RADIUS, ROBOT, STEP = 0.25, 0.22, 0.1

@@ -15,10 +15,10 @@ from ambinav.drive.localizers import carried
 from ambinav.drive.noise import OdometryNoise, reckon
 from ambinav.drive.world import moved, report_all, unicycle
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states
 from tests.geometry.scenes import points_inside, room, scene
 

@@ -14,7 +14,7 @@ from ambinav.localization.casting import cast_tables
 from ambinav.localization.random import states
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.sensing.curves import Polynomial
-from ambinav_envs.simulation.eyes import Eyes, capture, eyes_of
+from ambinav_envs.simulation.scanner_kernel import Eyes, capture, eyes_of
 from tests.envs.cases import room
 
 ROOM: Environment = room()

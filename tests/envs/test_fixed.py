@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.fixed import eyes_at, fixed_of, memory_at
 from ambinav_envs.simulation.layout import Memory
+from ambinav_envs.simulation.scanner_kernel import Eyes
 from tests.envs.cases import room
 
 

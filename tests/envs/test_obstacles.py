@@ -9,9 +9,9 @@ import shapely
 
 from ambinav.drive.clutter import with_obstacles
 from ambinav.drive.readings import Readings
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.casting import cast_rays, nearest_echoes
 from ambinav.localization.ekf_update import scratch_for
 from ambinav_envs.navigation import NavigationEnv

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import load_map_server
-from ambinav.geometry.polygons import load_polygons
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import load_map_server
+from ambinav.geometry.io.polygons import load_polygons
 
 SETTINGS = settings(max_examples=150, deadline=None)
 

@@ -9,10 +9,10 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError
-from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
-from ambinav.geometry.ring_checks import crossing
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
+from ambinav.geometry.io.ring_checks import crossing
 from ambinav.geometry.segments import FRONTIER, WALL
 
 CELL = {".": FREE, "#": OCCUPIED, "?": UNKNOWN}

@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ambinav.geometry.collision import CollisionChecker, motion_free, pose_free
-from ambinav.geometry.curves import motion_length
+from ambinav.geometry.collision.checker import CollisionChecker, motion_free, pose_free
+from ambinav.geometry.collision.polygon_sweep import SKIN
+from ambinav.geometry.collision.sweep import line_free
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.polygon_sweep import SKIN
-from ambinav.geometry.steering import Steering
-from ambinav.geometry.sweep import line_free
+from ambinav.geometry.motion.curves import motion_length
+from ambinav.geometry.motion.steering import Steering
 from tests.geometry import scenes
 
 Array = NDArray[Any]

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 import ambinav as an
 from ambinav.drive.clutter import with_obstacles
 from ambinav.errors import InputError
-from ambinav.geometry.boundary import environment_from_grid
-from ambinav.geometry.collision import CollisionChecker
-from ambinav.geometry.collision_geometry import NOTCH_CELLS, cut_notches, drivable_space
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.collision.collision_geometry import NOTCH_CELLS, cut_notches, drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
+from ambinav.geometry.motion.steering import Steering
 from tests.geometry import raw_intrusion, scenes
 
 Array = NDArray[Any]

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from ambinav.geometry.curves import (
+from ambinav.geometry.motion.curves import (
     DUBINS,
     FACING,
     REEDS_SHEPP,

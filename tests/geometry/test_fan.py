@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import counter_clockwise, first_edges, scan_rays
+from ambinav.geometry.raycasting.fan import counter_clockwise, first_edges, scan_rays
 from tests.geometry import scenes
 
 REACH = 12.0

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from ambinav.errors import InputError
-from ambinav.geometry.occupancy import (
+from ambinav.geometry.io.occupancy import (
     FREE,
     OCCUPIED,
     UNKNOWN,

@@ -12,8 +12,8 @@ import shapely
 
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import scan_rays
-from ambinav.geometry.polygons import environment_from_shapes, load_polygons
+from ambinav.geometry.io.polygons import environment_from_shapes, load_polygons
+from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
 
 

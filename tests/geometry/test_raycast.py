@@ -10,9 +10,9 @@ import shapely
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.grid import SegmentGrid
-from ambinav.geometry.raycast import cast_rays, clearances
-from ambinav.geometry.walk import walk_rays
+from ambinav.geometry.raycasting.grid import SegmentGrid
+from ambinav.geometry.raycasting.raycast import cast_rays, clearances
+from ambinav.geometry.raycasting.walk import walk_rays
 from tests.geometry import scenes
 
 SEEDS = (1, 2, 3)

@@ -16,15 +16,15 @@ from hypothesis import strategies as st
 from shapely import LineString, box
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.boundary import environment_from_grid
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from ambinav.geometry.polygons import load_polygons
-from ambinav.geometry.reach import find_reach
-from ambinav.geometry.shapes import environment_from_shapes
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from ambinav.geometry.io.polygons import load_polygons
+from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.geometry.motion.steering import Steering
 
 CELL = 0.05
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ambinav as an
-from ambinav.geometry.steering import DUBINS, FACING, REEDS_SHEPP, STRAIGHT, Steering
+from ambinav.geometry.motion.steering import DUBINS, FACING, REEDS_SHEPP, STRAIGHT, Steering
 
 SPACES = [
     Steering(), Steering("se2"), Steering("dubins", 0.7), Steering("reeds-shepp", 0.7)

@@ -11,9 +11,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ambinav.geometry.boundary import environment_from_grid
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
 from tests.geometry import raw_cells
 
 FOLDERS = ("maps", "maps_research_only", "maps_from_logs", "planner_maps")

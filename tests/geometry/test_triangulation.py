@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.triangulation import LEFT, RIGHT, Triangulation
+from ambinav.geometry.raycasting.triangulation import LEFT, RIGHT, Triangulation
 from tests.geometry import scenes
 
 

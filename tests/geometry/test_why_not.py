@@ -9,11 +9,11 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import Segments
-from ambinav.geometry.steering import Steering
 from tests.geometry import scenes
 
 BODY = [(-0.3, -0.25), (0.45, -0.25), (0.55, 0.0), (0.45, 0.25), (-0.3, 0.25)]

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.sensing.scanner import RangeScanner
 from tests.localization import worlds
 

@@ -20,7 +20,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.information import beam_lines, beam_noise, line_space

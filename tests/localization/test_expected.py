@@ -11,7 +11,7 @@ import pytest
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.localization.expected import expected_covariance
+from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information import scan_information
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from tests.localization import worlds

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.localization.damping import damped
 from ambinav.localization.information import scan_information
+from ambinav.localization.localizability_filter import damped
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.online import OnlineLocalizability, online_localizability
 from ambinav.localization.parameters import MclParameters

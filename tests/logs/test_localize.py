@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.logs.localize import SPARSE_SCANS, localize

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ambinav.errors import InputError
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.logs.log import Log
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.logs.frames import between, compose
 from ambinav.logs.registration import register
 from tests.logs.logs import room

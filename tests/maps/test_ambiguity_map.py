@@ -10,10 +10,10 @@ import shapely
 
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
-from ambinav.geometry.boundary import environment_from_grid
-from ambinav.geometry.occupancy import OccupancyGrid
-from ambinav.geometry.shapes import environment_from_shapes
-from ambinav.localization.expected import expected_covariance
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import OccupancyGrid
+from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information_gain import information_gain
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES

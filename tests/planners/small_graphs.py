@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.geometry.steering import Steering
-from ambinav_planners.graph import MotionGraph
-from ambinav_planners.information import Information
+from ambinav.geometry.motion.steering import Steering
+from ambinav_planners.belief.information import Information
+from ambinav_planners.search.graph import MotionGraph
 
 
 def graph_of(

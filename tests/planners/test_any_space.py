@@ -12,7 +12,7 @@ from ompl import control as oc
 from ompl import geometric as og
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective

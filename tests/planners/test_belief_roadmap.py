@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
-from ambinav_planners.belief_roadmap import BeliefRoadmap, turn_on_the_spot
-from ambinav_planners.graph import MotionGraph
-from ambinav_planners.information import Information
-from ambinav_planners.roadmap_search import deviation, search_roadmap
-from ambinav_planners.transfer import Transfer
+from ambinav.geometry.motion.steering import Steering
+from ambinav_planners.belief.information import Information
+from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
+from ambinav_planners.belief.roadmap_search import deviation, search_roadmap
+from ambinav_planners.belief.transfer import Transfer
+from ambinav_planners.search.graph import MotionGraph
 from tests.planners.small_graphs import (
     chain,
     even_information,

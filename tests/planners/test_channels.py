@@ -14,7 +14,7 @@ from shapely import affinity
 import ambinav as an
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import NoWayError, RoutePlanner
-from ambinav_planners.channels import channel_poses
+from ambinav_planners.search.channels import channel_poses
 from tests.planners.conftest import LASER
 
 RADIUS = 0.2

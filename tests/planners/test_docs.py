@@ -10,7 +10,7 @@ import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective

@@ -7,7 +7,7 @@ import pytest
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.goal import PoseGoal
 from ambinav_planners.objective import AmbiguityObjective

@@ -18,11 +18,11 @@ from scipy.sparse.csgraph import dijkstra
 import ambinav as an
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.graph import MotionGraph
-from ambinav_planners.lattice_graph import STEPS, LatticeGraph, lattice_of
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.registry import Budget
 from ambinav_planners.roadmap import Roadmap, grown_graph
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.lattice_graph import STEPS, LatticeGraph, lattice_of
 from tests.planners.conftest import LASER
 from tests.planners.small_graphs import graph_of, graphs, simple_ways
 

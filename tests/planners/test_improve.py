@@ -20,17 +20,17 @@ from scipy.optimize import brentq
 from skimage.graph import MCP_Geometric
 
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.bezier import corner_curve
-from ambinav_planners.improve import improve
-from ambinav_planners.improve_kernel import beside, cheapest_chain, headings, stations
+from ambinav_planners.improve.bezier import corner_curve
+from ambinav_planners.improve.kernel import beside, cheapest_chain, headings, stations
+from ambinav_planners.improve.route import improve
 from tests.geometry.scenes import environment, points_inside, room, scene
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,8 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav_planners import information as module
-from ambinav_planners.information import Information
+from ambinav_planners.belief import information as module
+from ambinav_planners.belief.information import Information
 from tests.maps.synthetic import dataset, scanner
 from tests.planners.conftest import DEMO
 

@@ -12,8 +12,8 @@ import ambinav as an
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
-from ambinav_planners.limit import BadStretchLimit, longest_bad
-from ambinav_planners.limited_improve import improve_within, priced
+from ambinav_planners.improve.limited import improve_within, priced
+from ambinav_planners.search.limit import BadStretchLimit, longest_bad
 from tests.planners.conftest import LASER
 
 LEVEL = 0.5

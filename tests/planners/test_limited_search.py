@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.service.field import Field
-from ambinav_planners.graph import MotionGraph
-from ambinav_planners.limited_search import limited_search
-from ambinav_planners.stretches import Stretches, bad_stretches
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.limited_search import limited_search
+from ambinav_planners.search.stretches import Stretches, bad_stretches
 from tests.planners.small_graphs import chain, graph_of, graphs, simple_ways
 
 

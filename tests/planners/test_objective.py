@@ -15,7 +15,7 @@ from ompl import geometric as og
 from scipy.ndimage import map_coordinates
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 pytest.importorskip("ompl")
 
 import ambinav as an
-from ambinav.geometry.boundary import environment_from_grid
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.occupancy import FREE, OCCUPIED, OccupancyGrid, load_map_server
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid, load_map_server
+from ambinav.geometry.motion.steering import Steering
 from ambinav_planners import NotFoundError, RoutePlanner, planners
-from ambinav_planners.lattice_graph import lattice_of
+from ambinav_planners.search.lattice_graph import lattice_of
 from tests.geometry import raw_intrusion
 
 FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")

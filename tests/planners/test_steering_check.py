@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ompl import base as ob
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.objective import AmbiguityObjective
 from ambinav_planners.spaces import make_space

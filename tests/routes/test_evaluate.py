@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.service.service import AmbiguityService

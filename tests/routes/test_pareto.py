@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from matplotlib.text import Annotation
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint

@@ -17,13 +17,19 @@ from matplotlib.patheffects import Stroke
 from matplotlib.text import Annotation
 
 from ambinav.errors import InputError
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import COLOURS
-from ambinav.routes.components import FROM_GOAL, FROM_NEITHER, FROM_START, NO_ROOM, plot_components
 from ambinav.routes.drawing import STYLES
 from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.no_path_picture import (
+    FROM_GOAL,
+    FROM_NEITHER,
+    FROM_START,
+    NO_ROOM,
+    plot_components,
+)
 from ambinav.routes.plot import plot_routes
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
@@ -239,7 +245,8 @@ def test_where_no_cell_fits_all_is_drawn_as_no_room(amap):
 
 def test_no_global_drawing_state():
     code = (
-        "import sys, ambinav.routes.plot, ambinav.routes.components, ambinav.routes.plot_pareto; "
+        "import sys, ambinav.routes.plot, ambinav.routes.no_path_picture; "
+        "import ambinav.routes.plot_pareto; "
         "print('pyplot' in str(sys.modules))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -245,7 +245,7 @@ def test_missing_and_binary_file(tmp_path: Path) -> None:
 
 @given(st.text(max_size=60))
 def test_any_text_gives_a_sensor_or_a_sentence(text: str) -> None:
-    from ambinav.sensing.fields import parse_yaml
+    from ambinav.config import parse_yaml
 
     try:
         RangeSensor.from_plain(parse_yaml(text, "f.yaml", "see another"), "f.yaml")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.geojson"
 LASER = an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001)

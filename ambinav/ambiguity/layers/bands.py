@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.ambiguity.layers.ground import WHOLE, Ground
+from ambinav.ambiguity.layers.context import WHOLE, Ground
 
 # Bytes of beam returns that are held at a time.
 BAND_BYTES = 256_000_000

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer, chosen_layers
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment

@@ -54,14 +54,14 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
 from ambinav.ambiguity.kernel import FAST, compare, reach
 from ambinav.ambiguity.layers.bands import bands
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BeamTable, beam_returns
 from ambinav.ambiguity.standing import can_stand
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.lattice import STEPS
 from ambinav.kernels import kernel
-from ambinav.sensing.fields import as_number
 from ambinav.threads import run_rows
 
 # People met by a beam in a metre: one in 20 m, a corridor with somebody in it.

@@ -24,9 +24,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
@@ -39,7 +40,6 @@ from ambinav.localization.information import (
     beam_noise,
     informations,
 )
-from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 

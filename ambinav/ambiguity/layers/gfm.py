@@ -31,13 +31,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.geometry.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.geometry.segments import FRONTIER
 from ambinav.kernels import kernel
-from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows

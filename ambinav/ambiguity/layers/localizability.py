@@ -27,15 +27,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.occupancy import Occupancy, grid_range, occupancy
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.standing import can_stand
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
 from ambinav.localization.information import TABLE, BeamNoise, beam_noise
-from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 

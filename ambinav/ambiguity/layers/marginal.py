@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.tensor import principal_axes
+from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.sensing.fields import as_number
 
 Floats = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from scipy.ndimage import distance_transform_cdt
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.grid import SegmentGrid
-from ambinav.geometry.raycast import clearances
+from ambinav.geometry.raycasting.grid import SegmentGrid
+from ambinav.geometry.raycasting.raycast import clearances
 from ambinav.geometry.segments import Segments
 from ambinav.kernels import kernel
 

@@ -36,12 +36,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import invert
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BEYOND
 from ambinav.ambiguity.tensor import principal_axes
+from ambinav.config import as_count, as_number
 from ambinav.errors import InputError
-from ambinav.geometry.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.kernels import kernel
 from ambinav.localization.casting import (
     CastTables,
@@ -51,7 +52,6 @@ from ambinav.localization.casting import (
     work_space,
 )
 from ambinav.localization.information import beam_noise, gradient, sensor_line
-from ambinav.sensing.fields import as_count, as_number
 from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]

@@ -12,9 +12,9 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.maps import schema
-from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 
 ALL: Final = "all"
@@ -32,9 +32,8 @@ _SHIPPED: Final = {
         "wall_normals",
         "clearance",
         "perturbation",
-        "aliasing",
     )
-}
+} | {"aliasing": f"{__package__}.aliasing.layer"}
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.tensor import principal_axes
+from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.sensing.fields import as_number
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

@@ -8,14 +8,14 @@ from functools import cached_property
 from typing import Final
 
 from ambinav.errors import InputError
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.cache import map_of
-from ambinav_envs.buildings.places import Places
+from ambinav_envs.buildings.free_space import Places
 
 LAYERS: Final = ("fisher",)
 """Layers of a building's map beside those of every map."""

@@ -9,9 +9,9 @@ import itertools
 
 import shapely
 
-from ambinav_envs.buildings.dice import Dice
 from ambinav_envs.buildings.furnish import along_walls, freestanding, racks
 from ambinav_envs.buildings.plan import WALL, Plan, rectangle
+from ambinav_envs.buildings.plan_sampler import Dice
 
 # Numbers of the sides of a box, as `along_walls` takes them.
 SOUTH, EAST, NORTH, WEST = range(4)

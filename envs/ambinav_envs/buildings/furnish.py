@@ -7,8 +7,8 @@ import math
 import numpy as np
 import shapely
 
-from ambinav_envs.buildings.dice import Dice
 from ambinav_envs.buildings.plan import AISLE, Plan, disc, rectangle, sides
+from ambinav_envs.buildings.plan_sampler import Dice
 
 # Attempts for each thing: where it does not fit, fewer stand.
 TRIES = 6

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.localization.random import states, uniform
-from ambinav_envs.buildings.places import Places, PlaceTable
+from ambinav_envs.buildings.free_space import Places, PlaceTable
 from ambinav_envs.buildings.tasks import Task, Way, draw_places, draw_task, spread_from, start_for
 
 FEWEST, MOST = 32, 256

@@ -10,7 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.shapes import environment_from_shapes
+from ambinav.geometry.io.shapes import environment_from_shapes
 
 WALL = 0.2
 """Thickness of the walls between rooms, metres."""

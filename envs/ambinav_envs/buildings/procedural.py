@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 import shapely
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.sensing.fields import as_number
 from ambinav_envs.buildings.cells import Doorway, Ring, cut, doorways, is_roomy, long_axis
-from ambinav_envs.buildings.dice import Dice
 from ambinav_envs.buildings.furnish import along_walls, freestanding, racks
 from ambinav_envs.buildings.plan import WALL, Plan, sides
+from ambinav_envs.buildings.plan_sampler import Dice
 
 # A room's least width and side (m), its least area (m2) and its sharpest corner (degrees).
 ROOM: Final = (2.6, 1.6, 9.0, 50.0)

@@ -8,9 +8,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from ambinav.config import as_count
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment, load_environment
-from ambinav.sensing.fields import as_count
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.suites import suite

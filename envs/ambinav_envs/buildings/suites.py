@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.sensing.fields import nearest
 from ambinav_envs.buildings import drawn
-from ambinav_envs.buildings.dice import Dice
 from ambinav_envs.buildings.plan import Plan
+from ambinav_envs.buildings.plan_sampler import Dice
 from ambinav_envs.buildings.procedural import procedural_building
 
 # Buildings of the drawn families are turned by up to this, degrees, so that their walls do not lie

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.sweep import line_free
+from ambinav.geometry.collision.sweep import line_free
 from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
+from ambinav_envs.buildings.free_space import MARGIN, Places, PlaceTable
 from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic, heading_of
-from ambinav_envs.buildings.places import MARGIN, Places, PlaceTable
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
 _DRAWN, _FAR_ENDS = 32, 8

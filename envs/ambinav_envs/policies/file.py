@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.geometry.environment import Environment
 from ambinav.provenance import code_digest, library_version
-from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.policies.normalization import Normalization
 from ambinav_envs.policies.policy import seen_in

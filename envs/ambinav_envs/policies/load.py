@@ -10,10 +10,10 @@ import warnings
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.compare.plugins import load_callable
+from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.files import sha256
-from ambinav.sensing.fields import nearest
+from ambinav.plugins import load_callable
 from ambinav_envs.policies.file import arguments_of, read_members
 from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy
 

@@ -12,10 +12,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ambinav.compare.plugins import called
+from ambinav.config import nearest
 from ambinav.errors import InputError
+from ambinav.plugins import called
 from ambinav.provenance import code_digest
-from ambinav.sensing.fields import nearest
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import ROW, Normalization, Observation
 from ambinav_envs.policies.shapes import Plain, action_misfit, described, misfit

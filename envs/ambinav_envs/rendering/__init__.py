@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gymnasium.error import DependencyNotInstalled
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import nearest
 from ambinav_envs.rendering.camera import as_view
 from ambinav_envs.simulation.simulation import Simulation
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ambinav.kernels import kernel
 from ambinav.localization.information import TABLE
-from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.layout import SETTINGS, STATE, WHERE, Memory, record
 from ambinav_envs.simulation.pointers import address, array_at
+from ambinav_envs.simulation.scanner_kernel import Eyes
 
 _WHOLE = np.int64
 FIXED = record(

@@ -130,7 +130,7 @@ GROUND = record(
     corner=_WHOLE, grid_start=_WHOLE, item=_WHOLE, triangle=_WHOLE, normal=_WHOLE,
     # See `ambinav.localization.information.BeamNoise`.
     frontier=_WHOLE, bias=_WHOLE, variance=_WHOLE,
-    # See `ambinav.geometry.obstacles.pack`.
+    # See `ambinav.geometry.collision.obstacles.pack`.
     table=_WHOLE, numbers=_WHOLE, bound=_WHOLE, bound_rows=_WHOLE, bound_columns=_WHOLE,
     # Layers of the ambiguity map, see `ambinav.service.field.Field`.
     level=_WHOLE, level_headings=_WHOLE, fisher=_WHOLE, fisher_headings=_WHOLE, free=_WHOLE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ambinav.geometry.obstacles import around
+from ambinav.geometry.collision.obstacles import around
 from ambinav.kernels import kernel
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
 from ambinav_envs.simulation.ground import free_of, ground_of, level_of, towards_of, walls_of

@@ -9,9 +9,9 @@ import math
 
 from ambinav.drive.people import KEEP, strolled
 from ambinav.drive.world import BISECTIONS, ROUNDING
-from ambinav.geometry.disc_sweep import place
-from ambinav.geometry.gaps import near_arc, near_line
-from ambinav.geometry.obstacles import in_triangles, nearest_gap
+from ambinav.geometry.collision.disc_sweep import place
+from ambinav.geometry.collision.gaps import near_arc, near_line
+from ambinav.geometry.collision.obstacles import in_triangles, nearest_gap
 from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
 

@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.compiling import announce
+from ambinav.config import nearest
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.errors import InputError
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.random import states_of_each, uniform
-from ambinav.sensing.fields import nearest
 from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.simulation.eyes import Eyes
 from ambinav_envs.simulation.fixed import fixed_of
 from ambinav_envs.simulation.layout import (
     BUILDING,
@@ -36,6 +35,7 @@ from ambinav_envs.simulation.layout import (
     View,
 )
 from ambinav_envs.simulation.pointers import address
+from ambinav_envs.simulation.scanner_kernel import Eyes
 from ambinav_envs.simulation.site import Site, Sites, eyes_for
 from ambinav_envs.simulation.step import (
     BEGIN,

@@ -15,12 +15,12 @@ from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.building import Building
+from ambinav_envs.buildings.free_space import Places
 from ambinav_envs.buildings.goals import Goals
-from ambinav_envs.buildings.places import Places
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.simulation.eyes import Eyes, eyes_of
 from ambinav_envs.simulation.layout import GROUND
 from ambinav_envs.simulation.pointers import address
+from ambinav_envs.simulation.scanner_kernel import Eyes, eyes_of
 
 # So many buildings are kept ready; those that robots are in stay anyway.
 KEPT = 512

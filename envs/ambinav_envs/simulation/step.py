@@ -18,7 +18,6 @@ from ambinav.localization.odometry import wrapped
 from ambinav.localization.random import ziggurat
 from ambinav.service.field import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
-from ambinav_envs.simulation.eyes import look
 from ambinav_envs.simulation.fixed import eyes_at, memory_at
 from ambinav_envs.simulation.ground import (
     beam_noise_of,
@@ -62,6 +61,7 @@ from ambinav_envs.simulation.layout import (
 from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
 from ambinav_envs.simulation.pointers import borrowed
+from ambinav_envs.simulation.scanner_kernel import look
 
 # What `advance` does. A localizer that is no kernel comes between the looking and the rest.
 PLACE, DRIVE, LOOK, JUDGE, SHOW = 1, 2, 4, 8, 16

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from ambinav.compare.parts import Part
+from ambinav.compare.scenario_schema import Part
+from ambinav.config import nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import nearest
 from ambinav_envs.registration import IDS
 from ambinav_envs.training.hyperparameters import hyperparameters_of
 

@@ -12,10 +12,10 @@ import yaml
 from pydantic import ValidationError
 
 from ambinav.compare.scenario_file import complaint
+from ambinav.config import parse_yaml, read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import TRAINING, kind_of, kind_of_path, refuse
-from ambinav.sensing.fields import parse_yaml, read_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.scenario import scenario

@@ -11,8 +11,8 @@ from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import nearest
 from ambinav.sensing.scanner import RangeScanner
 
 LAYERS: Final = ("conv", "dense")

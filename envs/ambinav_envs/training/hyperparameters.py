@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final
 
+from ambinav.config import as_number, nearest
 from ambinav.errors import InputError
-from ambinav.sensing.fields import as_number, nearest
 from ambinav_envs.training.schedules import schedule_of
 
 PPO: Final = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from ambinav.files import replacing
-from ambinav_envs.training.tally import FIGURES
+from ambinav_envs.training.episode_stats import FIGURES
 
 COLUMNS: Final = (
     "steps", "seconds", "steps_per_second", "longest",

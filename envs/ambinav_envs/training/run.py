@@ -28,10 +28,10 @@ from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of, write_config
 from ambinav_envs.training.curriculum import Curriculum
 from ambinav_envs.training.curve import plot_curve
+from ambinav_envs.training.episode_stats import Figures, Tally, figures_of_evaluation
 from ambinav_envs.training.models import make_model, round_steps, schedules
 from ambinav_envs.training.progress import Progress
 from ambinav_envs.training.report import report_text
-from ambinav_envs.training.tally import Figures, Tally, figures_of_evaluation
 from ambinav_envs.training.vec import TrainingEnvs
 
 PREPARED: Final = 1000

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.sensing.fields import as_number
 
 ENDS = ("from", "to")
 

@@ -9,8 +9,8 @@ from typing import Any
 import numba
 import torch
 
-from ambinav.compare.lock import only_one
 from ambinav.errors import InputError
+from ambinav.runfolder import only_one
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training

@@ -10,7 +10,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute_rays

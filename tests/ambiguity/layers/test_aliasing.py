@@ -13,10 +13,10 @@ from ambinav import environment_from_shapes
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.build import _evidence, build_map
 from ambinav.ambiguity.heading import turns
-from ambinav.ambiguity.layers.aliasing import LEAST_LIKENESS, LookAlikes, compute, look_alikes
-from ambinav.ambiguity.layers.aliasing_kernel import compare_fully
-from ambinav.ambiguity.layers.aliasing_scans import Scans
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.aliasing.kernel import compare_fully
+from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, LookAlikes, compute, look_alikes
+from ambinav.ambiguity.layers.aliasing.scans import Scans
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.sensing import RangeScanner, RangeSensor

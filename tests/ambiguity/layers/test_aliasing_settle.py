@@ -11,9 +11,9 @@ import shapely
 from ambinav import environment_from_shapes
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing import look_alikes
-from ambinav.ambiguity.layers.aliasing_settle import settle, settle_at
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.aliasing.layer import look_alikes
+from ambinav.ambiguity.layers.aliasing.settle import settle, settle_at
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.sensing import RangeScanner, RangeSensor
 
 PERIOD = 3.37  # no multiple of the spacing

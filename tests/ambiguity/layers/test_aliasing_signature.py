@@ -10,11 +10,11 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ambinav.ambiguity.indistinguishability import evidence, evidence_table
-from ambinav.ambiguity.layers.aliasing_kernel import orbit_rows, possible
-from ambinav.ambiguity.layers.aliasing_scans import Scans
-from ambinav.ambiguity.layers.aliasing_sieve import sift
-from ambinav.ambiguity.layers.aliasing_signature import Signatures
-from ambinav.ambiguity.layers.aliasing_tree import Tree
+from ambinav.ambiguity.layers.aliasing.kernel import orbit_rows, possible
+from ambinav.ambiguity.layers.aliasing.scans import Scans
+from ambinav.ambiguity.layers.aliasing.sieve import sift
+from ambinav.ambiguity.layers.aliasing.signature import Signatures
+from ambinav.ambiguity.layers.aliasing.tree import Tree
 from ambinav.ambiguity.returns import BLIND
 
 LIMIT = np.array([4.0, 6.0])

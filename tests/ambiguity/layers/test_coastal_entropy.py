@@ -17,7 +17,7 @@ from scipy.stats import norm, qmc, spearmanr
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import bands as banding
 from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy, expected_evidence
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reference import reachable
 from ambinav.ambiguity.standing import standing_lattice

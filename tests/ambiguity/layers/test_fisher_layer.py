@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.fisher import fisher, ray_information
-from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.marginal import marginal_radii
 from ambinav.errors import InputError
 from ambinav.geometry.segments import FRONTIER, Segments
-from ambinav.localization.expected import expected_covariance
+from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information import scan_information
 from ambinav.localization.information_gain import information_gain
 from ambinav.sensing import RangeScanner, RangeSensor

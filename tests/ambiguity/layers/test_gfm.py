@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import gfm as module
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.gfm import DIRECTIONS, LAYER, TURN, gfm, rank_masks, share
-from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment

@@ -12,7 +12,7 @@ import shapely
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner, RangeSensor

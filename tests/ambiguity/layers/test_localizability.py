@@ -17,7 +17,7 @@ from scipy.stats import spearmanr
 import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.localizability import localizability, localizability_matrices
 from ambinav.ambiguity.layers.occupancy import PEAK, Occupancy, grid_range, occupancy
 from ambinav.ambiguity.model import AmbiguityModel

@@ -14,8 +14,8 @@ import shapely
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.clearance import clearance
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.gfm import gfm
-from ambinav.ambiguity.layers.ground import Ground
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.layers.wall_normals import wall_normals
 from ambinav.geometry.environment import Environment, load_environment

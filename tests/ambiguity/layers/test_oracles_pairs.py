@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing import look_alikes
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.aliasing.layer import look_alikes
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.position import position
 from ambinav.geometry.environment import Environment, load_environment
 from ambinav.sensing import RangeScanner, RangeSensor

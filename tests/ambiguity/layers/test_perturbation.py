@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.reference import beams
 from ambinav.errors import InputError

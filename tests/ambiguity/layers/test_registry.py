@@ -13,7 +13,7 @@ import pytest
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import registry
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer, chosen_layers, layer, layers, register
 from ambinav.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor

@@ -11,7 +11,7 @@ import shapely
 import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.ground import Ground
+from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import layer
 from ambinav.ambiguity.layers.wall_normals import wall_normals
 from ambinav.errors import InputError

@@ -13,9 +13,11 @@ import pytest
 pytest.importorskip("ompl")
 
 from ambinav import provenance
-from ambinav.compare.leaderboard import board as board_module
-from ambinav.compare.leaderboard import report as report_module
-from ambinav.compare.leaderboard.board import (
+from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.environment import Environment
+from ambinav_envs.leaderboard import board as board_module
+from ambinav_envs.leaderboard import report as report_module
+from ambinav_envs.leaderboard.board import (
     CONDITIONS,
     Board,
     Place,
@@ -23,16 +25,14 @@ from ambinav.compare.leaderboard.board import (
     fitting,
     settings_for,
 )
-from ambinav.compare.leaderboard.methods import all_methods, planner_methods, policy_method
-from ambinav.compare.leaderboard.report import OURS, benchmark
-from ambinav.compare.leaderboard.routes import Routes
-from ambinav.compare.leaderboard.store import (
+from ambinav_envs.leaderboard.methods import all_methods, planner_methods, policy_method
+from ambinav_envs.leaderboard.report import OURS, benchmark
+from ambinav_envs.leaderboard.routes import Routes
+from ambinav_envs.leaderboard.store import (
     key_of,
     load_episodes,
     save_episodes,
 )
-from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.environment import Environment
 from tests.envs.cases import room
 
 HERE = Path(__file__).parent

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ambinav.compare.leaderboard.draws import episode_weights
-from ambinav.compare.leaderboard.figures import (
+from ambinav_envs.evaluation import Episodes
+from ambinav_envs.leaderboard.draws import episode_weights
+from ambinav_envs.leaderboard.figures import (
     difference_text,
     make_rows,
     to_csv,
     value_text,
 )
-from ambinav.compare.leaderboard.report import goal_text
-from ambinav_envs.evaluation import Episodes
+from ambinav_envs.leaderboard.report import goal_text
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 
 

@@ -10,14 +10,14 @@ import pytest
 
 pytest.importorskip("ompl")
 
-from ambinav.compare.leaderboard.methods import RouteFollower, planner_method
-from ambinav.compare.leaderboard.routes import PlannerChoice, Routes
-from ambinav.compare.leaderboard.waypoint import WaypointFollower
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.leaderboard.methods import RouteFollower, planner_method
+from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
+from ambinav_envs.leaderboard.waypoint import WaypointFollower
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.scenario import scenario
 from ambinav_envs.simulation.layout import ARRIVED

@@ -9,11 +9,11 @@ import shapely
 from numpy.typing import NDArray
 
 import ambinav as an
-from ambinav.geometry.collision import CollisionChecker
+from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.steering import Steering
+from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states
-from ambinav_envs.buildings.places import Places
+from ambinav_envs.buildings.free_space import Places
 from ambinav_envs.buildings.tasks import spread_from
 
 RADIUS = 0.22

@@ -12,8 +12,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import ambinav as an
+from ambinav_envs.buildings.free_space import Places
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS, geodesic
-from ambinav_envs.buildings.places import Places
 from tests.envs.buildings.scenes import (
     RADIUS,
     centres,

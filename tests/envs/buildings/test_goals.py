@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ambinav as an
+from ambinav_envs.buildings.free_space import MARGIN
 from ambinav_envs.buildings.goals import MOST, Goals
-from ambinav_envs.buildings.places import MARGIN
 from tests.envs.buildings.scenes import RADIUS, field_to, places_in, room, screen, state
 
 PLACES = places_in(screen())

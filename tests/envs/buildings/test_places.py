@@ -7,8 +7,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import ambinav as an
+from ambinav_envs.buildings.free_space import MARGIN
 from ambinav_envs.buildings.geodesic import SIDES, STEPS
-from ambinav_envs.buildings.places import MARGIN
 from tests.envs.buildings.scenes import RADIUS, centres, places_in, room, screen, two_rooms
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import shapely
 
-from ambinav_envs.buildings.dice import Dice
 from ambinav_envs.buildings.furnish import along_walls, freestanding, racks
 from ambinav_envs.buildings.plan import AISLE, Plan, disc, rectangle, sides
+from ambinav_envs.buildings.plan_sampler import Dice
 
 
 def one_room() -> tuple[Plan, shapely.Polygon]:

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 import ambinav as an
-from ambinav_envs.buildings.places import MARGIN
+from ambinav_envs.buildings.free_space import MARGIN
 from ambinav_envs.buildings.tasks import draw_into, draw_task
 from tests.envs.buildings.scenes import RADIUS, field_to, places_in, room, screen, state, two_rooms
 

@@ -18,8 +18,8 @@ pytest.importorskip("stable_baselines3")
 
 from ambinav_envs.training.curriculum import RECENT, Curriculum
 from ambinav_envs.training.curve import plot_curve
+from ambinav_envs.training.episode_stats import figures_of, figures_of_evaluation
 from ambinav_envs.training.schedules import Falling
-from ambinav_envs.training.tally import figures_of, figures_of_evaluation
 from ambinav_envs.training.vec import TrainingEnvs
 from tests.envs.training.cases import tiny
 

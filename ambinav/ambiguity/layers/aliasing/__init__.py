@@ -1,0 +1,1 @@
+"""The layer `aliasing`: which other poses of the map give the same scan."""

@@ -1,0 +1,171 @@
+"""Look-alikes of a building for its audit: regions linked with those that give the same scans."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambinav.ambiguity.layers.aliasing.layer import LookAlikes, look_alikes, squares
+from ambinav.ambiguity.layers.aliasing.settle import settle
+from ambinav.ambiguity.layers.context import Ground
+from ambinav.audit.aliased_pairs import Link, find_links
+from ambinav.audit.aliasing_tracks import follow
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import CORRIDOR, OPEN
+
+SPACING = 0.25
+"""Metres between the poses that are compared; finer maps are sampled. Pairs grow with its -4th
+power, and what lies between is found by the offset within a cell."""
+MOST_POSES = 6000
+"""Poses up to which look-alikes are sought without being asked for: about half a minute."""
+WIDEST = 4
+"""With more poses, look-alikes are sought from about `MOST_POSES` of them and followed from there:
+from one square (`aliasing.squares`, 0.5 m wide at 0.25 m) in so many in each direction at the
+least, so that no room is left out."""
+COUNT = 20
+"""Look-alikes that each pose may be linked with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alikes:
+    """What an audit says of look-alikes.
+
+    Attributes:
+        poses: Poses of the lattice they were or would have been sought on: explored and reached.
+        spacing: Of that lattice, metres.
+        sought: Whether they were sought.
+        sought_from: From how many of the poses; the rest was followed from there.
+        share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
+            they were not sought.
+        area: Square metres of floor where `aliasing` is half or more, as told by the same poses.
+        links: The strongest first.
+    """
+
+    poses: int
+    spacing: float
+    sought: bool
+    sought_from: int = 0
+    share: float = math.nan
+    area: float = math.nan
+    links: tuple[Link, ...] = ()
+
+
+def find_alikes(
+    amap: AmbiguityMap,
+    environment: Environment,
+    wanted: bool | None = None,
+    *,
+    letters: int = 6,
+    reach: Reach | None = None,
+    report: Callable[[float], None] | None = None,
+) -> Alikes:
+    """Seek the look-alikes of a map.
+
+    Unexplored poses take no part, nor do those that a robot does not reach: it never stands there.
+
+    Those in the pose's own corridor or hall are left out of the links, for there the map itself
+    says that the robot can slide; the share counts them.
+
+    Args:
+        amap: The map.
+        environment: What it was built of.
+        wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
+        letters: How many regions to list with their look-alikes, at most.
+        reach: What the robot reaches; None: everything.
+        report: Called with the share done.
+    """
+    ground = Ground.of(amap, environment)
+    spacing = max(amap.spacing, min(SPACING, ground.radius))
+    if spacing > amap.spacing:
+        ground = ground.over(Lattice.over(environment, spacing))
+    ground = dataclasses.replace(ground, lattice=_counted(amap, ground.lattice, reach))
+    poses = pose_count(ground)
+    if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
+        return Alikes(poses, spacing, False)
+    found, sought = seek(amap, ground, report)
+    # A heading at which half of the beams end in unknown space tells nothing of the building.
+    told = np.isfinite(found.area[sought])
+    poses_told = np.maximum(told.sum(axis=1), 1)
+    share = np.where(told, found.share[sought], 0.0).sum(axis=1) / poses_told
+    share = share[told.any(axis=1)]
+    if not share.size:
+        return Alikes(0, spacing, False)
+    return Alikes(
+        poses,
+        spacing,
+        True,
+        int(sought.sum()) * (poses // len(sought)),
+        float(share.mean()),
+        float((share >= 0.5).mean()) * float(told.any(axis=1).mean()) * len(sought) * spacing**2,
+        find_links(ground, found, letters),
+    )
+
+
+def _counted(amap: AmbiguityMap, lattice: Lattice, reach: Reach | None) -> Lattice:
+    """The lattice with only those points free that are explored and reached."""
+    rows, columns = np.nonzero(lattice.free)
+    x, y = lattice.x[columns], lattice.y[rows]
+    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
+    column, row = (
+        np.clip(np.rint((at - grid[0]) / amap.spacing).astype(int), 0, len(grid) - 1)
+        for at, grid in ((x, grid_x), (y, grid_y))
+    )
+    counted = ~amap.unexplored[row, column]
+    if reach is not None:
+        counted &= reach.reaches(x, y)
+    free = np.zeros_like(lattice.free)
+    free[rows[counted], columns[counted]] = True
+    return dataclasses.replace(lattice, free=free)
+
+
+def seek(
+    amap: AmbiguityMap, ground: Ground, report: Callable[[float], None] | None = None
+) -> tuple[LookAlikes, NDArray[np.bool_]]:
+    """Look-alikes for links, up to `COUNT` of each pose, and the cells that were sought from.
+
+    Those that the search finds are scanned where they are (`settle`), and what their arrangement
+    leads to expect of neighbours is scanned too (`follow`). Those in the pose's own corridor or
+    hall are left out.
+
+    Args:
+        amap: The map.
+        ground: Its ground, or one with a wider lattice.
+        report: Called with the share done.
+    """
+    place = own_places(amap, *ground.points)
+    row, column = squares(*ground.points, ground.spacing)
+    every = min(math.ceil(math.sqrt(pose_count(ground) / MOST_POSES)), WIDEST)
+    sought = (row % every == 0) & (column % every == 0)
+    found = look_alikes(ground, count=COUNT, place=place, sought=sought, report=report)
+    alike = follow(ground, settle(ground, found.found))
+    # What was followed may have come into the pose's own place.
+    at = np.nan_to_num(alike[..., :2])
+    there = own_places(amap, at[..., 0], at[..., 1])
+    alike[(there > 0) & (there == place[:, np.newaxis, np.newaxis])] = np.nan
+    return dataclasses.replace(found, found=alike), sought
+
+
+def pose_count(ground: Ground) -> int:
+    """How many poses differ: of a scanner that looks all around one heading stands for all."""
+    return len(ground.points[0]) * (1 if ground.turns_in_place else len(ground.headings))
+
+
+def own_places(
+    amap: AmbiguityMap, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """Number of the corridor or hall that each point lies in, 0 for none; int32, as x and y."""
+    zone = amap.floor("zone", "mean").values
+    labels, _ = ndimage.label((zone == CORRIDOR) | (zone == OPEN), np.ones((3, 3), dtype=int))
+    grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
+    column = np.clip(np.rint((x - grid_x[0]) / amap.spacing).astype(int), 0, len(grid_x) - 1)
+    row = np.clip(np.rint((y - grid_y[0]) / amap.spacing).astype(int), 0, len(grid_y) - 1)
+    return np.asarray(labels[row, column], dtype=np.int32)

@@ -1,0 +1,1 @@
+"""Where a footprint fits and along which motions: collision geometry, checks, reachable floor."""

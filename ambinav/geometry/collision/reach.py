@@ -1,0 +1,243 @@
+"""Which floor a robot can reach: where a disc fits, and what hangs together of that.
+
+The centre of a disc of radius r may stand wherever every obstacle is at least r away: in the free
+space shrunk by r (its erosion, Lozano-Perez 1983: configuration space). Two places of it are
+connected by a motion if, and only if, they lie in the same connected piece. So pieces are
+computed as polygons, not on a lattice: a door is judged by its width alone.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.segments import FRONTIER
+
+ROBOT_RADIUS: Final = 0.2
+"""Metres, where neither the caller nor the scanner says how large the robot is."""
+SLACK: Final = 1e-6
+"""Metres that the disc may be smaller: a gap of exactly its width is wide enough."""
+QUAD_SEGS: Final = 16
+"""Chords that stand for a quarter of a circle. An arc of up to one and a half chords is drawn as
+one, so at a corner a disc may come nearer than its radius by 0.27 % of it."""
+MARGIN_SHARE: Final = 0.25
+"""Share of the map's rim from which a piece that lies along it is taken for a page's margin."""
+MARGIN_RIVAL: Final = 0.05
+"""A margin is passed over only for a piece of at least this share of its area: streets that the
+edge of a map cuts through are not left out for a backyard."""
+ON_RIM: Final = 0.1
+"""Metres; a frontier this near to the rim of a map lies on it, or one cell where that is more."""
+INSIDE: Final = 0.008
+"""Metres that an offered place lies inside of where the disc fits: it is rounded to 1 cm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Where the centre of a disc can stand, and where it can get to.
+
+    Attributes:
+        radius: Of the disc, metres.
+        start: x and y from which it sets out, metres; None: in the piece chosen by `find_reach`.
+        fits: Everywhere that the disc fits, map frame, metres.
+        floor: The connected piece of `fits` that it can reach.
+        notes: What was found at the rim of the map, in sentences.
+    """
+
+    radius: float
+    start: tuple[float, float] | None
+    fits: BaseGeometry
+    floor: BaseGeometry
+    notes: tuple[str, ...]
+
+    def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the disc can get to these places; metres, broadcast."""
+        return _contains(self.floor, x, y)
+
+    def has_room(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the disc fits at these places, reachable or not; metres, broadcast."""
+        return _contains(self.fits, x, y)
+
+
+def find_reach(
+    environment: Environment, radius: float, start: Sequence[float] | None = None
+) -> Reach:
+    """Find the floor that a disc can reach.
+
+    Without a start that is the largest piece, by where the centre can stand. A piece along a
+    quarter of the map's rim or more (`MARGIN_SHARE`) is passed over, as the margin of a page, if
+    another one has a twentieth of its area (`MARGIN_RIVAL`).
+
+    Args:
+        environment: The building.
+        radius: Of the disc, metres, above zero.
+        start: x and y of a place to set out from, metres.
+
+    Raises:
+        InputError: the radius is not above zero, the disc fits nowhere, or not at the start.
+
+    Warns:
+        InputWarning: free floor touches the rim of the map.
+    """
+    if not (math.isfinite(radius) and radius > 0.0):
+        raise InputError(
+            f"robot radius: {radius:g} is not above zero; give metres, e.g. {ROBOT_RADIUS:g}."
+        )
+    fits = _shrunk(environment, radius)
+    pieces = _pieces(fits)
+    if not pieces:
+        raise InputError(
+            f"{_label(environment)}: a robot of radius {radius:g} m fits nowhere, the widest place "
+            f"takes {_widest(environment, radius):g} m; give a smaller robot radius."
+        )
+    rim = _rim(environment)
+    notes = _rim_notes(environment, rim)
+    if start is not None:
+        place = _checked_start(environment, radius, start, fits)
+        floor = min(pieces, key=lambda piece: float(piece.distance(shapely.Point(place))))
+        where: tuple[float, float] | None = place
+    else:
+        shares = [_share_of_rim(environment, rim, piece, radius) for piece in pieces]
+        floor, where = pieces[_chosen(pieces, shares)], None
+        if floor is not pieces[0]:
+            notes.append(
+                f"{_label(environment)}: the largest piece of floor, of {pieces[0].area:,.0f} m², "
+                f"lies along {100 * shares[0]:.0f} % of the map's rim, as the margin of a page "
+                f"does, so the next of {floor.area:,.0f} m² is taken; --from X Y takes another."
+            )
+    for note in notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    shapely.prepare([fits, floor])
+    return Reach(float(radius), where, fits, floor, tuple(notes))
+
+
+def _shrunk(environment: Environment, radius: float) -> BaseGeometry:
+    """Where the centre of the disc can stand."""
+    inner = radius - min(SLACK, 0.5 * radius)
+    # As planners have it: no cell that the map calls occupied is floor for a body.
+    geometry = environment.collision
+    fits = shapely.buffer(geometry.free, -inner, quad_segs=QUAD_SEGS)
+    thin = geometry.thin_walls
+    if len(thin):
+        lines = shapely.multilinestrings(shapely.linestrings(thin.reshape(-1, 2, 2)))
+        fits = shapely.difference(fits, shapely.buffer(lines, inner, quad_segs=QUAD_SEGS))
+    return fits
+
+
+def _pieces(fits: BaseGeometry) -> list[BaseGeometry]:
+    """Connected pieces, the largest first."""
+    parts = [part for part in shapely.get_parts(fits).tolist() if part.area > 0.0]
+    return sorted(parts, key=lambda part: -float(part.area))
+
+
+def _widest(environment: Environment, radius: float) -> float:
+    """The largest radius that fits somewhere, below `radius`, rounded down to two digits."""
+    low, high = 0.0, radius
+    while high - low > 0.005 * high:
+        middle = 0.5 * (low + high)
+        if middle < SLACK:
+            break
+        if _pieces(_shrunk(environment, middle)):
+            low = middle
+        else:
+            high = middle
+    if low == 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(low)) - 1)
+    return float(f"{math.floor(low / unit) * unit:.2g}")
+
+
+def _rim(environment: Environment) -> BaseGeometry:
+    """The stretches of the free space's border that lie on the rim of the map; lines."""
+    if environment.extent is None:
+        return shapely.MultiLineString()
+    near = max(ON_RIM, environment.resolution or 0.0)
+    band = shapely.buffer(environment.extent.exterior, near, cap_style="flat", join_style="mitre")
+    shapely.prepare(band)
+    segments = environment.segments
+    lines = shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
+    return shapely.multilinestrings(lines[shapely.covers(band, lines)])
+
+
+def _rim_notes(environment: Environment, rim: BaseGeometry) -> list[str]:
+    if rim.is_empty:
+        return []
+    longest = max(shapely.get_parts(rim).tolist(), key=lambda line: float(line.length))
+    at = longest.interpolate(0.5, normalized=True)
+    return [
+        f"{_label(environment)}: free floor touches the rim of the map along {rim.length:,.1f} m, "
+        f"the longest stretch around x = {round(at.x, 1) + 0.0:.1f} m, "
+        f"y = {round(at.y, 1) + 0.0:.1f} m: there the map ends, not the building."
+    ]
+
+
+def _share_of_rim(
+    environment: Environment, rim: BaseGeometry, piece: BaseGeometry, radius: float
+) -> float:
+    """Share of the map's rim that a disc in this piece can come up to."""
+    if environment.extent is None or rim.is_empty:
+        return 0.0
+    near = 1.01 * radius + max(ON_RIM, environment.resolution or 0.0)
+    if piece.distance(rim) > near:
+        return 0.0
+    beside = piece.intersection(shapely.buffer(rim, 1.1 * near))
+    touched = rim.intersection(shapely.buffer(beside, near))
+    return float(touched.length / environment.extent.exterior.length)
+
+
+def _chosen(pieces: Sequence[BaseGeometry], shares: Sequence[float]) -> int:
+    """Number of the piece that counts where nobody names a start; the pieces are sorted."""
+    if shares[0] >= MARGIN_SHARE:
+        least = MARGIN_RIVAL * pieces[0].area
+        for i, (piece, share) in enumerate(zip(pieces, shares, strict=True)):
+            if share < MARGIN_SHARE and piece.area >= least:
+                return i
+    return 0
+
+
+def _checked_start(
+    environment: Environment, radius: float, start: Sequence[float], fits: BaseGeometry
+) -> tuple[float, float]:
+    """The start as x and y.
+
+    Raises:
+        InputError: it is not finite, or the disc does not fit there; then with the nearest place.
+    """
+    x, y = (float(value) for value in start)
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise InputError(f"from ({x}, {y}): give two finite numbers of metres in the map frame.")
+    point = shapely.Point(x, y)
+    if fits.distance(point) <= SLACK:
+        return x, y
+    checker = CollisionChecker(environment, Footprint.disc(radius), Steering("r2"))
+    why = checker.why_not(x, y) or "too near to an obstacle"
+    # A little inside, so that what is offered still fits when it is rounded.
+    inner, digits = shapely.buffer(fits, -INSIDE), 2
+    if inner.is_empty:
+        inner, digits = fits, 6
+    nearest = shapely.shortest_line(point, inner).coords[1]
+    raise InputError(
+        f"from ({x:.10g}, {y:.10g}): a robot of radius {radius:g} m cannot stand there, for that "
+        f"is {why}; the nearest place that fits is ({nearest[0]:.{digits}f}, "
+        f"{nearest[1]:.{digits}f}), {math.dist((x, y), nearest):.2f} m away."
+    )
+
+
+def _contains(shape: BaseGeometry, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+    return np.asarray(shapely.contains_xy(shape, *np.broadcast_arrays(x, y)), dtype=np.bool_)
+
+
+def _label(environment: Environment) -> str:
+    return str(environment.source) if environment.source is not None else environment.name

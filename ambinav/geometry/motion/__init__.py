@@ -1,0 +1,1 @@
+"""Motions between poses: straight lines, Dubins and Reeds-Shepp curves."""

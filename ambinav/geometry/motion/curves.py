@@ -1,0 +1,65 @@
+"""Motions between two poses: kernels that planners, collision checks and costs share.
+
+A motion is a straight line, or up to five pieces of constant curvature: a piece is a signed
+length in metres, negative in reverse, and a curvature in 1/m, positive to the left.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ambinav.geometry.motion.circles import in_radii
+from ambinav.geometry.motion.dubins import shortest_dubins
+from ambinav.geometry.motion.reeds_shepp import reeds_shepp_pieces, shortest_reeds_shepp
+from ambinav.kernels import kernel
+
+# Kinds of motion. FACING: straight, looking along the way. STRAIGHT: straight, the heading turns
+# evenly from one end's to the other's, the short way round.
+FACING, STRAIGHT, DUBINS, REEDS_SHEPP = range(4)
+
+
+@kernel
+def curve_pieces(kind, radius, x0, y0, t0, x1, y1, t1):
+    """Shortest curve of the kind DUBINS or REEDS_SHEPP from a pose to a pose, as its pieces.
+
+    Radius, x and y in metres, headings t0 and t1 in radians. Returns ten floats: the signed
+    lengths of five pieces in metres, then their curvatures in 1/m. Pieces that are not needed
+    have length 0.
+    """
+    x, y, phi = in_radii(radius, x0, y0, t0, x1, y1, t1)
+    k = 1.0 / radius
+    if kind == DUBINS:
+        a, b, c, i, j, m = shortest_dubins(x, y, phi)
+        return a * radius, b * radius, c * radius, 0.0, 0.0, i * k, j * k, m * k, 0.0, 0.0
+    r = radius
+    (a, b, c, d, e), (i, j, m, n, o) = reeds_shepp_pieces(shortest_reeds_shepp(x, y, phi))
+    return a * r, b * r, c * r, d * r, e * r, i * k, j * k, m * k, n * k, o * k
+
+
+@kernel(inline="always")
+def advance(x, y, t, length, curvature):
+    """Pose after a piece of a signed length in metres and a curvature in 1/m."""
+    if curvature == 0.0:
+        return x + length * math.cos(t), y + length * math.sin(t), t
+    turn = 0.5 * length * curvature
+    # The chord, twice the sine of half the turn over the curvature, leans by half the turn: this
+    # keeps its digits where the difference of two sines would lose them.
+    chord = 2.0 * math.sin(turn) / curvature
+    return x + chord * math.cos(t + turn), y + chord * math.sin(t + turn), t + 2.0 * turn
+
+
+@kernel
+def motion_length(kind, radius, x0, y0, t0, x1, y1, t1):
+    """Metres travelled by a motion of any kind; reverse counts as much as forwards.
+
+    nan for a curve without a radius.
+    """
+    if kind in (FACING, STRAIGHT):
+        return math.hypot(x1 - x0, y1 - y0)
+    if radius is None:
+        return math.nan
+    x, y, phi = in_radii(radius, x0, y0, t0, x1, y1, t1)
+    if kind == DUBINS:
+        a, b, c, _, _, _ = shortest_dubins(x, y, phi)
+        return radius * (a + b + c)
+    return radius * shortest_reeds_shepp(x, y, phi)[0]

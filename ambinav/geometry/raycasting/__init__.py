@@ -1,0 +1,1 @@
+"""Rays against the walls: constrained triangulation, whole scans, single rays, clearances."""

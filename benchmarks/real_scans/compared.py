@@ -1,0 +1,152 @@
+"""Pairs of real scans, compared as they were read and as a map predicts them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.indistinguishability import FINE, evidence_table
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.logs.frames import Floats
+from ambinav.logs.log import Log
+from ambinav.sensing.scanner import RangeScanner
+from real_scans.agreement import Agreement, compare_pairs
+from real_scans.real_returns import returns_of_scans, surface_slopes
+from real_scans.scan_pairs import ScanPairs
+
+# How well a partner's pose is known: as in a map with cells of this spacing, metres.
+SPACING: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Pairs of scans, compared as they were read and as a map predicts them.
+
+    Attributes:
+        pairs: The pairs.
+        measured: The real scans' agreement.
+        known: The real scans' agreement of the beams alone that end at a wall of the map or in its
+            free space: where it is unknown, the map says nothing that could be held against them.
+        predicted: That of the scans that the map predicts at the same poses.
+        common: Share of the beams that both look to, shape (N,).
+        beams: How many beams the real scans of a pair have both returned that the map knows,
+            shape (N,).
+    """
+
+    pairs: ScanPairs
+    measured: Agreement
+    known: Agreement
+    predicted: Agreement
+    common: Floats
+    beams: Floats
+
+
+def compared(
+    log: Log,
+    pairs: ScanPairs,
+    environment: Environment,
+    scanner: RangeScanner,
+    model: AmbiguityModel,
+) -> Compared:
+    """Compare the scans of pairs with each other, real ones and predicted ones, in one way.
+
+    Both use the model's sensor, deviation, cap and tau. The prediction knows where the two lasers
+    stood and looked, and the map; it knows nothing of the readings.
+
+    Args:
+        log: Of a robot that is its laser (`as_seen_from_laser`).
+        pairs: At least one.
+        environment: The map.
+        scanner: The beams that take part, all of one sensor in the laser's centre.
+        model: The model's parameters.
+    """
+    if len(pairs) == 0:
+        raise InputError(
+            f"{log.source or log.name}: no two scans of it are near enough to each other; give a "
+            "larger radius."
+        )
+    table = BeamTable.of(scanner, model.map_std, model.outlier_share)
+    limit, width = float(table.limit[0]), len(table.limit)
+    directions = scanner.mounts[:, 2]
+    told = evidence_of(table)
+    cell = (SPACING**2 / 4.0, model.sigma_theta**2)
+    poses = log.required_poses()
+    first, row = np.unique(pairs.first, return_inverse=True)
+    slopes = surface_slopes(log.ranges, log.angles)
+
+    def real(scan: NDArray[np.intp], turn: Floats, heading: Floats) -> NDArray[np.float32]:
+        return returns_of_scans(
+            log.ranges, slopes, log.angles, scan, turn, heading, directions, limit,
+            table.spread[0], width,
+        )  # fmt: skip
+
+    def agreement(one: NDArray[np.float32], two: NDArray[np.float32]) -> Agreement:
+        return compare_pairs(one, two, row, table, told, model.tau, cell)
+
+    mine = real(first, np.zeros(len(first)), poses[first, 2])
+    theirs = real(pairs.second, pairs.turn, poses[pairs.first, 2])
+    own, other = _predicted(pairs, first, row, poses, environment, scanner, table)
+    common = in_view(log.angles, directions, pairs.turn)
+    other[:, 4, : len(directions)][~common] = BLIND
+    measured, predicted = agreement(mine, theirs), agreement(own, other)
+    for scans, said in ((mine, own), (theirs, other)):
+        scans[:, 4][said[:, 4] == BLIND] = BLIND
+    told_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
+    return Compared(
+        pairs,
+        measured,
+        agreement(mine, theirs),
+        predicted,
+        common.mean(axis=1),
+        told_by_both[:, : len(directions)].sum(axis=1).astype(np.float64),
+    )
+
+
+def in_view(angles: Floats, directions: Floats, turn: Floats) -> NDArray[np.bool_]:
+    """Whether a scan with beams at `angles` that is turned by `turn` (N,) looks to directions (P,).
+
+    Returns:
+        Shape (N, P).
+    """
+    edge = 0.5 * (angles[1] - angles[0]) + 1e-9
+    way = np.mod(directions - turn[:, None] - angles[0] + edge, 2.0 * math.pi)
+    return np.asarray(way <= angles[-1] - angles[0] + 2.0 * edge)
+
+
+def _predicted(
+    pairs: ScanPairs,
+    first: NDArray[np.intp],
+    row: NDArray[np.intp],
+    poses: Floats,
+    environment: Environment,
+    scanner: RangeScanner,
+    table: BeamTable,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What the map says that the scans read: first ones, and partners in their directions."""
+    width = len(table.limit)
+    own, other = (np.zeros((size, 5, width), dtype=np.float32) for size in (len(first), len(row)))
+    own[:, 4] = other[:, 4] = 1.0
+    begin = np.searchsorted(row, np.arange(len(first) + 1))
+    for k, p in enumerate(first):
+        mine = slice(begin[k], begin[k + 1])
+        index = np.concatenate([[p], pairs.second[mine]])
+        data = np.zeros((len(index), 5, width), dtype=np.float32)
+        data[:, 4] = 1.0
+        x, y = poses[index, :2].T.copy()
+        beam_returns(environment, scanner, table, x, y, float(poses[p, 2]), data)
+        own[k], other[mine] = data[0], data[1:]
+    return own, other
+
+
+def evidence_of(table: BeamTable) -> NDArray[np.float32] | None:
+    """Table of evidence of beams that are all of one sensor; None where bins are fine."""
+    if table.width.max() <= FINE:
+        return None
+    return np.asarray(evidence_table(table.width[:1])[np.zeros(len(table.limit), dtype=np.intp)])

@@ -1,0 +1,190 @@
+"""The ambiguity of a pose from the one scan that was taken there, without any map.
+
+A robot passes a place a few times at most, so pairs of scans sample few displacements. But one
+scan shows surfaces, and from them follows what the laser would read a little beside: the scan
+is compared with itself, displaced over the whole neighbourhood, by the model's definition.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.kernel import FAST, compare
+from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
+from ambinav.ambiguity.tensor import relative_radii
+from ambinav.kernels import kernel
+from ambinav.logs.frames import Floats
+from ambinav.threads import run_rows
+from real_scans.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes
+
+# What lies so near to the displaced laser is not told from it, metres.
+SKIN = 1e-3
+
+
+def displaced_figures(
+    ranges: NDArray[np.float32],
+    angles: Floats,
+    heading: Floats,
+    offsets: Floats,
+    free: NDArray[np.bool_],
+    directions: Floats,
+    beams: BeamTable,
+    evidence: NDArray[np.float32] | None,
+    tau: float,
+    cell_variance: tuple[float, float],
+) -> dict[str, Floats]:
+    """The model's figures of scans, each compared with itself as seen from beside.
+
+    Neighbouring readings of one surface are joined by a segment. A ray from the displaced laser
+    that passes between two surfaces, or meets none, ends where the scan saw nothing: that beam
+    tells nothing.
+
+    Args:
+        ranges: Readings, shape (S, B), metres.
+        angles: Their directions, shape (B,), radians, rising.
+        heading: Of each scan's laser in the map frame, shape (S,), radians.
+        offsets: Displacements, shape (K, 2), metres, map frame; one of them is (0, 0).
+        free: Which of them a robot can reach, shape (S, K).
+        directions: Beams to compare, shape (P,), radians.
+        beams: Their limits and caps.
+        evidence: Table of evidence, or None where all bins are fine.
+        tau: Beams per independent piece of evidence.
+        cell_variance: Variance of the offset in x and y, square metres, and theta, square
+            radians.
+
+    Returns:
+        See `relative_radii`; each of shape (S,).
+    """
+    slopes = surface_slopes(ranges, angles)
+    sums = np.empty((len(ranges), 7))
+    run_rows(
+        _displaced, len(ranges), ranges.astype(np.float64), slopes, angles, heading, offsets, free,
+        directions, beams.limit, beams.inverse_cap, beams.use, beams.spread[0], evidence, tau,
+        *cell_variance, sums,
+    )  # fmt: skip
+    return relative_radii(sums)
+
+
+@kernel
+def displaced_returns(
+    ranges, slopes, angles, x, y, solid, heading, ex, ey, directions, limit, spread, data
+):
+    """Write what the laser, moved by (ex, ey) in its own frame, reads of a scan's surfaces."""
+    count = angles.size
+    for i in range(directions.size):
+        ux, uy = math.cos(directions[i]), math.sin(directions[i])
+        best, hit, share = np.inf, -1, 0.0
+        for b in range(count - 1):
+            if solid[b] < 0:
+                continue
+            ax, ay = x[b] - ex, y[b] - ey
+            side_a = ux * ay - uy * ax
+            c = b + solid[b]
+            bx, by = x[c] - ex, y[c] - ey
+            side_b = ux * by - uy * bx
+            if (side_a <= 0.0) == (side_b <= 0.0):
+                continue
+            along = side_a / (side_a - side_b)
+            r = (ax + along * (bx - ax)) * ux + (ay + along * (by - ay)) * uy
+            if SKIN < r < best:
+                best, hit, share = r, b, along
+        data[0, i], data[1, i], data[2, i], data[3, i] = limit + BEYOND, 0.0, 0.0, 0.0
+        data[4, i] = BLIND
+        if hit < 0 or solid[hit] > 1:
+            continue
+        near = hit + 1 if share >= 0.5 else hit
+        gap = not same_surface(ranges[hit], ranges[hit + 1])
+        if gap:
+            near = hit + 1 if ranges[hit + 1] > ranges[hit] else hit
+        # Normal of the surface, from its slope as the undisplaced laser sees it.
+        vx, vy = math.cos(angles[near]), math.sin(angles[near])
+        nx, ny = vx + slopes[near] * vy, vy - slopes[near] * vx
+        facing = nx * ux + ny * uy
+        slant = ny * ux - nx * uy
+        if gap:
+            # The farther surface goes on behind the edge of the nearer one.
+            behind = (nx * (x[near] - ex) + ny * (y[near] - ey)) / facing
+            if not best <= behind <= best + 2.0 * (ranges[near] - best) + WINDOW:
+                continue
+            best = behind
+        if abs(slant) >= STEEPEST * abs(facing):
+            slope = -math.copysign(STEEPEST, slant * facing)
+        else:
+            slope = -slant / facing
+        if best < limit + BEYOND:
+            way = heading + directions[i]
+            co, si = math.cos(way), math.sin(way)
+            data[0, i] = best
+            data[1, i], data[2, i], data[3, i] = -co - slope * si, -si + slope * co, slope * best
+        place = min(best / limit, 1.0) * (TABLE - 1)
+        low = min(int(place), TABLE - 2)
+        data[4, i] = spread[low] + (spread[low + 1] - spread[low]) * (place - low)
+
+
+@kernel
+def join(ranges, solid):
+    """How many readings on the next one lies that returned, -1 where the reading itself did not."""
+    count = ranges.size
+    solid[:] = -1
+    for b in range(count):
+        if not (np.isfinite(ranges[b]) and ranges[b] > 0.0):
+            continue
+        for c in range(b + 1, count):
+            if np.isfinite(ranges[c]) and ranges[c] > 0.0:
+                solid[b] = c - b
+                break
+
+
+@kernel(fastmath=FAST)
+def _moments(data, offsets, free, limit, icap, use, evidence, tau, c0, c2, out):
+    weight, count = 0.0, 0
+    mxx, mxy, myy, fxx, fxy, fyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(offsets.shape[0]):
+        if not free[k]:
+            continue
+        x, y = offsets[k, 0], offsets[k, 1]
+        count += 1
+        fxx += x * x + c0
+        fxy += x * y
+        fyy += y * y + c0
+        alike, ox, oy, _, sxx, sxy, syy, _ = compare(
+            data, 0, k + 1, limit, icap, use, evidence, tau, c0, c2
+        )
+        x += ox
+        y += oy
+        weight += alike
+        mxx += alike * (x * x + sxx)
+        mxy += alike * (x * y + sxy)
+        myy += alike * (y * y + syy)
+    out[0] = weight / count
+    out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
+    out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
+
+
+@kernel
+def _displaced(
+    low, high, ranges, slopes, angles, heading, offsets, free, directions, limit, icap, use,
+    spread, evidence, tau, c0, c2, sums,
+):  # fmt: skip
+    data = np.zeros((offsets.shape[0] + 1, 5, limit.size), dtype=np.float32)
+    data[:, 4] = 1.0
+    solid = np.empty(angles.size, dtype=np.int64)
+    for s in range(low, high):
+        join(ranges[s], solid)
+        x, y = ranges[s] * np.cos(angles), ranges[s] * np.sin(angles)
+        co, si = math.cos(heading[s]), math.sin(heading[s])
+        for k in range(-1, offsets.shape[0]):
+            ex, ey = 0.0, 0.0
+            if k >= 0:
+                if not free[s, k]:
+                    continue
+                ex = co * offsets[k, 0] + si * offsets[k, 1]
+                ey = co * offsets[k, 1] - si * offsets[k, 0]
+            displaced_returns(
+                ranges[s], slopes[s], angles, x, y, solid, heading[s], ex, ey, directions,
+                limit[0], spread, data[k + 1],
+            )  # fmt: skip
+        _moments(data, offsets, free[s], limit, icap, use, evidence, tau, c0, c2, sums[s])

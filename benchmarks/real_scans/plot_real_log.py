@@ -1,0 +1,92 @@
+"""Picture of a log: the path coloured by what its scans measure, on the floor of the map."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.tensor import classify
+from ambinav.maps import drawing
+from ambinav.maps.plot import plot_layer, plot_zones, view
+from ambinav.maps.zones import COLOURS, ZONES
+from real_scans.real_log import RealLog
+
+# Of the picture's longer side, inches, about.
+LONGEST: Final = 12.0
+# Dots of the path are this far apart at least, and so wide at most: shares of the longer side of
+# the floor, and metres, so that the floor of a corridor shows beside them.
+APART: Final = 1.0 / 110.0
+WIDE: Final = 1.0 / 120.0
+WIDEST: Final = 1.6
+
+
+def plot_real_log(study: RealLog) -> Figure:
+    """Draw the floor of the first map, and on it the path.
+
+    Left the zones: of the floor as the map predicts them (mean over all headings), of the path
+    as each scan alone measures them at its own heading. Right the level: of the floor as
+    predicted, of the path as its pairs of scans measure it: how well they agree among all pairs
+    of the same distance.
+    """
+    amap = study.maps[0]
+    bounds = view(amap)
+    width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
+    inches = LONGEST / max(2.0 * width, 1.2 * height)
+    figure = Figure(
+        figsize=(2.0 * width * inches + 1.6, height * inches + 2.0),
+        dpi=drawing.DPI,
+        layout="constrained",
+        facecolor="white",
+    )
+    FigureCanvasAgg(figure)
+    zones, level = figure.subplots(1, 2)
+    name = study.log.name.removesuffix("-corrected")
+    far = f"{study.scanner.max_range:g} m"
+    plot_zones(amap, zones, strokes=False, legend=False, title=f"{name}, {far}: zones")
+    seen, model = study.scan_says, study.model
+    measured = classify(seen["major"], seen["minor"], model.low, model.high)
+    dot = 72.0 * inches * min(WIDE * max(width, height), WIDEST)
+    _path(zones, study, study.alone, np.array(COLOURS)[measured], dot)
+    plot_layer(amap, "level", level, title="Level and pairs")
+    _path(level, study, *study.pairs.mean_by_scan(study.pairs.measured_rank), dot)
+    handles = [
+        *(
+            Patch(facecolor=colour, edgecolor="#555555", linewidth=0.6, label=zone)
+            for zone, colour in zip(ZONES, COLOURS, strict=True)
+        ),
+        Line2D(
+            [], [], marker="o", linestyle="", markerfacecolor="white", markeredgecolor="black",
+            label="path: measured by its scans\n(left: zone; right: rank of the pairs'\n"
+            "agreement, on the scale of the level)",
+        ),
+    ]  # fmt: skip
+    columns = 3 if drawing.is_tall(bounds) else len(handles)
+    figure.legend(
+        handles=handles, frameon=False, fontsize=9, ncol=columns, loc="outside lower right"
+    )
+    return figure
+
+
+def _path(
+    axes: Axes, study: RealLog, scans: NDArray[np.intp], colours: NDArray[Any], dot: float
+) -> None:
+    """Dots `dot` points wide along the path, not too near to each other."""
+    x, y = study.place(scans)
+    apart = APART * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    taken = np.zeros(len(x), dtype=np.bool_)
+    for k in range(len(x)):
+        taken[k] = not (np.hypot(x[taken] - x[k], y[taken] - y[k]) < apart).any()
+    scale: dict[str, Any] = {}
+    if colours.dtype.kind != "U":
+        scale = {"cmap": "viridis_r", "vmin": 0.0, "vmax": 1.0}
+    axes.scatter(
+        x[taken], y[taken], s=dot**2, c=colours[taken], edgecolors="black",
+        linewidths=min(0.1 * dot, 0.5), zorder=8, **scale,
+    )  # fmt: skip

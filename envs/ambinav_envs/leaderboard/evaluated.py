@@ -1,0 +1,158 @@
+"""One policy over a number of episodes: what `ambinav evaluate` tells."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
+from ambinav_envs.leaderboard.figures import Row, make_rows, plain
+from ambinav_envs.policies import load_policy
+from ambinav_envs.policies.file import DRAWN, plain_value
+from ambinav_envs.policies.fit import check_fit
+from ambinav_envs.policies.policy import Policy
+from ambinav_envs.registration import IDS
+from ambinav_envs.scenario import scenario
+from ambinav_envs.simulation.layout import OUTCOMES
+
+COUNT: Final = 100
+"""How many buildings of a suite the episodes are drawn from, where nobody says another number."""
+
+EPISODE_COLUMNS: Final = (
+    "seed", "building", "outcome", "was_lost", "error_mean", "error_max", "exposure", "travelled",
+    "shortest", "seconds", "reward", "cost",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What was found of a policy.
+
+    Attributes:
+        row: Its figures with intervals.
+        episodes: Each episode.
+        environment: Arguments of the environment.
+        seed: Of the episodes.
+        differs: How scanner and robot differ from those of the training, see
+            `policies.fit.differences`.
+    """
+
+    row: Row
+    episodes: Episodes
+    environment: dict[str, Any]
+    seed: int
+    differs: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """For programs: figures with intervals, and how they came about."""
+        told = {
+            "policy": self.row.method,
+            "environment": {name: plain_value(v) for name, v in self.environment.items()},
+            "differs": self.differs,
+            "episodes": self.row.episodes,
+            "seed": self.seed,
+            "figures": {cell.figure.key: plain(cell.value) for cell in self.row.cells},
+            "summary": {
+                key: None if np.isnan(value) else value
+                for key, value in self.episodes.summary().items()
+            },
+        }
+        return json.dumps(told, indent=2, default=str)
+
+    def to_csv(self) -> str:
+        """One line an episode; `NavigationEnv(...).reset(seed=seed)` is the same one."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(("episode", *EPISODE_COLUMNS))
+        for k in range(len(self.episodes)):
+            told = [getattr(self.episodes, name)[k] for name in EPISODE_COLUMNS]
+            told[EPISODE_COLUMNS.index("outcome")] = OUTCOMES[self.episodes.outcome[k]]
+            writer.writerow((k, *(f"{v:.6g}" if isinstance(v, np.floating) else v for v in told)))
+        return out.getvalue()
+
+
+def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of the environment that a policy is to drive in.
+
+    Args:
+        policy: It says what it was trained in.
+        changed: Arguments that replace those. Where neither says which buildings, they are `COUNT`
+            from `UNSEEN` on.
+
+    Raises:
+        InputError: the policy's environment is unknown.
+    """
+    arguments = dict(policy.environment)
+    name = arguments.pop("id", None)
+    if name is not None and name not in IDS:
+        raise InputError(
+            f"policy {policy.name!r} was trained in {name!r}, which is not known here; give "
+            "--suite or --map."
+        )
+    meant = {key: value for key, value in IDS.get(name, {}).items() if key not in DRAWN}
+    arguments = {**meant, **arguments}
+    if "suite" in changed or "map" in changed:
+        arguments.pop("suite", None)
+        arguments.pop("map", None)
+    arguments |= changed
+    if arguments.get("map") is None:
+        arguments = {"buildings": COUNT, "first_building": UNSEEN, **arguments}
+    return arguments
+
+
+def evaluate_policy(
+    told: str,
+    changed: Mapping[str, Any],
+    episodes: int,
+    seed: int,
+    progress: Callable[[float], None] | None = None,
+    *,
+    force: bool = False,
+) -> Evaluation:
+    """Let a policy drive.
+
+    Args:
+        told: What `load_policy` takes.
+        changed: See `environment_for`.
+        episodes: How many.
+        seed: Of the episodes.
+        progress: Called with the share done.
+        force: Let it drive another scanner or robot than it was trained with.
+
+    Raises:
+        InputError: the policy cannot be loaded or does not fit, or an argument is of no use.
+    """
+    policy = load_policy(told)
+    arguments = environment_for(policy, changed)
+    options = dict(arguments)
+    source, parameters = scenario(
+        options.pop("suite", None), options.pop("map", None), options.pop("buildings", None),
+        options.pop("first_building", 0), options.pop("max_episode_steps", None), options,
+    )  # fmt: skip
+    differs = check_fit(policy, parameters, force)
+    found = evaluate(policy, source, parameters, episodes, seed, progress=progress)
+    (row,) = make_rows(source.name, {policy.name: found}, None, seed)
+    return Evaluation(row, found, arguments, seed, differs)
+
+
+def write_evaluation(found: Evaluation, folder: Path) -> None:
+    """Write evaluation.json and episodes.csv into a folder.
+
+    Raises:
+        InputError: nothing can be written there.
+    """
+    for name, text in (
+        ("evaluation.json", found.to_json() + "\n"),
+        ("episodes.csv", found.to_csv()),
+    ):
+        with replacing(folder / name) as scratch:
+            scratch.write_text(text, encoding="utf-8")

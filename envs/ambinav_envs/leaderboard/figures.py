@@ -1,0 +1,224 @@
+"""The figures of a method: shares and means over its episodes, with intervals and differences."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.bootstrap import Interval
+from ambinav.drive.intervals import csv_cells, interval_text
+from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios
+
+if TYPE_CHECKING:
+    from ambinav_envs.evaluation import Episodes
+
+Floats = NDArray[np.float64]
+
+Parts = tuple[Floats, Floats]
+
+
+def mean_parts(values: Floats) -> Parts:
+    """Of a mean over the episodes that have a value; nan: one has none."""
+    there = ~np.isnan(values)
+    return np.where(there, values, 0.0), there.astype(np.float64)
+
+
+def _percent(which: NDArray[np.bool_]) -> Parts:
+    return mean_parts(np.where(which, 100.0, 0.0))
+
+
+def _ended(outcome: str) -> Callable[[Episodes], Parts]:
+    def parts(episodes: Episodes) -> Parts:
+        from ambinav_envs.simulation.layout import OUTCOMES
+
+        return _percent(episodes.ended(OUTCOMES.index(outcome)))
+
+    return parts
+
+
+def _seconds(episodes: Episodes) -> Parts:
+    return mean_parts(np.where(np.isnan(episodes.length_ratio), np.nan, episodes.seconds))
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a method.
+
+    Attributes:
+        key: Name in files.
+        title: Heading of a column.
+        unit: Of what is shown.
+        digits: After the point, for readers.
+        parts: Two numbers an episode: the figure is the sum of the first by that of the second.
+    """
+
+    key: str
+    title: str
+    unit: str
+    digits: int
+    parts: Callable[[Episodes], Parts]
+
+
+FIGURES: Final = (
+    Figure("arrived", "arrived", "%", 1, _ended("arrived")),
+    Figure("missed", "missed", "%", 1, _ended("missed")),
+    Figure("collided", "collided", "%", 1, _ended("collided")),
+    Figure("timeout", "timeout", "%", 1, _ended("timeout")),
+    Figure("lost", "ever lost", "%", 1, lambda e: _percent(e.was_lost)),
+    Figure("error", "error", "m", 3, lambda e: mean_parts(e.error_mean)),
+    Figure("error_max", "largest error", "m", 3, lambda e: mean_parts(e.error_max)),
+    Figure("length", "length ratio", "", 3, lambda e: mean_parts(e.length_ratio)),
+    Figure("exposure", "exposure per metre", "", 3, lambda e: (e.exposure, e.travelled)),
+    Figure("seconds", "time", "s", 1, _seconds),
+)
+"""Length ratio and time are means of the episodes that arrived. Exposure per metre is that of all
+episodes together by the metres of all of them, as in `Episodes.summary`."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One figure of one method.
+
+    Attributes:
+        figure: Which.
+        value: Over the episodes.
+        difference: To the baseline, episode by episode; None for the baseline itself.
+    """
+
+    figure: Figure
+    value: Interval
+    difference: Interval | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """All figures of a method in one setting.
+
+    Attributes:
+        setting: Name of the setting.
+        method: Name of the method.
+        episodes: How many.
+        cells: In the order of `FIGURES`.
+    """
+
+    setting: str
+    method: str
+    episodes: int
+    cells: tuple[Cell, ...]
+
+    def __getitem__(self, key: str) -> Cell:
+        """The figure with a key."""
+        return next(cell for cell in self.cells if cell.figure.key == key)
+
+
+def make_rows(
+    setting: str, found: Mapping[str, Episodes], baseline: str | None, seed: int
+) -> tuple[Row, ...]:
+    """The rows of a setting.
+
+    Args:
+        setting: Its name.
+        found: The episodes of each method, the same ones in the same order.
+        baseline: Method that the others are compared with; None, or one that is not there: none.
+        seed: Of the bootstrap. All methods of a setting have the same draws, so that a row does
+            not depend on what else is in the table.
+    """
+    base = None if baseline is None else found.get(baseline)
+    theirs = {name: None if base is None or one is base else base for name, one in found.items()}
+    columns = {name: _columns(one, theirs[name]) for name, one in found.items()}
+    sums: dict[str, list[Floats]] = {name: [] for name in found}
+    keys = [one.building for one in found.values()]
+    rng = np.random.default_rng([seed, zlib.crc32(setting.encode())])
+    for weights in episode_weights(keys[0], rng) if keys else ():
+        for name in found:
+            sums[name].append(weights @ columns[name])
+    return tuple(
+        Row(setting, name, len(one), _cells(columns[name], np.concatenate(sums[name], axis=1)))
+        for name, one in found.items()
+    )
+
+
+def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
+    """What the figures are sums of, two columns a figure: shape (1, E, 2 F), or (3, E, 2 F).
+
+    The other two layers are ours and theirs in the episodes in which both have a value.
+    """
+    own = np.array([figure.parts(ours) for figure in FIGURES])
+    layers = [own]
+    if theirs is not None:
+        other = np.array([figure.parts(theirs) for figure in FIGURES])
+        both = ((own[:, 1] > 0.0) & (other[:, 1] > 0.0))[:, None]
+        layers += [np.where(both, own, 0.0), np.where(both, other, 0.0)]
+    return np.array([np.vstack(list(layer)).T for layer in layers])
+
+
+def _cells(columns: Floats, drawn: Floats) -> tuple[Cell, ...]:
+    """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F)."""
+    whole = columns.sum(axis=1, keepdims=True)
+    value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
+    counts = np.count_nonzero(columns[..., 1::2], axis=1)
+    cells = []
+    for k, figure in enumerate(FIGURES):
+        own = interval_of(value[0, 0, k], over[0, :, k], counts[0, k])
+        difference = None
+        if len(columns) > 1:
+            apart, drawn_apart = (one[1, :, k] - one[2, :, k] for one in (value, over))
+            difference = interval_of(apart[0], drawn_apart, counts[1, k])
+        cells.append(Cell(figure, own, difference))
+    return tuple(cells)
+
+
+COLUMNS: Final = (
+    "setting", "method", "figure", "unit", "episodes", "counted", "value", "low", "high",
+    "difference", "difference_low", "difference_high",
+)  # fmt: skip
+
+
+def to_csv(rows: Sequence[Row]) -> str:
+    """One line a figure; empty where there is nothing to tell."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        for cell in row.cells:
+            told = [text for part in (cell.value, cell.difference) for text in csv_cells(part)]
+            writer.writerow(
+                [row.setting, row.method, cell.figure.key, cell.figure.unit, row.episodes,
+                 cell.value.count, *told]
+            )  # fmt: skip
+    return out.getvalue()
+
+
+def plain(interval: Interval | None) -> dict[str, float | int | None] | None:
+    """An interval as JSON has it."""
+    if interval is None or interval.count == 0:
+        return None
+    return {
+        "value": interval.value, "low": interval.low, "high": interval.high,
+        "count": interval.count,
+    }  # fmt: skip
+
+
+def value_text(cell: Cell, *, brief: bool = False) -> str:
+    """The figure with its interval, for readers; brief: whole percents."""
+    return interval_text(cell.value, 0 if brief and cell.figure.unit == "%" else cell.figure.digits)
+
+
+def difference_text(cell: Cell) -> str:
+    """The difference to the baseline with its interval and signs; bold where it does not hold 0."""
+    if cell.difference is None:
+        return ""
+    text = interval_text(cell.difference, cell.figure.digits, "+")
+    return f"**{text}**" if is_shown(cell.difference) else text
+
+
+def is_shown(difference: Interval) -> bool:
+    """Whether the interval does not hold 0."""
+    return bool(difference.low > 0.0 or difference.high < 0.0)

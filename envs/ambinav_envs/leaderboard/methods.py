@@ -1,0 +1,207 @@
+"""What is compared: planners whose routes are followed, and policies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.drive.course import Course
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.parameters import FollowerParameters
+from ambinav.errors import InputError
+from ambinav.geometry.motion.steering import Steering
+from ambinav_envs.evaluation import Controller
+from ambinav_envs.leaderboard.follow import Followers, as_actions
+from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
+from ambinav_envs.leaderboard.waypoint import (
+    AHEAD,
+    SEES,
+    WEIGHTS,
+    WaypointFollower,
+    follower_name,
+)
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies import baselines, load_policy
+from ambinav_envs.policies.load import checksum_of
+from ambinav_envs.policies.normalization import Observation
+from ambinav_envs.policies.policy import Bools, CallablePolicy, Policy
+from ambinav_envs.simulation.simulation import Simulation
+
+SHORTEST: Final = "shortest"
+"""Name of the method that the others are compared with."""
+
+PLANNERS: Final = {
+    SHORTEST: PlannerChoice("reference", 0.0),
+    "reference 5": PlannerChoice("reference"),
+    "prmstar 5": PlannerChoice("prmstar"),
+    "belief 5": PlannerChoice("belief"),
+}
+"""The planners of a leaderboard for which nobody names others."""
+STEERS: Final = {"discrete": False}
+"""What those bring along who steer by speed and turn rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """One that takes part.
+
+    Attributes:
+        name: In tables.
+        kind: "planner" or "policy".
+        text: What it is, for readers.
+        identity: Plain values that its episodes depend on.
+        seeing: Arguments of the environment that it brings along, see `Policy.seeing`; all others
+            are the same for everybody.
+        make: Makes what drives, of the parameters that the environment has.
+        shipped: Whether it takes part without being asked for, if it fits.
+    """
+
+    name: str
+    kind: str
+    text: str
+    identity: dict[str, Any]
+    seeing: dict[str, Any] = field(default_factory=dict)
+    make: Callable[[NavigationParameters], Controller | Policy] = WaypointFollower
+    shipped: bool = False
+
+
+class RouteFollower:
+    """Plans a route for each episode and follows it by the estimate.
+
+    Args:
+        choice: The planner.
+        layer: Of the ambiguity map that it reads.
+        odometry: See `Routes`.
+        start_std: See `Routes`.
+
+    Attributes:
+        routes: All that it has planned; they may be kept and given to another one.
+    """
+
+    def __init__(
+        self,
+        choice: PlannerChoice,
+        layer: str = "level",
+        odometry: OdometryNoise | None = None,
+        start_std: tuple[float, float, float] | None = None,
+    ) -> None:
+        self.routes = Routes(choice, layer, odometry, start_std)
+        self._followers: Followers | None = None
+
+    def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
+        """Plan from the true start to the goal of each episode; without a route it stands."""
+        parameters = simulation.parameters
+        buildings = [site.building for i in rows if (site := simulation.sites[i]) is not None]
+        tasks = [task for i in rows if (task := simulation.tasks[i]) is not None]
+        courses: list[Course | None] = [None] * simulation.count
+        for i, poses in zip(rows, self.routes.plan(buildings, tasks), strict=True):
+            courses[i] = None if poses is None else Course.of(poses, Steering())
+        # The environment ends an episode before the follower would stop.
+        near = min(FollowerParameters.xy_goal_tolerance, 0.8 * parameters.goal_radius)
+        follow = replace(
+            FollowerParameters(),
+            desired_linear_vel=parameters.robot.max_speed,
+            xy_goal_tolerance=near,
+        )
+        self._followers = Followers(courses, parameters.robot, follow, parameters.dt)
+
+    def act(self, observations: Observation, starts: Bools, simulation: Simulation) -> Any:
+        """What the follower wants."""
+        if self._followers is None:
+            raise RuntimeError("begin was not called")
+        state, parameters = simulation.state, simulation.parameters
+        want = self._followers.steer(state["mean"], state["speeds"])
+        return as_actions(want, parameters.robot, parameters.min_speed)
+
+
+def planner_method(name: str, choice: PlannerChoice) -> Method:
+    """A planner whose routes are followed; it steers by speed and turn rate."""
+    text = f"planner {choice.planner}, weight {choice.weight:g}, followed by pure pursuit"
+    return Method(
+        name, "planner", text, {"route": asdict(choice)}, dict(STEERS),
+        lambda parameters: RouteFollower(
+            choice, parameters.cost_layer, parameters.odometry, parameters.start_std
+        ),
+    )  # fmt: skip
+
+
+def follower_method(way_weight: float) -> Method:
+    """Who drives from waypoint to waypoint."""
+    way = f"cheapest way at weight {way_weight:g}" if way_weight else "shortest way"
+    name = follower_name(way_weight)
+    return Method(
+        name, "policy", f"drives at the place {AHEAD:g} m ahead on the {way}", {"name": name},
+        {**SEES, **STEERS, "way_weight": way_weight},
+    )  # fmt: skip
+
+
+def planner_methods(asked: Sequence[str]) -> list[Method]:
+    """The planners that are named NAME or NAME:WEIGHT; the shortest ways are always among them.
+
+    Args:
+        asked: None of them: `PLANNERS`.
+
+    Raises:
+        InputError: a planner is unknown, or a weight is no number from 0 on.
+    """
+    if not asked:
+        return [planner_method(name, choice) for name, choice in PLANNERS.items()]
+    methods = [planner_method(SHORTEST, PLANNERS[SHORTEST])]
+    for told in asked:
+        name, colon, number = told.partition(":")
+        try:
+            weight = float(number) if colon else 5.0
+        except ValueError:
+            weight = -1.0
+        if not 0.0 <= weight < float("inf"):
+            raise InputError(f"--planner: the weight in {told!r} is none; write e.g. prmstar:5.")
+        choice = PlannerChoice(name, weight)
+        Routes(choice)
+        methods.append(planner_method(f"{name} {weight:g}", choice))
+    return methods
+
+
+def policy_method(told: str, folder: Path | None = None, *, shipped: bool = False) -> Method:
+    """A policy that a user names.
+
+    Raises:
+        InputError: see `load_policy`.
+    """
+    policy = load_policy(told, folder)
+    if isinstance(policy, CallablePolicy):
+        identity = {"callable": told, "code": checksum_of(told, policy, folder)}
+        text = f"policy {told}"
+    else:
+        identity = {"file": checksum_of(told, policy, folder)}
+        text = f"policy {policy.name}.zip"
+    return Method(
+        policy.name, "policy", text, identity, policy.seeing, lambda parameters: policy, shipped
+    )
+
+
+def all_methods(
+    planners: Sequence[str], policies: Sequence[str], folder: Path | None = None
+) -> list[Method]:
+    """Everyone who takes part, in the order of the table.
+
+    Args:
+        planners: See `planner_methods`.
+        policies: What `load_policy` takes, besides the shipped ones.
+        folder: What names of files are relative to.
+
+    Raises:
+        InputError: one is unknown, or two have the same name.
+    """
+    methods = [
+        *(follower_method(weight) for weight in WEIGHTS),
+        *planner_methods(planners),
+        *(policy_method(name, shipped=True) for name in baselines() if name not in policies),
+        *(policy_method(name, folder) for name in dict.fromkeys(policies)),
+    ]  # fmt: skip
+    names = [method.name for method in methods]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two methods are called {name!r}; rename a policy's file.")
+    return methods

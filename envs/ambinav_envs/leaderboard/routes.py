@@ -1,0 +1,238 @@
+"""Planning the routes of many episodes, each only once."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.noise import OdometryNoise
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav.service.service import AmbiguityService
+
+if TYPE_CHECKING:
+    from ambinav_envs.buildings.building import Building
+    from ambinav_envs.buildings.tasks import Task
+    from ambinav_planners import RoutePlanner
+    from ambinav_planners.problem import Problem
+    from ambinav_planners.registry import Found, Planner
+
+Floats = NDArray[np.float64]
+
+MARGINS = (0.1, 0.05, 0.0)
+"""Metres that a route keeps off walls besides the robot's radius: as `ambinav compare` plans, and
+less where there is no way then."""
+PATIENCE = (1, 8)
+"""So many times its iterations a planner gets, one after the other, until it finds a way."""
+GROUP = 16
+"""Plans made at once; in one process, where a planner needs fresh ones (see
+`ambinav_planners.seeded`)."""
+
+
+@dataclass(frozen=True)
+class PlannerChoice:
+    """A planner, and how it is asked.
+
+    Attributes:
+        planner: Its name in the registry.
+        weight: Of the ambiguity.
+        iterations: Its budget, if it takes one.
+        seed: Of its random numbers, from 1 on.
+    """
+
+    planner: str
+    weight: float = 5.0
+    iterations: int | None = 1000
+    seed: int = 1
+
+
+class Routes:
+    """The routes of a planner, kept by building, start and goal.
+
+    Args:
+        choice: The planner.
+        layer: Of the ambiguity map that it reads.
+        odometry: What the localizer is told of it, for belief planners; None: their default.
+        start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
+
+    Raises:
+        InputError: OMPL is missing, or there is no such planner.
+    """
+
+    def __init__(
+        self,
+        choice: PlannerChoice,
+        layer: str = "level",
+        odometry: OdometryNoise | None = None,
+        start_std: tuple[float, float, float] | None = None,
+    ) -> None:
+        from importlib.util import find_spec
+
+        if find_spec("ompl") is None:
+            raise InputError('planning needs OMPL; run: pip install "ambinav[planners]".')
+        from ambinav_planners.registry import planner
+
+        self.choice = choice
+        self.layer = layer
+        self._odometry, self._start_std = odometry, start_std
+        self._planner = planner(choice.planner)
+        self._known: dict[str, Floats | None] = {}
+
+    def plan(self, buildings: Sequence[Building], tasks: Sequence[Task]) -> list[Floats | None]:
+        """Way points from start to goal of each task, shape (M, 3); None where none was found."""
+        items = list(zip(buildings, tasks, strict=True))
+        keys = [_key(*item) for item in items]
+        both = zip(keys, items, strict=True)
+        todo = {key: item for key, item in both if key not in self._known}
+        for margin in MARGINS:
+            if not todo:
+                break
+            found = self._planned(todo, margin)
+            todo = {key: item for key, item in todo.items() if found[key] is None}
+        self._known |= dict.fromkeys(todo)
+        return [self._known[key] for key in keys]
+
+    def _robot(self, building: Building, margin: float) -> RoutePlanner:
+        """What plans in a building."""
+        from ambinav_planners import RoutePlanner
+        from ambinav_planners.belief.place_search import BeliefModel
+
+        return RoutePlanner(
+            AmbiguityService(building.amap, self.layer, self.choice.weight),
+            footprint=building.robot_radius + margin,
+            belief=None if self._start_std is None else BeliefModel(start_std=self._start_std),
+            odometry=self._odometry,
+        )
+
+    def _planned(
+        self, todo: dict[str, tuple[Building, Task]], margin: float
+    ) -> dict[str, Floats | None]:
+        from ambinav_planners.seeded import call_seeded
+
+        robots: dict[str, RoutePlanner] = {}
+        asked: dict[str, _Asked | None] = {}
+        for key, (building, task) in todo.items():
+            if building.key not in robots:
+                robots[building.key] = self._robot(building, margin)
+            asked[key] = _asked(building, task, robots[building.key])
+        found: dict[str, Floats | None] = dict.fromkeys(asked)
+        keys = [key for key, item in asked.items() if item is not None]
+        for low in range(0, len(keys), GROUP):
+            group = keys[low : low + GROUP]
+            chosen = [item for key in group if (item := asked[key]) is not None]
+            seed = self.choice.seed if self._planner.uses_ompl else None
+            problems = [item.problem for item in chosen]
+            ways = call_seeded(seed, plan_all, self.choice, problems)
+            for key, item, way in zip(group, chosen, ways, strict=True):
+                if way is not None:
+                    # At once, so that an interruption leaves it.
+                    found[key] = self._known[key] = item.whole(way)
+        return found
+
+    def save(self, path: Path) -> None:
+        """Keep the routes in a file, whole or not at all."""
+        arrays = {
+            key: np.empty((0, 3)) if poses is None else poses for key, poses in self._known.items()
+        }
+        with replacing(path) as fresh, fresh.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+    def load(self, path: Path) -> None:
+        """Take in what `save` kept; nothing if there is no such file, or it is damaged."""
+        with (
+            contextlib.suppress(OSError, ValueError, EOFError, zlib.error, zipfile.BadZipFile),
+            path.open("rb") as file,
+            np.load(file) as stored,
+        ):
+            read = {key: stored[key] for key in stored.files}
+            self._known |= {key: poses if len(poses) else None for key, poses in read.items()}
+
+
+def _key(building: Building, task: Task) -> str:
+    """Building, start and goal in one word."""
+    ends = np.concatenate([task.start, task.goal]).astype(np.float64)
+    return f"{building.key}-{ends.tobytes().hex()}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A problem between the places nearest to start and goal where there is room to plan.
+
+    Attributes:
+        problem: For the planner.
+        start: The true start, shape (3,).
+        goal: The true goal, shape (3,).
+    """
+
+    problem: Problem
+    start: Floats
+    goal: Floats
+
+    def whole(self, way: Floats) -> Floats:
+        """The way from the true start to the true goal."""
+        return np.vstack([self.start, way, self.goal])
+
+
+def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None:
+    """What to plan for a task, or None if there is no room for the margin at one of its ends."""
+    start, goal = np.asarray(task.start), np.append(task.goal, 0.0)
+    ends = []
+    for pose in (start, goal):
+        near = robot.checker.nearest_free(*pose.tolist())
+        if near is None:
+            return None
+        end = np.array(near[:3])
+        # The nearest place may be beyond a wall.
+        if near[3] > 0.0 and not building.checker.motions_free(pose[None], end[None])[0]:
+            return None
+        ends.append(end.tolist())
+    return _Asked(robot.problem(*ends), start, goal)
+
+
+def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats | None]:
+    """Way points of a route for each problem, or None; always the same ones.
+
+    Args:
+        choice: The planner. One that uses OMPL must be called by `call_seeded`.
+        problems: What is to be planned.
+    """
+    from ambinav_planners.improve.finishing import finish
+    from ambinav_planners.registry import planner
+
+    chosen = planner(choice.planner)
+    ways: list[Floats | None] = []
+    for problem in problems:
+        found = _found(chosen, choice, problem)
+        ways.append(None if found is None else finish(chosen, problem, found, choice.seed).poses)
+    return ways
+
+
+def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> Found | None:
+    """A free way; one that is there on the lattice is sought for longer before it is given up."""
+    from ambinav_planners.improve.finishing import is_free
+    from ambinav_planners.planning import run
+    from ambinav_planners.registry import Budget, check_suits
+    from ambinav_planners.search.reachability import NoWayError, check_reachable
+
+    counts = chosen.uses_ompl and bool(chosen.iteration) and choice.iterations is not None
+    for factor in PATIENCE if counts else PATIENCE[:1]:
+        iterations = factor * choice.iterations if counts and choice.iterations else None
+        budget = Budget(math.inf, iterations, choice.seed)
+        check_suits(chosen, problem, budget)
+        found = run(chosen.name, problem, budget)
+        if found.poses is not None and is_free(found.poses, problem):
+            return found
+        try:
+            check_reachable(problem)
+        except NoWayError:
+            return None
+    return None

@@ -1,0 +1,61 @@
+"""The simplest driver: straight at a place ahead on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ambinav_envs.leaderboard.follow import as_actions
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.normalization import Observation
+from ambinav_envs.policies.policy import Bools, Policy
+
+NAME = "waypoint follower"
+# Metres ahead; farther on it cuts corners.
+AHEAD = 0.5
+SEES = {"waypoint": True, "waypoint_distance": AHEAD}
+WEIGHTS = (0.0, 5.0)
+"""Of the ways by which followers take part: the shortest, and that of the shipped policy."""
+# Above this bearing, radians, it turns on the spot.
+SIDEWAYS = 0.785
+
+
+def follower_name(way_weight: float) -> str:
+    """What the follower of a way is called."""
+    return f"{NAME} {way_weight:g}" if way_weight else NAME
+
+
+class WaypointFollower(Policy):
+    """Drives at the observation's part `waypoint`, and looks at nothing else.
+
+    That place comes from the map and the estimated pose, so this is what a robot does that
+    trusts both.
+
+    Args:
+        parameters: Of the environment; the robot's limits, the lowest speed and the weight of the
+            way are taken.
+    """
+
+    def __init__(self, parameters: NavigationParameters) -> None:
+        weight = parameters.way_weight
+        super().__init__(follower_name(weight), {**SEES, "way_weight": weight})
+        self._robot, self._min_speed = parameters.robot, parameters.min_speed
+
+    def prepare(self, observation_space: Any, action_space: Any) -> None:
+        """There is nothing to get ready."""
+
+    def act(self, observations: Observation, starts: Bools) -> Any:
+        """Along the arc to the waypoint, as in pure pursuit; slower near it."""
+        fastest, turning = self._robot.max_speed, self._robot.max_turn_rate
+        distance, cosine, sine = observations["waypoint"].T.astype(np.float64)
+        distance = np.maximum(10.0 * distance, 1e-3)
+        angle = np.arctan2(sine, cosine)
+        spot = np.abs(angle) > SIDEWAYS
+        curvature = 2.0 * sine / distance
+        speed = np.where(
+            spot, 0.0, fastest * np.minimum(1.0, 1.0 / np.maximum(np.abs(curvature), 1.0))
+        )
+        rate = np.where(spot, np.clip(3.0 * angle, -turning, turning), speed * curvature)
+        want = np.stack([speed, np.clip(rate, -turning, turning)], axis=1)
+        return as_actions(want, self._robot, self._min_speed)

@@ -1,0 +1,1 @@
+"""Planners that predict the localizer's covariance along the route."""

@@ -1,0 +1,255 @@
+"""What one scan tells about the pose, over a whole map: position, heading, and the two together.
+
+Position: the ambiguity tensor is the second moment of the poses near by whose scan looks the same,
+seen from a robot that only knew to be somewhere in the free neighbourhood. As Gaussians that is a
+prior (the free neighbourhood, with radius r0 along an axis) and a posterior (ambiguity radius r),
+and information adds up (Thrun, Burgard & Fox 2005, Probabilistic Robotics, section 3.5):
+
+    1 / r^2 = 1 / r0^2 + A,    r0 = r / ratio    =>    A = (1 - ratio^2) / r^2
+
+with the map's `major_radius` and `major` for r and ratio along the weak direction, `minor_radius`
+and `minor` across it. Where the ratio is 1 the scan tells nothing, A = 0. That is our own model.
+The tensor has the heading integrated out, so A is what the scan tells of the position of a robot
+that does not know its heading.
+
+Heading: the map keeps no moments of position and heading together, so what couples them is taken
+from the Fisher information F of the scan of all beams (Censi 2007, "On achievable accuracy for
+range-finder localization", ICRA). With c = F_pt / F_tt, metres, by which a turn looks like a shift,
+and h, what the scan tells of the heading of a robot that knows its position, the whole is
+
+    [ A + h c c^T    h c ]
+    [   h c^T         h  ]
+
+whose Schur complement, what is left for the position if the heading is unknown, is A again. h is
+F_tt / (2 tau): tau of the map says how many beams carry one piece of evidence, and the 2 is there
+because indistinguishability compares two noisy scans, so that in the limit of small offsets A, too,
+is half of F / tau (docs/model.md). Where the map has `heading_radius` and `heading` (those of
+scanners that look all around), h is no more than what they tell by the formula above. Which of
+tensor, F and both predicts best was measured: docs/planning.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.kernels import kernel
+from ambinav.localization.casting import cast_tables
+from ambinav.localization.expected_covariance import place_and_scanner
+from ambinav.localization.information import beam_noise, informations
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.service.field import nearest_possible, value_at
+from ambinav.threads import run_rows
+
+Floats = NDArray[np.float64]
+
+# On a map with headings a scan is cast at each of them: with so many beams of each sensor a cell in
+# all, evenly chosen and weighted up, the 760 000 poses of the demo take 10 s.
+BEAMS_A_CELL = 2400
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information of one scan over a map, linear between cells, continued into what is not free.
+
+    All are float32 of shape (rows, columns, headings), headings 1 if it does not matter.
+
+    Attributes:
+        xx: 1/m^2.
+        xy: Likewise.
+        yy: Likewise.
+        xt: Of x with the heading, 1/(m rad).
+        yt: Likewise.
+        tt: About the heading, 1/rad^2.
+        weak: About the position if the heading is unknown, the least over all directions, 1/m^2.
+        origin: x and y of the first cell's centre, metres.
+        spacing: Metres.
+    """
+
+    xx: NDArray[np.float32]
+    xy: NDArray[np.float32]
+    yy: NDArray[np.float32]
+    xt: NDArray[np.float32]
+    yt: NDArray[np.float32]
+    tt: NDArray[np.float32]
+    weak: NDArray[np.float32]
+    origin: tuple[float, float]
+    spacing: float
+
+    @classmethod
+    def of(cls, amap: AmbiguityMap) -> Information:
+        """Take it from a map, whose walls and scanner tell the part about the heading.
+
+        Raises:
+            InputError: the map does not tell its scanner, or by which parameters it was made.
+        """
+        data = amap.dataset
+        possible = amap.possible
+        rows, columns, headings = possible.shape
+        names = LAYERS + (TURNS if TURNS[0] in amap.layers else ())
+        layers = {name: _as_headings(amap, name) for name in names}
+        theta = data["theta"].values.astype(np.float64) if amap.has_theta else np.zeros(1)
+        turning = _Turning(amap)
+        parts = [np.empty((rows, columns, headings), dtype=np.float32) for _ in range(7)]
+        for k in range(headings):
+            # One heading at a time: what is held meanwhile is one floor, not all of them.
+            row, column = np.nonzero(possible[:, :, k])
+            at = {
+                name: values[row, column, min(k, values.shape[2] - 1)].astype(np.float64)
+                for name, values in layers.items()
+            }
+            poses = np.column_stack(
+                [data["x"].values[column], data["y"].values[row], np.full(len(row), theta[k])]
+            )
+            turn, shift = turning.at(poses)
+            if "heading" in at:
+                turn = np.minimum(turn, _along(at["heading"], at["heading_radius"]))
+            told = _told(at, turn, shift)
+            for part, values in zip(parts, told, strict=True):
+                part[row, column, k] = values
+        for k in range(headings):
+            nearest = nearest_possible(possible, k)
+            for part in parts:
+                part[:, :, k] = part[nearest]
+        origin = (float(data["x"].values[0]), float(data["y"].values[0]))
+        xx, xy, yy, xt, yt, tt, weak = parts
+        return cls(xx, xy, yy, xt, yt, tt, weak, origin, amap.spacing)
+
+    @property
+    def fields(self) -> tuple[NDArray[np.float32], ...]:
+        """The six entries, as `information_at` takes them."""
+        return self.xx, self.xy, self.yy, self.xt, self.yt, self.tt
+
+    @property
+    def lattice(self) -> tuple[float, float, float]:
+        """What kernels take after the fields: x and y of the first cell, cells per metre."""
+        return *self.origin, 1.0 / self.spacing
+
+    def at(self, poses: Floats) -> Floats:
+        """Information matrices at poses of shape (N, 3), shape (N, 3, 3): x, y, theta."""
+        out = np.empty((len(poses), 3, 3))
+        run_rows(_at, len(poses), poses, self.fields, *self.lattice, out, least=256)
+        return out
+
+
+LAYERS = ("major", "minor", "major_radius", "minor_radius", "direction")
+TURNS = ("heading", "heading_radius")
+
+
+def _as_headings(amap: AmbiguityMap, layer: str) -> NDArray[np.float32]:
+    """A layer over (y, x, headings)."""
+    values = amap.dataset[layer].values
+    return np.asarray(values[:, :, np.newaxis] if values.ndim == 2 else values)
+
+
+class _Turning:
+    """What a scan tells of the heading, and by how much a turn looks like a shift."""
+
+    def __init__(self, amap: AmbiguityMap) -> None:
+        environment, scanner = place_and_scanner(amap, None)
+        parameters = json.loads(amap.dataset.attrs["parameters"])
+        for name in ("tau", "map_std", "beams", "beams_used"):
+            if name not in parameters:
+                raise InputError(
+                    f"{amap.source}: its parameters lack {name}; make the map again with "
+                    "`ambinav map`."
+                )
+        beams, weight = _thinned(scanner, amap.possible.shape[2])
+        weight = weight * _used(scanner, parameters["beams_used"])[beams]
+        self.share = 1.0 / (2.0 * parameters["tau"])
+        self.cast = cast_tables(environment, scanner, beams)
+        noise = beam_noise(environment, scanner, float(parameters["map_std"]))
+        self.noise = noise._replace(
+            near=noise.near[beams],
+            far=noise.far[beams],
+            bias=noise.bias[noise.row[beams]],
+            variance=noise.variance[noise.row[beams]] / weight[:, np.newaxis],
+            row=np.arange(len(beams)),
+            steady=noise.steady[noise.row[beams]],
+        )
+
+    def at(self, poses: Floats) -> tuple[Floats, Floats]:
+        """h, shape (N,), 1/rad^2, and c, shape (N, 2), metres, at poses (N, 3)."""
+        told = np.empty((len(poses), 3, 3))
+        informations(np.ascontiguousarray(poses), self.cast, self.noise, told)
+        turn = told[:, 2, 2]
+        # A scan that tells nothing of the heading has no coupling either.
+        shift = np.divide(
+            told[:, :2, 2], turn[:, np.newaxis], out=np.zeros((len(poses), 2)),
+            where=turn[:, np.newaxis] > 0.0,
+        )  # fmt: skip
+        return self.share * turn, shift
+
+
+def _used(scanner: RangeScanner, beams_used: int) -> Floats:
+    """For how many beams of the map each of a scanner's stands, shape (B,).
+
+    The map's tau is of the beams that it was made with: all of a part of few beams, some of a part
+    of many.
+    """
+    sizes = np.array([len(part.layout.mounts()) for part in scanner.parts])
+    kept = np.array([len(part.layout.mounts()) for part in scanner.thinned(beams_used).parts])
+    share = kept / sizes * (beams_used / kept.sum())
+    return np.asarray(np.repeat(share, sizes), dtype=np.float64)
+
+
+def _thinned(scanner: RangeScanner, headings: int) -> tuple[NDArray[np.int64], Floats]:
+    """Beams to cast at each of so many headings, and how many each of them stands for."""
+    chosen, weight = [], []
+    most = max(BEAMS_A_CELL // headings, 1)
+    for sensor in np.unique(scanner.sensor_of_beam):
+        beams = np.flatnonzero(scanner.sensor_of_beam == sensor)
+        every = 1 if headings == 1 else math.ceil(len(beams) / most)
+        part = beams[every // 2 :: every]
+        chosen.append(part)
+        weight.append(np.full(len(part), len(beams) / len(part)))
+    order = np.argsort(np.concatenate(chosen))
+    return np.concatenate(chosen)[order].astype(np.int64), np.concatenate(weight)[order]
+
+
+def _told(at: dict[str, Floats], turn: Floats, shift: Floats) -> tuple[Floats, ...]:
+    """The entries of the information, each of shape (N,), and the least about the position."""
+    along = _along(at["major"], at["major_radius"])
+    across = _along(at["minor"], at["minor_radius"])
+    c, s = np.cos(at["direction"]), np.sin(at["direction"])
+    x, y = shift.T
+    return (
+        c * c * along + s * s * across + turn * x * x,
+        c * s * (along - across) + turn * x * y,
+        s * s * along + c * c * across + turn * y * y,
+        turn * x,
+        turn * y,
+        turn,
+        np.minimum(along, across),
+    )
+
+
+def _along(ratio: Floats, radius: Floats) -> Floats:
+    """What the tensor tells along one of its axes."""
+    return np.asarray((1.0 - np.minimum(ratio, 1.0) ** 2) / np.maximum(radius, 1e-9) ** 2)
+
+
+@kernel
+def information_at(x, y, theta, fields, left, low, inverse, out):
+    """Write the information matrix at a pose to `out`, shape (3, 3)."""
+    xx, xy, yy, xt, yt, tt = fields
+    u, v = (x - left) * inverse, (y - low) * inverse
+    w = theta * xx.shape[2] / (2.0 * math.pi)
+    out[0, 0], out[1, 1], out[2, 2] = (
+        value_at(u, v, w, xx), value_at(u, v, w, yy), value_at(u, v, w, tt)
+    )  # fmt: skip
+    out[0, 1] = out[1, 0] = value_at(u, v, w, xy)
+    out[0, 2] = out[2, 0] = value_at(u, v, w, xt)
+    out[1, 2] = out[2, 1] = value_at(u, v, w, yt)
+
+
+@kernel
+def _at(begin, end, poses, fields, left, low, inverse, out):
+    for i in range(begin, end):
+        information_at(poses[i, 0], poses[i, 1], poses[i, 2], fields, left, low, inverse, out[i])

@@ -1,0 +1,326 @@
+"""The way of least cost for a robot whose uncertainty grows by odometry and shrinks by scans.
+
+Roy & Thrun (1999, "Coastal navigation with mobile robots", NIPS 12) add the uncertainty as one
+more dimension of the state; Gonzalez & Stentz (2005, "Planning with uncertainty in position: an
+optimal and efficient planner", IROS; 2007, "... using high-resolution maps", ICRA) keep the
+standard deviation sigma of an isotropic position beside the cell, and need no grid over it: of
+two ways to a place, one that costs more and leaves a larger sigma can be dropped. So does this,
+after them.
+
+What happens to sigma is our own model. A metre of travel adds q to its square, what the robot's
+odometry adds in its worse direction from scan to scan (`OdometryNoise.growth`; turns on the spot
+are not counted). Every scan_distance metres a scan adds the map's information in its weakest
+direction, 1/sigma^2 grows by I. Spread evenly over the metres, the two make a Riccati equation for
+p = sigma^2,
+
+    dp/ds = q - b p^2,    q = growth(scan_distance),    b = I / scan_distance,
+
+which for constant b has the solution
+
+    p(s) = (p + r t) / (1 + p t / r),    r = sqrt(q / b),    t = tanh(sqrt(q b) s),
+
+so it does not matter how finely a way is cut into motions. A route costs the integral of
+1 + weight * sigma / reference over its length. A larger sigma at the start of a motion leaves a
+larger one at its end and costs at least as much: that is why dropping labels loses nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.noise import OdometryNoise
+from ambinav.errors import InputError
+from ambinav.kernels import kernel
+from ambinav.service.field import value_at
+from ambinav.threads import run_rows
+from ambinav_planners.belief.information import Information
+from ambinav_planners.search.along import pieces_of, pose_along
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.labels import (
+    Way,
+    check_node,
+    cost_to_go,
+    drop_first,
+    grown,
+    motions_back,
+    push,
+    way_back,
+)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BeliefModel:
+    """How sure the robot is, and what being unsure costs.
+
+    Attributes:
+        start_std: Standard deviations of x, y (metres) and heading (radians) at the start, as
+            `ambinav.drive.drive` takes them.
+        scan_distance: Metres of travel from one scan that tells something new to the next.
+        weight: Extra metres that a metre at a deviation of `reference` is worth.
+        reference: Metres.
+        max_std: Largest deviation along the way, metres.
+        max_goal_std: Largest deviation at the goal, metres.
+
+    Raises:
+        InputError: an attribute is out of its range.
+    """
+
+    start_std: tuple[float, float, float] = (0.1, 0.1, 0.05)
+    scan_distance: float = 2.0
+    weight: float = 5.0
+    reference: float = 0.5
+    max_std: float = math.inf
+    max_goal_std: float = math.inf
+
+    def __post_init__(self) -> None:
+        start = self.start_std
+        if len(start) != 3 or not all(math.isfinite(v) and v >= 0.0 for v in start):
+            raise InputError(
+                f"start_std is {start}; give the deviations of x, y and heading, at least 0."
+            )
+        if not (math.isfinite(self.weight) and self.weight >= 0.0):
+            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
+        for name in ("scan_distance", "reference"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{name} is {value}; give a number of metres above 0.")
+        for name in ("max_std", "max_goal_std"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"{name} is {getattr(self, name)}; give metres above 0, or inf.")
+
+    @property
+    def std(self) -> float:
+        """Deviation of an isotropic position at the start: the larger one, metres."""
+        return max(self.start_std[:2])
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """What each motion of a graph does to the variance, cut into pieces of constant information.
+
+    Half a piece takes the variance p to (p + add) / (1 + p shrink).
+
+    Attributes:
+        first: int64, shape (E + 1,): the pieces of motion e are first[e]:first[e + 1], of equal
+            length.
+        add: float64, shape (P,), m^2.
+        shrink: float64, shape (P,), 1/m^2.
+    """
+
+    first: NDArray[np.int64]
+    add: Floats
+    shrink: Floats
+
+    @classmethod
+    def of(
+        cls,
+        graph: MotionGraph,
+        information: Information,
+        model: BeliefModel,
+        odometry: OdometryNoise,
+        step: float = 0.5,
+    ) -> Growth:
+        """Read the information in the middle of pieces of at most `step` metres.
+
+        Raises:
+            InputError: the step is not above 0.
+        """
+        if not step > 0.0:
+            raise InputError(f"step is {step}; give a number of metres above 0.")
+        pieces = np.maximum(np.ceil(graph.length / step - 1e-9), 1.0).astype(np.int64)
+        first = np.concatenate([[0], np.cumsum(pieces)])
+        add, shrink = np.empty(first[-1]), np.empty(first[-1])
+        run_rows(
+            _grow, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
+            graph.poses, graph.first, graph.target, graph.length, first, information.weak,
+            *information.lattice, odometry.growth(model.scan_distance), model.scan_distance, add,
+            shrink, least=16,
+        )  # fmt: skip
+        return cls(first, add, shrink)
+
+    @property
+    def floor(self) -> float:
+        """Variance below which no motion takes a larger one, m^2."""
+        lowest = np.where(
+            self.shrink > 0.0, self.add / np.where(self.shrink > 0.0, self.shrink, 1.0), math.inf
+        )
+        return math.sqrt(lowest.min(initial=math.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """A way and how sure the robot is along it.
+
+    Attributes:
+        way: The way; its cost is the integral of 1 + weight * sigma / reference.
+        std: Standard deviation at the nodes of the way, metres, shape (N,).
+    """
+
+    way: Way
+    std: Floats
+
+
+def belief_search(
+    graph: MotionGraph,
+    growth: Growth,
+    model: BeliefModel,
+    start: int,
+    goal: int,
+    *,
+    tolerance: float = 0.0,
+) -> Belief | None:
+    """The way of least cost over nodes and standard deviations.
+
+    Args:
+        graph: The motions.
+        growth: What they do to the variance.
+        model: Start, costs and limits.
+        start: A node.
+        goal: A node.
+        tolerance: A dearer way to a node is gone on with only if its variance is lower by more
+            than this share. With 0 the result is exactly the best there is. Above 0 the cost and
+            deviation reported are still those of the way reported, but a better one, or one
+            that keeps to a limit by less than that share, may be missed.
+
+    Returns:
+        The way, or None if no way keeps to the limits.
+
+    Raises:
+        InputError: a node that is not there, or a tolerance below 0.
+    """
+    if not tolerance >= 0.0:
+        raise InputError(f"tolerance is {tolerance}; give a share of at least 0.")
+    start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
+    if model.std > model.max_std:
+        return None
+    price = model.weight / model.reference
+    variance = model.std**2
+    least = price * math.sqrt(min(variance, growth.floor))
+    ahead = cost_to_go(graph, graph.length * (1.0 + least), goal)
+    if not math.isfinite(ahead[start]):
+        return None
+    motions, cost, labels = _search(
+        graph.first, graph.target, graph.length, growth.first, growth.add, growth.shrink, price,
+        variance, model.max_std**2, model.max_goal_std**2, 1.0 + tolerance, ahead, start, goal,
+    )  # fmt: skip
+    if labels < 0:
+        return None
+    way = way_back(graph, start, motions, cost, labels)
+    return Belief(way, std_along(growth, way.motions, model.std))
+
+
+def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
+    """Standard deviation at the nodes of a way, metres, shape (motions + 1,)."""
+    out = np.empty(len(motions) + 1)
+    _std_along(growth.first, growth.add, growth.shrink, motions, std, out)
+    return out
+
+
+@kernel
+def _grow(
+    begin, end, kind, radius, poses, first, target, length, piece, weak, left, low, inverse,
+    q, scan_distance, add, shrink,
+):  # fmt: skip
+    per_turn = weak.shape[2] / (2.0 * math.pi)
+    for n in range(begin, end):
+        for e in range(first[n], first[n + 1]):
+            a, b = poses[n], poses[target[e]]
+            pieces = pieces_of(kind, radius, a, b)
+            count = piece[e + 1] - piece[e]
+            half = 0.5 * length[e] / count
+            for k in range(count):
+                x, y, theta = pose_along(kind, pieces, length[e], a, b, (k + 0.5) / count)
+                told = value_at((x - left) * inverse, (y - low) * inverse, theta * per_turn, weak)
+                rate = told / scan_distance
+                at = piece[e] + k
+                if q == 0.0 or rate <= 0.0:
+                    add[at], shrink[at] = q * half, max(rate, 0.0) * half
+                else:
+                    root = math.sqrt(q / rate)
+                    turned = math.tanh(math.sqrt(q * rate) * half)
+                    add[at], shrink[at] = root * turned, turned / root
+
+
+@kernel
+def _std_along(piece, add, shrink, motions, std, out):
+    p = std * std
+    out[0] = std
+    for k in range(motions.size):
+        for j in range(piece[motions[k]], piece[motions[k] + 1]):
+            for _ in range(2):
+                p = (p + add[j]) / (1.0 + p * shrink[j])
+        out[k + 1] = math.sqrt(p)
+
+
+@kernel
+def _search(
+    first, target, length, piece, add, shrink, price, variance, most, most_at_goal, margin,
+    ahead, start, goal,
+):  # fmt: skip
+    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+    nodes = first.size - 1
+    least = np.full(nodes, math.inf)  # the lowest variance that a node was left with
+    waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its variance
+    waiting_var = np.full(nodes, math.inf)
+    room = 1024
+    at = np.empty(room, dtype=np.int32)
+    parent = np.empty(room, dtype=np.int64)
+    motion = np.empty(room, dtype=np.int64)
+    spent = np.empty(room)
+    var = np.empty(room)
+    keys = np.empty(room)
+    items = np.empty(room, dtype=np.int64)
+    at[0], parent[0], motion[0], spent[0], var[0] = start, -1, -1, 0.0, variance
+    push(keys, items, 0, ahead[start], 0)
+    count, size, taken = 1, 1, 0
+    while size > 0:
+        label = items[0]
+        drop_first(keys, items, size)
+        size -= 1
+        node, so_far, before = at[label], spent[label], var[label]
+        if before * margin >= least[node]:
+            continue
+        least[node] = before
+        taken += 1
+        if node == goal and before <= most_at_goal:
+            return motions_back(label, parent, motion), so_far, taken
+        sigma = math.sqrt(before)
+        for e in range(first[node], first[node + 1]):
+            to = target[e]
+            bound = least[to]
+            if ahead[to] == math.inf:
+                continue
+            p, before_std, unsure = before, sigma, 0.0
+            allowed = True
+            for j in range(piece[e], piece[e + 1]):
+                middle = (p + add[j]) / (1.0 + p * shrink[j])
+                p = (middle + add[j]) / (1.0 + middle * shrink[j])
+                allowed = allowed and p <= most
+                after_std = math.sqrt(p)
+                unsure += before_std + 4.0 * math.sqrt(middle) + after_std
+                before_std = after_std
+            # Simpson's rule over each piece.
+            mean = unsure / (6.0 * (piece[e + 1] - piece[e]))
+            total = so_far + length[e] * (1.0 + price * mean)
+            if not allowed or p * margin >= bound:
+                continue
+            if total >= waiting_cost[to] and p * margin >= waiting_var[to]:
+                continue
+            if total <= waiting_cost[to]:
+                waiting_cost[to], waiting_var[to] = total, p
+            if count == at.size:
+                at, parent, motion = grown(at), grown(parent), grown(motion)
+                spent, var = grown(spent), grown(var)
+            if size == keys.size:
+                keys, items = grown(keys), grown(items)
+            at[count], parent[count], motion[count] = to, label, e
+            spent[count], var[count] = total, p
+            push(keys, items, size, total + ahead[to], count)
+            count, size = count + 1, size + 1
+    return np.empty(0, dtype=np.int64), math.inf, -1

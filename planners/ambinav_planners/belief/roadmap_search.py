@@ -1,0 +1,356 @@
+"""The way through a belief roadmap that ends well known and is not long.
+
+Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
+length, and keep for every node the one covariance of the least trace that was found. That is a
+rule of thumb: one with a larger trace can be the better one to go on with. Here the length
+counts too, and every way to a node is gone on with unless a shorter one has left a covariance that
+is no larger: by the measure alone, or exactly, in every direction (the Loewner order, which the
+filter preserves, so that nothing is lost). In r2 two paths come to a node with different headings,
+and turn differently to go on; the one that is dropped must then be no smaller than the other after
+a turn to its heading. A turn by way of a third heading adds no less in any direction than the short
+way round does, so that is enough.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.errors import InputError
+from ambinav.kernels import kernel
+from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
+from ambinav_planners.belief.transfer import carried, compose
+from ambinav_planners.search.labels import (
+    Way,
+    check_node,
+    cost_to_go,
+    drop_first,
+    grown,
+    motions_back,
+    push,
+    reversed_graph,
+    way_back,
+)
+
+Floats = NDArray[np.float64]
+
+MEASURES = ("trace", "weak")
+"""Deviation of the position in metres: root of the trace of the covariance's xy block, or root of
+its larger eigenvalue."""
+
+# So many ways of the last few motions are looked at for the bound at the goal: a few milliseconds.
+ENDINGS = 10_000
+# And of no more motions than this: on a graph of few nodes there are never many ways.
+LAST_MOTIONS = 20
+
+# Covariances that differ by less than this share are the same but for rounding.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefWay:
+    """A way and the covariances along it.
+
+    Attributes:
+        way: The way; its cost is its length plus weight times the deviation at the goal, metres.
+        covariances: At the nodes of the way, shape (N, 3, 3): x, y, theta, metres and radians.
+    """
+
+    way: Way
+    covariances: Floats
+
+
+def deviation(covariances: ArrayLike, measure: str = "trace") -> Floats:
+    """Deviation of the position of covariances, shape (..., 3, 3), in metres, shape (...).
+
+    Raises:
+        InputError: unknown measure.
+    """
+    _check_measure(measure)
+    s = np.asarray(covariances, dtype=np.float64)
+    trace = s[..., 0, 0] + s[..., 1, 1]
+    if measure == "weak":
+        trace = trace / 2 + np.hypot((s[..., 0, 0] - s[..., 1, 1]) / 2, s[..., 0, 1])
+    return np.asarray(np.sqrt(np.maximum(trace, 0.0)))
+
+
+def search_roadmap(
+    roadmap: BeliefRoadmap,
+    start: int,
+    goal: int,
+    covariance: ArrayLike,
+    *,
+    weight: float = 50.0,
+    measure: str = "trace",
+    max_std: float = math.inf,
+    max_goal_std: float = math.inf,
+    tolerance: float = 0.0,
+    exact: bool = False,
+) -> BeliefWay | None:
+    """The way of least length + weight * deviation at the goal.
+
+    The way may pass a node twice: going on to a place that tells more and coming back is worth it
+    at a large weight.
+
+    Args:
+        roadmap: The motions and what they do to the covariance.
+        start: A node.
+        goal: A node.
+        covariance: Of the pose at the start, shape (3, 3), may be singular.
+        weight: Metres of way that a metre less of deviation at the goal is worth.
+        measure: One of MEASURES.
+        max_std: Largest deviation at any node of the way, by the measure, metres.
+        max_goal_std: Largest deviation at the goal, by the measure, metres.
+        tolerance: A longer way to a node is gone on with only if its variance is lower by more
+            than this share. Above 0 the figures of the way are still its own, but a slightly
+            better one, or one that keeps to `max_std` by less than that share, may be missed.
+        exact: True compares the covariances at a node in every direction: with a tolerance of 0
+            the way is exactly the best there is, but on a grown roadmap of thousands of nodes
+            that takes minutes. False compares them by the measure alone, as Prentice & Roy do
+            by the trace: a second, without the guarantee.
+
+    Returns:
+        The way, or None if there is none that keeps to the limits.
+
+    Raises:
+        InputError: bad weight, measure, limit, tolerance, covariance or node.
+    """
+    _check_measure(measure)
+    for name, value in (("weight", weight), ("tolerance", tolerance)):
+        if not (math.isfinite(value) and value >= 0.0):
+            raise InputError(f"{name} is {value}; give a number of at least 0.")
+    for name, value in (("max_std", max_std), ("max_goal_std", max_goal_std)):
+        if not value > 0.0:
+            raise InputError(f"{name} is {value}; give metres above 0, or inf.")
+    first = checked_covariance(covariance)
+    graph = roadmap.graph
+    start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
+    ahead = cost_to_go(graph, graph.length, goal)
+    weak = measure == "weak"
+    if not math.isfinite(ahead[start]) or deviation(first, measure) > max_std:
+        return None
+    blocks = roadmap.carry, roadmap.noise, roadmap.seen
+    turned_round = reversed_graph(graph.first, graph.target)
+    floor = weight * _least_ending(*turned_round, *blocks, weak, start, goal)
+    motions, cost, labels = _search(
+        graph.first, graph.target, graph.length, *blocks, roadmap.heading, roadmap.odometry, first,
+        float(weight), weak, max_std, max_goal_std, 1.0 + tolerance, exact, ahead, floor, start,
+        goal,
+    )  # fmt: skip
+    if labels < 0:
+        return None
+    way = way_back(graph, start, motions, cost, labels)
+    return BeliefWay(way, roadmap.along(way.motions, first))
+
+
+def checked_covariance(covariance: ArrayLike) -> Floats:
+    """The covariance as float64, shape (3, 3).
+
+    Raises:
+        InputError: it is of another shape, not symmetric, or negative in some direction.
+    """
+    out = np.array(covariance, dtype=np.float64)
+    if out.shape != (3, 3) or not np.isfinite(out).all():
+        raise InputError("covariance is not 3 x 3 finite numbers; give x, y, theta.")
+    size = float(np.abs(out).max())
+    if not np.allclose(out, out.T, rtol=0.0, atol=1e-9 * size):
+        raise InputError("covariance is not symmetric; give one of x, y, theta.")
+    lowest = float(np.linalg.eigvalsh(out)[0])
+    if lowest < -1e-9 * size:
+        raise InputError(f"covariance has the eigenvalue {lowest:g}; none may be below 0.")
+    return out
+
+
+def _check_measure(measure: str) -> None:
+    if measure not in MEASURES:
+        raise InputError(f"measure is {measure!r}; choose from {', '.join(MEASURES)}.")
+
+
+@kernel
+def _deviation(s, weak):
+    trace = s[0, 0] + s[1, 1]
+    if weak:
+        trace = 0.5 * trace + math.hypot(0.5 * (s[0, 0] - s[1, 1]), s[0, 1])
+    return math.sqrt(max(trace, 0.0))
+
+
+@kernel
+def no_larger(one, other, margin):
+    """Whether covariance `one` is at most margin times the other in every direction.
+
+    By elimination: margin * other - one has no negative pivot, but for rounding.
+    """
+    d = margin * other - one
+    for k in range(3):
+        slack = ROUNDING * (one[k, k] + other[k, k])
+        if d[k, k] < -slack:
+            return False
+        if d[k, k] <= slack:
+            for i in range(k + 1, 3):
+                if d[i, k] * d[i, k] > slack * ROUNDING * (one[i, i] + other[i, i]):
+                    return False
+            continue
+        for i in range(k + 1, 3):
+            factor = d[i, k] / d[k, k]
+            for j in range(k + 1, 3):
+                d[i, j] -= factor * d[k, j]
+    return True
+
+
+@kernel
+def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
+    """The least deviation that any way can end with.
+
+    Of what went before the last few motions, even perfect knowledge ends with their noise.
+    """
+    nodes = np.full(1, goal, dtype=np.int64)
+    f, n, o = np.zeros((1, 3, 3)), np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    f[0] = np.eye(3)
+    least, shorter = 0.0, math.inf
+    if start == goal:
+        return least
+    for _ in range(LAST_MOTIONS):
+        count = 0
+        for node in nodes:
+            count += first[node + 1] - first[node]
+        if count > ENDINGS or count == 0:
+            return least
+        before = np.empty(count, dtype=np.int64)
+        fs, ns, os = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, 3, 3))
+        at, lowest = 0, math.inf
+        for i in range(nodes.size):
+            for k in range(first[nodes[i]], first[nodes[i] + 1]):
+                e = motion[k]
+                fs[at], ns[at], os[at] = compose(carry[e], noise[e], seen[e], f[i], n[i], o[i])
+                before[at] = source[k]
+                ending = _deviation(ns[at], weak)
+                lowest = min(lowest, ending)
+                if source[k] == start:  # nothing went before
+                    shorter = min(shorter, ending)
+                at += 1
+        least = min(lowest, shorter)
+        nodes, f, n, o = before, fs, ns, os
+    return least
+
+
+@kernel
+def _turned(covariance, last, to, heading, odometry):
+    """A covariance after the turn from motion `last` (-1: none) to motion `to`."""
+    out = covariance.copy()
+    if last >= 0:
+        turn_on_the_spot(out, heading[last], heading[to], odometry)
+    return out
+
+
+@kernel
+def _covered(
+    last, before, covariance, motion, found, at, heading, odometry, margin, weak, exact
+):  # fmt: skip
+    """Whether one of the labels of a node, from the last one back, leaves no more than `found`.
+
+    The covariance `found` is after motion `at`; -1: at the start.
+    """
+    if not exact:  # the last one has the lowest deviation
+        if last < 0:
+            return False
+        return _deviation(covariance[last], weak) <= math.sqrt(margin) * _deviation(found, weak)
+    label = last
+    while label >= 0:
+        one = covariance[label]
+        if at >= 0:
+            one = _turned(one, motion[label], at, heading, odometry)
+        if no_larger(one, found, margin):
+            return True
+        label = before[label]
+    return False
+
+
+@kernel
+def _search(
+    first, target, length, carry, noise, seen, heading, odometry, covariance, weight, weak, most,
+    most_at_goal, margin, exact, ahead, floor, start, goal,
+):  # fmt: skip
+    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+    nodes = first.size - 1
+    newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
+    room = 1024
+    at = np.empty(room, dtype=np.int32)
+    parent = np.empty(room, dtype=np.int64)
+    motion = np.empty(room, dtype=np.int64)
+    before = np.empty(room, dtype=np.int64)  # the label of the same node before it
+    gone = np.empty(room)
+    found = np.empty((room, 3, 3))
+    keys = np.empty(room)
+    items = np.empty(room, dtype=np.int64)
+    at[0], parent[0], motion[0], gone[0], found[0] = start, -1, -1, 0.0, covariance
+    push(keys, items, 0, ahead[start], 0)
+    count, size, taken = 1, 1, 0
+    best, best_label = math.inf, -1
+    while size > 0 and keys[0] + floor < best:
+        label = items[0]
+        drop_first(keys, items, size)
+        size -= 1
+        node = at[label]
+        last = motion[label]
+        if _covered(
+            newest[node],
+            before,
+            found,
+            motion,
+            found[label],
+            last,
+            heading,
+            odometry,
+            margin,
+            weak,
+            exact,
+        ):
+            continue
+        before[label], newest[node] = newest[node], label
+        taken += 1
+        if node == goal:
+            left = _deviation(found[label], weak)
+            total = gone[label] + weight * left
+            if total < best and left <= most_at_goal:
+                best, best_label = total, label
+        for e in range(first[node], first[node + 1]):
+            to = target[e]
+            total = gone[label] + length[e]
+            if total + ahead[to] + floor >= best:
+                continue
+            ready = _turned(found[label], last, e, heading, odometry)
+            ending = carried(carry[e], noise[e], seen[e], ready)
+            if _deviation(ending, weak) > most:
+                continue
+            if _covered(
+                newest[to],
+                before,
+                found,
+                motion,
+                ending,
+                e,
+                heading,
+                odometry,
+                margin,
+                weak,
+                exact,
+            ):
+                continue
+            if count == at.size:
+                at, parent, motion = grown(at), grown(parent), grown(motion)
+                before, gone = grown(before), grown(gone)
+                more = np.empty((2 * count, 3, 3))
+                more[:count] = found
+                found = more
+            if size == keys.size:
+                keys, items = grown(keys), grown(items)
+            at[count], parent[count], motion[count] = to, label, e
+            gone[count], found[count] = total, ending
+            push(keys, items, size, total + ahead[to], count)
+            count, size = count + 1, size + 1
+    if best_label < 0:
+        return np.empty(0, dtype=np.int64), math.inf, -1
+    return motions_back(best_label, parent, motion), best, taken

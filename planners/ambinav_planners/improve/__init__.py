@@ -1,0 +1,1 @@
+"""Improvement of routes after a search: cheaper, never dearer, always free."""

@@ -1,0 +1,139 @@
+"""What comes after a planner: whether its way is free, improving it, measuring it, or excuses."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.routes.evaluate import evaluate_route
+from ambinav.routes.route import Route
+from ambinav_planners.improve.limited import improve_within
+from ambinav_planners.improve.route import improve
+from ambinav_planners.problem import Problem
+from ambinav_planners.registry import Budget, Found, Planner, planners
+from ambinav_planners.search.alternatives import joined_routes
+from ambinav_planners.search.cheapest import cheapest_on
+from ambinav_planners.warmth import warm_up
+
+
+def finish(
+    chosen: Planner, problem: Problem, found: Found, seed: int | None, *, improved: bool = True
+) -> Route:
+    """Improve and measure what a planner found.
+
+    Args:
+        chosen: The planner.
+        problem: What it planned.
+        found: What it found, with poses.
+        seed: What it was seeded with.
+        improved: Whether to improve at all.
+    """
+    if found.poses is None:
+        raise ValueError("nothing was found")
+    warm_up(problem)
+    started = time.perf_counter()
+    poses = found.poses
+    if improved and not found.finished:
+        poses = _cheapest_improved([poses, *found.alternatives], problem)
+    seconds = found.seconds + time.perf_counter() - started
+    route = evaluate_route(
+        problem.service,
+        poses,
+        problem.steering,
+        planner=chosen.name,
+        seed=seed,
+        seconds=seconds,
+        first_seconds=found.curve[0][0] if found.curve else None,
+        iterations=found.iterations,
+        curve=found.curve,
+        covariances=found.covariances,
+    )
+    if not found.curve or route.cost < found.curve[-1][1]:
+        route = replace(route, curve=(*found.curve, (seconds, route.cost)))
+    return route
+
+
+def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
+    """Whether every motion of a way is free.
+
+    A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
+    be called blocked one way and free the other; where the way back is the same, either will do.
+    """
+    checker = problem.checker
+    free = checker.motions_free(poses[:-1], poses[1:])
+    if problem.steering.space != "dubins":
+        free |= checker.motions_free(poses[1:], poses[:-1])
+    return bool(checker.poses_free(poses[:1])[0] and free.all())
+
+
+def _cheapest_improved(routes: list[NDArray[np.float64]], problem: Problem) -> NDArray[np.float64]:
+    """The cheapest of some routes improved, and of what their best parts make."""
+    improved = [_improve(poses, problem) for poses in routes]
+    if len(improved) > 1:
+        parts = cheapest_on(joined_routes(improved, problem.service, problem.checker), problem)
+        if parts is not None:
+            improved.append(_improve(parts, problem))
+    return min(improved, key=lambda poses: problem.service.route_cost(poses, problem.steering))
+
+
+def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64]:
+    """The improved route, which keeps the limit on bad metres in a row if `poses` does.
+
+    A route that is called free in the other direction only (see `is_free`) is left as it is.
+    """
+    if not problem.checker.motions_free(poses[:-1], poses[1:]).all():
+        return poses
+    if problem.limit is None:
+        return improve(poses, problem.service, problem.checker)
+    better = improve_within(poses, problem.service, problem.checker, problem.limit)
+    return poses if better is None else better
+
+
+def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
+    """What to say when a planner found no way, though there is one on the lattice."""
+    if problem.limit is not None:
+        return (
+            f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
+            f"row above level {problem.limit.level:g}; allow more or a higher level, or see "
+            "without the limit whether there is a way at all."
+        )
+    belief = problem.belief
+    if chosen.name.startswith("belief") and math.isfinite(min(belief.max_std, belief.max_goal_std)):
+        limits = [
+            f"up to {limit:g} m{where}"
+            for limit, where in ((belief.max_std, ""), (belief.max_goal_std, " at the goal"))
+            if math.isfinite(limit)
+        ]
+        if belief.std > belief.max_std:
+            return (
+                f"start_std is {belief.std:g} m, more than the {belief.max_std:g} m of max_std "
+                "(--start-std and --max-std of `ambinav plan`); give a smaller deviation at the "
+                "start, or a larger limit."
+            )
+        return (
+            f"planner {chosen.name!r} found no way that keeps the standard deviation "
+            f"{' and '.join(limits)}; allow more, or see without a limit whether there is a way "
+            "at all."
+        )
+    if not chosen.iteration or not chosen.uses_ompl:
+        return (
+            f"planner {chosen.name!r} found no path over the map's lattice of "
+            f"{problem.service.map.spacing:g} m and its channels; where this robot only just gets "
+            "through, another planner, such as prmstar, may."
+        )
+    spent = f"{budget.seconds:g} s"
+    if budget.iterations is not None:
+        spent = f"{budget.iterations} {chosen.iteration}"
+    space = problem.steering.space
+    others = sorted(
+        p.name for p in planners().values() if space in p.spaces and p.name != chosen.name
+    )
+    more = "time" if budget.iterations is None else "iterations"
+    return (
+        f"planner {chosen.name!r} found no way in {space} in {spent}; there may be none for this "
+        f"robot, or it takes more {more} or another planner ({', '.join(others)})."
+    )

@@ -1,0 +1,140 @@
+"""Improvement of a route that must keep a limit on bad metres in a row.
+
+Made cheaper by the cost alone, a route may cut through bad floor for longer than it may. So bad
+metres are given a price of their own, as much as it takes (Lagrangian relaxation, Handler and
+Zang 1980): the least price at which the improved route keeps the limit is bracketed and halved.
+"""
+
+from __future__ import annotations
+
+import itertools
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.improve.route import improve
+from ambinav_planners.search.limit import BadStretchLimit
+
+Floats = NDArray[np.float64]
+
+# Prices of a bad metre, in metres-equivalent, relative to the dearest metre; and how often the
+# bracket between the last one that was too low and the first one that was not is halved.
+PRICES = (0.1, 0.3, 1.0, 3.0, 10.0)
+HALVINGS = 2
+# Good places on a route are looked for so many spacings apart.
+DENSE = 0.5
+
+
+def improve_within(
+    poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
+) -> Floats | None:
+    """The route improved such that it keeps a limit; None where nothing tried does it.
+
+    It costs no more than `poses` if that keeps the limit.
+
+    Args:
+        poses: A free route, shape (N, 3), N at least 2. It need not keep the limit itself.
+        service: What a metre costs.
+        checker: Where the robot fits and how it moves.
+        limit: What the result keeps.
+
+    Raises:
+        InputError: see `improve`.
+    """
+    whole = _cheaper(poses, _at_a_price(poses, service, checker, limit), service, checker, limit)
+    if checker.steering.turns:
+        return whole
+    parts = _in_pieces(poses if whole is None else whole, service, checker, limit)
+    return parts if whole is None else _cheaper(whole, parts, service, checker, limit)
+
+
+def _cheaper(
+    poses: Floats,
+    other: Floats | None,
+    service: AmbiguityService,
+    checker: CollisionChecker,
+    limit: BadStretchLimit,
+) -> Floats | None:
+    """The cheaper one of a route, if it keeps the limit, and of another that does."""
+    steering = checker.steering
+    if not limit.kept_by(poses, service, steering):
+        return other
+    if other is None:
+        return poses
+    return min((other, poses), key=lambda route: service.route_cost(route, steering))
+
+
+def _at_a_price(
+    poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
+) -> Floats | None:
+    """The route improved at the least price of bad metres at which it keeps the limit."""
+
+    def at(price: float) -> Floats | None:
+        found = improve(poses, priced(service, limit.level, price), checker)
+        return found if limit.kept_by(found, service, checker.steering) else None
+
+    best = at(0.0)
+    if best is not None:
+        return best
+    dearest = float(service.density.values.max())
+    low, high = 0.0, 0.0
+    for share in PRICES:
+        high = share * dearest
+        best = at(high)
+        if best is not None:
+            break
+        low = high
+    if best is None:
+        return None
+    found = [best]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        route = at(middle)
+        if route is None:
+            low = middle
+        else:
+            high = middle
+            found.append(route)
+    return min(found, key=lambda route: service.route_cost(route, checker.steering))
+
+
+def _in_pieces(
+    poses: Floats, service: AmbiguityService, checker: CollisionChecker, limit: BadStretchLimit
+) -> Floats | None:
+    """The route improved from one good place to the next, which stay where they are.
+
+    One price does not suit every bad stretch of a route that looks in at good places for a moment.
+    """
+    steering = checker.steering
+    points = steering.dense(poses, DENSE * service.map.spacing)[0]
+    points = points[np.r_[True, np.diff(points[:, :2], axis=0).any(axis=1)]]
+    level = service.ambiguity.at(*np.ascontiguousarray(points.T))
+    good = np.flatnonzero(level <= limit.level)
+    if not len(good):
+        return None
+    runs = np.split(good, np.flatnonzero(np.diff(good) > 1) + 1)
+    best = [int(run[level[run].argmin()]) for run in runs]
+    cuts = sorted({0, *best, len(points) - 1})
+    pieces = []
+    for low, high in itertools.pairwise(cuts):
+        piece = points[low : high + 1]
+        better = _cheaper(
+            piece, _at_a_price(piece, service, checker, limit), service, checker, limit
+        )
+        pieces.append((piece if better is None else better)[:-1])
+    route = steering.oriented(np.concatenate([*pieces, points[-1:]]))
+    return route if limit.kept_by(route, service, steering) else None
+
+
+def priced(service: AmbiguityService, level: float, price: float) -> AmbiguityService:
+    """The service with `price` more for each metre where the layer is above a level."""
+    if price == 0.0:
+        return service
+    bad = (service.ambiguity.values > level).astype(np.float32)
+    other = copy(service)
+    other.density = replace(service.density, values=service.density.values + price * bad)
+    return other

@@ -1,0 +1,1 @@
+"""Searches over graphs of free motions: lattice, roadmap, limits on bad stretches."""

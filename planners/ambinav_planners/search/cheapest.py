@@ -1,0 +1,45 @@
+"""The cheapest path over a graph from start to goal, within the limit if there is one."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_planners.problem import Problem
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.limit import BadStretchLimit
+from ambinav_planners.search.limited_search import limited_search
+from ambinav_planners.search.stretches import bad_stretches
+
+
+def cheapest_within(
+    graph: MotionGraph,
+    problem: Problem,
+    limit: BadStretchLimit,
+    cost: NDArray[np.float64] | None = None,
+) -> NDArray[np.intp] | None:
+    """Nodes of the cheapest path that keeps a limit on bad metres in a row, or None.
+
+    Start and goal are the graph's last two nodes. `cost` is what each motion costs, shape (E,);
+    None for what the problem's service says.
+    """
+    if cost is None:
+        cost = graph.cost(problem.service.weight)
+    stretches = bad_stretches(graph, problem.service.ambiguity, limit.level)
+    count = len(graph.poses)
+    found = limited_search(graph, cost, stretches, limit.metres, count - 2, count - 1)
+    return None if found is None else found.nodes
+
+
+def cheapest_on(graph: MotionGraph, problem: Problem) -> NDArray[np.float64] | None:
+    """Poses of the cheapest path between the graph's last two nodes, shape (N, 3), or None.
+
+    It keeps the problem's limit, if there is one.
+    """
+    count = len(graph.poses)
+    nodes = (
+        graph.cheapest(count - 2, count - 1, problem.service.weight)
+        if problem.limit is None
+        else cheapest_within(graph, problem, problem.limit)
+    )
+    return None if nodes is None else graph.steering.oriented(graph.poses[nodes])

@@ -1,0 +1,149 @@
+"""A graph of motions that are free: lattice or roadmap, searched for any weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from ambinav.geometry.motion.steering import Steering
+
+if TYPE_CHECKING:
+    from ambinav.geometry.collision.checker import CollisionChecker
+    from ambinav.service.service import AmbiguityService
+
+
+@dataclass(frozen=True, eq=False)
+class MotionGraph:
+    """Poses, and the free motions between them with what they cost.
+
+    What the motions cost does not depend on the weight, so that one graph serves every weight:
+    the cost of motion k at weight w is `fixed[k] + w * exposure[k]`.
+
+    Attributes:
+        poses: float64, shape (N, 3): x, y, theta.
+        first: int64, shape (N + 1,): the motions from node n are first[n]:first[n + 1].
+        target: int32, shape (E,): the node that a motion leads to.
+        length: float64, shape (E,), metres.
+        fixed: float64, shape (E,): the part of the cost without weight, at least the length.
+        exposure: float64, shape (E,): the integral of what the weight multiplies, metres.
+        steering: The kind of motion.
+    """
+
+    poses: NDArray[np.float64]
+    first: NDArray[np.int64]
+    target: NDArray[np.int32]
+    length: NDArray[np.float64]
+    fixed: NDArray[np.float64]
+    exposure: NDArray[np.float64]
+    steering: Steering
+
+    @classmethod
+    def of_motions(
+        cls,
+        poses: NDArray[np.float64],
+        pairs: NDArray[np.int32],
+        service: AmbiguityService,
+        checker: CollisionChecker,
+    ) -> MotionGraph:
+        """Keep the free ones of some motions and measure them with the service's integral.
+
+        Args:
+            poses: Shape (N, 3); each must be free.
+            pairs: Nodes to join, shape (P, 2), no pair twice in any order. They are joined both
+                ways where the way back is the same; where it is not (cars that only drive
+                forwards, maps with headings in r2) each way is checked and measured apart.
+            service: What a metre costs.
+            checker: Where the robot fits and how it moves.
+        """
+        steering = checker.steering
+        one_way = steering.space == "dubins" or (steering.space == "r2" and service.has_headings)
+        if one_way:
+            pairs = np.concatenate([pairs, pairs[:, ::-1]])
+        pairs = pairs[checker.motions_free(poses[pairs[:, 0]], poses[pairs[:, 1]])]
+        a, b = poses[pairs[:, 0]], poses[pairs[:, 1]]
+        length = steering.lengths(a, b)
+        exposure = service.motion_exposures(a, b, steering)
+        fixed = service.with_weight(0.0).motion_costs(a, b, steering)
+        source, target = pairs.T
+        if not one_way:
+            source, target = np.concatenate([source, target]), np.concatenate([target, source])
+            length, exposure, fixed = (np.tile(part, 2) for part in (length, exposure, fixed))
+        # Sorted by source with the cheap counting sort of a sparse matrix.
+        count = len(poses)
+        place = csr_matrix((np.arange(1, len(source) + 1), (source, target)), shape=(count, count))
+        order = place.data - 1
+        return cls(
+            poses=poses,
+            first=place.indptr.astype(np.int64),
+            target=place.indices.astype(np.int32),
+            length=length[order],
+            fixed=fixed[order],
+            exposure=exposure[order],
+            steering=steering,
+        )
+
+    @property
+    def source(self) -> NDArray[np.int32]:
+        """The node that each motion starts from, int32, shape (E,)."""
+        return np.repeat(
+            np.arange(len(self.poses), dtype=np.int32), np.diff(self.first).astype(np.intp)
+        )
+
+    def cost(self, weight: float) -> NDArray[np.float64]:
+        """Cost of every motion at a weight, shape (E,), metres-equivalent."""
+        return self.fixed + weight * self.exposure
+
+    def part(self, kept: NDArray[np.bool_]) -> MotionGraph:
+        """The graph of some of the nodes, bool, shape (N,), in their order."""
+        source = self.source
+        motions = np.flatnonzero(kept[source] & kept[self.target])
+        number = np.cumsum(kept) - 1
+        count = int(kept.sum())
+        first = np.zeros(count + 1, dtype=np.int64)
+        np.cumsum(np.bincount(number[source[motions]], minlength=count), out=first[1:])
+        return MotionGraph(
+            poses=self.poses[kept],
+            first=first,
+            target=number[self.target[motions]].astype(np.int32),
+            length=self.length[motions],
+            fixed=self.fixed[motions],
+            exposure=self.exposure[motions],
+            steering=self.steering,
+        )
+
+    def matrix(self, values: NDArray[np.float64]) -> csr_matrix:
+        """Values of the motions, shape (E,), as a sparse matrix from node to node."""
+        count = len(self.poses)
+        return csr_matrix((values, self.target, self.first), shape=(count, count))
+
+    def components(self) -> NDArray[np.int32]:
+        """Which nodes hang together, int32, shape (N,)."""
+        _, labels = connected_components(self.matrix(np.ones_like(self.length)), directed=False)
+        return np.asarray(labels, dtype=np.int32)
+
+    def cheapest(self, start: int, goal: int, weight: float) -> NDArray[np.intp] | None:
+        """Nodes of the cheapest path from `start` to `goal`, or None if there is none."""
+        return self.cheapest_at(self.cost(weight), start, goal)
+
+    def cheapest_at(
+        self, cost: NDArray[np.float64], start: int, goal: int
+    ) -> NDArray[np.intp] | None:
+        """As `cheapest`, where motion k costs `cost[k]`, shape (E,), at least 0."""
+        costs = np.maximum(cost, 1e-12)  # scipy takes an explicit zero for no edge
+        distance, before = dijkstra(self.matrix(costs), indices=start, return_predecessors=True)
+        if not np.isfinite(distance[goal]):
+            return None
+        return walk_back(before, start, goal)
+
+
+def walk_back(before: NDArray[np.int32], start: int, goal: int) -> NDArray[np.intp]:
+    """Nodes from `start` to `goal` by the predecessors `before`."""
+    nodes = [goal]
+    while nodes[-1] != start:
+        nodes.append(int(before[nodes[-1]]))
+    return np.array(nodes[::-1], dtype=np.intp)

@@ -1,0 +1,174 @@
+"""What the label-setting searches share: a heap in arrays, costs to go, and the way found.
+
+A label is one way to reach a node: what it has cost, a second amount that decides what is still
+possible, and the label and motion that it came from. A search takes labels in the order of cost
+plus cost to go, so the labels of one node come in the order of cost, and a label is worth going
+on with exactly if its second amount is lower than that of all before it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.kernels import kernel
+from ambinav_planners.search.graph import MotionGraph
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A way through a graph of motions.
+
+    Attributes:
+        nodes: intp, shape (N,): the nodes from start to goal.
+        motions: intp, shape (N - 1,): the motions between them.
+        cost: What the search minimised.
+        labels: How many labels the search went on with.
+    """
+
+    nodes: NDArray[np.intp]
+    motions: NDArray[np.intp]
+    cost: float
+    labels: int
+
+
+def check_node(graph: MotionGraph, name: str, node: int) -> int:
+    """The node, if the graph has it.
+
+    Raises:
+        InputError: it has not.
+    """
+    count = len(graph.poses)
+    if not 0 <= node < count:
+        raise InputError(f"{name} is node {node}; give one of 0 to {count - 1}.")
+    return int(node)
+
+
+def way_back(
+    graph: MotionGraph, start: int, motion: NDArray[np.int64], cost: float, labels: int
+) -> Way:
+    """The way whose motions are `motion`, from the goal back to the start."""
+    motions = motion[::-1].astype(np.intp)
+    nodes = np.concatenate([[start], graph.target[motions]]).astype(np.intp)
+    return Way(nodes, motions, cost, labels)
+
+
+def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
+    """Cost of the cheapest way from every node to the goal, shape (N,); inf where there is none.
+
+    Args:
+        graph: The motions.
+        cost: Of each motion, at least 0, shape (E,).
+        goal: A node.
+    """
+    first, source, motion = reversed_graph(graph.first, graph.target)
+    found: Floats = _dijkstra(first, source, motion, cost, goal)
+    return found
+
+
+@kernel
+def grown(array):
+    """A copy of twice the length."""
+    out = np.empty(2 * array.size, dtype=array.dtype)
+    out[: array.size] = array
+    return out
+
+
+@kernel
+def push(keys, items, size, key, item):
+    """Add an item to a heap of four children a node; the arrays must have room for it."""
+    at = size
+    while at > 0:
+        above = (at - 1) >> 2
+        if keys[above] <= key:
+            break
+        keys[at], items[at] = keys[above], items[above]
+        at = above
+    keys[at], items[at] = key, item
+
+
+@kernel
+def drop_first(keys, items, size):
+    """Take the first item out of a heap of `size` items."""
+    last = size - 1
+    key, item = keys[last], items[last]
+    at = 0
+    while True:
+        child = 4 * at + 1
+        if child >= last:
+            break
+        least = child
+        for other in range(child + 1, min(child + 4, last)):
+            if keys[other] < keys[least]:
+                least = other
+        if keys[least] >= key:
+            break
+        keys[at], items[at] = keys[least], items[least]
+        at = least
+    keys[at], items[at] = key, item
+
+
+@kernel
+def motions_back(label, parent, motion):
+    """Motions from a label back to the first one."""
+    count, at = 0, label
+    while parent[at] >= 0:
+        count, at = count + 1, parent[at]
+    out = np.empty(count, dtype=np.int64)
+    at = label
+    for k in range(count):
+        out[k] = motion[at]
+        at = parent[at]
+    return out
+
+
+@kernel
+def reversed_graph(first, target):
+    """The graph by its targets: first motion of each, and source and number of the motions."""
+    nodes = first.size - 1
+    begin = np.zeros(nodes + 1, dtype=np.int64)
+    for e in range(target.size):
+        begin[target[e] + 1] += 1
+    for n in range(nodes):
+        begin[n + 1] += begin[n]
+    at = begin[:-1].copy()
+    source = np.empty(target.size, dtype=np.int32)
+    motion = np.empty(target.size, dtype=np.int64)
+    for n in range(nodes):
+        for e in range(first[n], first[n + 1]):
+            k = at[target[e]]
+            source[k], motion[k] = n, e
+            at[target[e]] += 1
+    return begin, source, motion
+
+
+@kernel
+def _dijkstra(first, target, motion, cost, start):
+    nodes = first.size - 1
+    best = np.full(nodes, math.inf)
+    keys = np.empty(1024)
+    items = np.empty(1024, dtype=np.int64)
+    best[start] = 0.0
+    push(keys, items, 0, 0.0, start)
+    size = 1
+    while size > 0:
+        key, node = keys[0], items[0]
+        drop_first(keys, items, size)
+        size -= 1
+        if key > best[node]:
+            continue
+        for k in range(first[node], first[node + 1]):
+            value = key + cost[motion[k]]
+            if value < best[target[k]]:
+                best[target[k]] = value
+                if size == keys.size:
+                    keys, items = grown(keys), grown(items)
+                push(keys, items, size, value, target[k])
+                size += 1
+    return best

@@ -1,0 +1,198 @@
+"""The lattice of a map as a graph of free straight motions, in 32 directions.
+
+Where the robot fits but no lattice point does, points of their own are added: along the middle of
+channels that are hardly wider than the robot, and beside forbidden cells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.search.channels import channel_poses, edge_poses
+from ambinav_planners.search.graph import MotionGraph
+
+# Half of the 32 steps to neighbours, columns and rows; the others are their opposites. The
+# directions are at most 18.4 degrees apart, so a path over them is at most 1.3 % longer than the
+# straight one.
+STEPS = np.array(
+    [
+        (column, row)
+        for column in range(-3, 4)
+        for row in range(4)
+        if math.gcd(column, row) == 1 and (row > 0 or column > 0)
+    ],
+    dtype=np.int32,
+)
+# Added points are joined to what they see within so many spacings.
+CHANNEL_REACH = 2.5
+# The ends of a route are joined to what they see within this distance, metres; if there is nothing,
+# within the next.
+REACH = (0.5, 1.0, 2.0, 4.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeGraph:
+    """The free cells of a map and the motions between them.
+
+    Attributes:
+        graph: Its first nodes are the free cells, its last ones the points added to them.
+        cell: int32, shape (rows, columns): node of a cell, -1 where the robot does not fit.
+        service: What a metre costs.
+        parts: Into how many cells the edge of a cell of the map is divided.
+    """
+
+    graph: MotionGraph
+    cell: NDArray[np.int32]
+    service: AmbiguityService
+    parts: int = 1
+
+    @classmethod
+    def build(
+        cls, service: AmbiguityService, checker: CollisionChecker, parts: int = 1
+    ) -> LatticeGraph:
+        """Join the cells of the service's map where the robot fits.
+
+        Args:
+            service: Its map gives the lattice.
+            checker: For straight motions (r2). Channels are found for the disc around the
+                footprint.
+            parts: Into how many cells the edge of a cell of the map is divided.
+        """
+        xs, ys, free, spacing = _cells(service, parts)
+        x, y = np.meshgrid(xs, ys)
+        rows, columns = np.nonzero(free)
+        poses = np.stack([x[rows, columns], y[rows, columns], np.zeros(len(rows))], axis=-1)
+        fits = checker.poses_free(poses)
+        rows, columns, poses = rows[fits], columns[fits], poses[fits]
+        cell = np.full(x.shape, -1, dtype=np.int32)
+        cell[rows, columns] = np.arange(len(rows), dtype=np.int32)
+        # A margin of cells that nothing fits in, so that no step leaves the array.
+        margin = np.pad(cell, 3, constant_values=-1)
+        pairs = []
+        for column, row in STEPS:
+            other = margin[rows + 3 + row, columns + 3 + column]
+            there = np.flatnonzero(other >= 0).astype(np.int32)
+            pairs.append(np.stack([there, other[there]], axis=-1))
+        added = channel_poses(xs, ys, free, spacing, checker)
+        if checker.has_forbidden:
+            added = np.concatenate([added, edge_poses(xs, ys, free, spacing, checker)])
+        pairs.append(_pairs_near(poses, added, CHANNEL_REACH * spacing))
+        graph = MotionGraph.of_motions(
+            np.concatenate([poses, added]), np.concatenate(pairs), service, checker
+        )
+        return cls(graph, cell, service, parts)
+
+    def with_ends(self, ends: NDArray[np.float64], checker: CollisionChecker) -> MotionGraph:
+        """The graph with poses more, shape (K, 3), joined to the cells that they see.
+
+        The poses become the last K nodes. They are joined to each other as well, if they see each
+        other. The checker must be the one that the lattice was built with: it is not kept, so
+        that a lattice can be kept for just as long as its checker lives.
+        """
+        cells = len(self.graph.poses)
+        poses = np.concatenate([self.graph.poses, ends])
+        pairs = [
+            np.array([[i, j]], dtype=np.int32)
+            for i in range(cells, len(poses))
+            for j in range(i + 1, len(poses))
+        ]
+        for k, end in enumerate(ends):
+            distance = np.hypot(*(self.graph.poses[:, :2] - end[:2]).T)
+            for reach in REACH:
+                near = np.flatnonzero(distance <= reach)
+                seen = near[
+                    checker.motions_free(
+                        np.broadcast_to(end, (len(near), 3)).copy(), self.graph.poses[near]
+                    )
+                ]
+                if len(seen):
+                    break
+            pairs.append(np.stack([np.full(len(seen), cells + k), seen], axis=-1).astype(np.int32))
+        more = MotionGraph.of_motions(poses, np.concatenate(pairs), self.service, checker)
+        return joined(self.graph, more)
+
+    def labels(self, components: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Component of every cell, int32, shape (rows, columns); -1 where nothing fits."""
+        return np.where(self.cell >= 0, components[self.cell], np.int32(-1))
+
+
+def _cells(
+    service: AmbiguityService, parts: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], float]:
+    """Columns and rows of the map's lattice divided into parts, what is free, and the spacing."""
+    dataset = service.map.dataset
+    spacing = service.map.spacing / parts
+    offsets = (np.arange(parts) - 0.5 * (parts - 1)) * spacing
+    x, y = (
+        (dataset[axis].values.astype(np.float64)[:, np.newaxis] + offsets).ravel() for axis in "xy"
+    )
+    free = dataset["free"].values.repeat(parts, axis=0).repeat(parts, axis=1)
+    return x, y, free, spacing
+
+
+def _pairs_near(
+    poses: NDArray[np.float64], added: NDArray[np.float64], reach: float
+) -> NDArray[np.int32]:
+    """Pairs of added points with each other and with the poses before them, no pair twice."""
+    if not len(added):
+        return np.empty((0, 2), dtype=np.int32)
+    tree, count = cKDTree(added[:, :2]), len(poses)
+    among = tree.query_pairs(reach, output_type="ndarray") + count
+    near = cKDTree(poses[:, :2]).query_ball_point(added[:, :2], reach, return_sorted=False)
+    counts = np.array([len(each) for each in near], dtype=np.intp)
+    source = np.repeat(np.arange(len(added)) + count, counts)
+    target = np.array([node for each in near for node in each], dtype=np.intp)
+    return np.concatenate([among, np.stack([source, target], axis=-1)]).astype(np.int32)
+
+
+def joined(graph: MotionGraph, more: MotionGraph) -> MotionGraph:
+    """The motions of two graphs over the nodes of `more`, whose first ones are those of `graph`."""
+    source = np.concatenate([graph.source, more.source])
+    order = np.argsort(source, kind="stable")
+    first = np.zeros(len(more.poses) + 1, dtype=np.int64)
+    np.cumsum(np.bincount(source, minlength=len(more.poses)), out=first[1:])
+
+    def merge(name: str) -> NDArray[np.float64]:
+        return np.concatenate([getattr(graph, name), getattr(more, name)])[order]
+
+    return replace(
+        more,
+        first=first,
+        target=np.concatenate([graph.target, more.target])[order],
+        length=merge("length"),
+        fixed=merge("fixed"),
+        exposure=merge("exposure"),
+    )
+
+
+# A lattice serves every start, goal and weight; it lives as long as its checker.
+_lattices: WeakKeyDictionary[CollisionChecker, list[LatticeGraph]] = WeakKeyDictionary()
+
+
+def lattice_of(
+    service: AmbiguityService, checker: CollisionChecker, parts: int = 1
+) -> LatticeGraph:
+    """The lattice graph of a service and checker, built once for all weights."""
+    kept = _lattices.setdefault(checker, [])
+    for lattice in kept:
+        if lattice.parts == parts and _same_but_weight(lattice.service, service):
+            return lattice
+    kept.append(LatticeGraph.build(service, checker, parts))
+    return kept[-1]
+
+
+def _same_but_weight(a: AmbiguityService, b: AmbiguityService) -> bool:
+    return a.map is b.map and (a.layer, a.power, a.clearance_weight, a.comfort) == (
+        b.layer,
+        b.power,
+        b.clearance_weight,
+        b.comfort,
+    )

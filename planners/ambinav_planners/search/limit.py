@@ -1,0 +1,73 @@
+"""A hard limit beside the soft cost: how many metres in a row may be bad."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.motion.steering import Steering
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.stretches import bad_stretches
+
+
+@dataclass(frozen=True)
+class BadStretchLimit:
+    """At most so many metres in a row where the layer is above a level.
+
+    That is what dead reckoning survives: in between, the robot must have seen something.
+
+    Attributes:
+        metres: Longest stretch, above 0.
+        level: Where the layer is above it, a metre is bad; at least 0.
+
+    Raises:
+        InputError: a value that is not such a number.
+    """
+
+    metres: float
+    level: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not (math.isfinite(self.metres) and self.metres > 0.0):
+            raise InputError(f"max_bad_metres is {self.metres}; give a number above 0.")
+        if not (math.isfinite(self.level) and self.level >= 0.0):
+            raise InputError(f"bad_level is {self.level}; give a number of at least 0.")
+
+    def kept_by(
+        self, poses: NDArray[np.float64], service: AmbiguityService, steering: Steering
+    ) -> bool:
+        """Whether a way through poses, shape (N, 3), keeps the limit."""
+        return longest_bad(poses, service, steering, self.level) <= self.metres + 1e-6
+
+
+def longest_bad(
+    poses: NDArray[np.float64], service: AmbiguityService, steering: Steering, level: float
+) -> float:
+    """The most metres in a row, on a way through poses (N, 3), where the layer is above a level."""
+    motions = len(poses) - 1
+    length = steering.lengths(poses[:-1], poses[1:])
+    chain = MotionGraph(
+        poses=poses,
+        first=np.minimum(np.arange(motions + 2), motions).astype(np.int64),
+        target=np.arange(1, motions + 1, dtype=np.int32),
+        length=length,
+        fixed=length,
+        exposure=np.zeros(motions),
+        steering=steering,
+    )
+    bad = bad_stretches(chain, service.ambiguity, level)
+    most = running = 0.0
+    for k in range(motions):
+        if bad.whole[k]:
+            running += length[k]
+            most = max(most, running)
+        else:
+            most = max(most, running + bad.head[k], bad.longest[k])
+            running = float(bad.tail[k])
+    return float(most)

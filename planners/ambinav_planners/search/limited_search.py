@@ -1,0 +1,133 @@
+"""The cheapest way with a limit on how far the robot goes in a row where it is badly localized.
+
+Dead reckoning bridges a stretch of bad floor if it is short enough. Such a limit is no cost: what
+counts is the longest stretch in a row, so the search keeps for every way to a node its cost and
+the metres since the last good place, a shortest path problem with a resource that is used up and
+filled up again (Desrochers & Soumis 1988, "A generalized permanent labelling algorithm for the
+shortest path problem with time windows"). Which places are bad is our own choice: where a layer
+of the map is above a level.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.kernels import kernel
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.labels import (
+    Way,
+    check_node,
+    cost_to_go,
+    drop_first,
+    grown,
+    motions_back,
+    push,
+    way_back,
+)
+from ambinav_planners.search.stretches import Stretches
+
+Floats = NDArray[np.float64]
+
+# Sums of the same lengths in another order may differ by rounding.
+ROUNDING = 1e-9
+
+
+def limited_search(
+    graph: MotionGraph,
+    cost: Floats,
+    stretches: Stretches,
+    limit: float,
+    start: int,
+    goal: int,
+) -> Way | None:
+    """Cheapest way with at most `limit` metres in a row on bad floor.
+
+    The way may pass a node twice if that is what it takes. It starts with no bad metres behind
+    it: the robot knows where it is.
+
+    Args:
+        graph: The motions.
+        cost: Of each motion, at least 0, shape (E,), such as `graph.cost(weight)`.
+        stretches: Where the motions are bad.
+        limit: Metres, at least 0; inf for none.
+        start: A node.
+        goal: A node.
+
+    Returns:
+        The way, its cost exactly the least there is, or None if no way keeps to the limit.
+
+    Raises:
+        InputError: a negative limit or cost, or a node that is not there.
+    """
+    if not limit >= 0.0:
+        raise InputError(f"limit is {limit} m in a row; give a number of at least 0.")
+    if not (cost >= 0.0).all():
+        raise InputError(f"cost holds {cost.min():g}; the search needs costs of at least 0.")
+    start, goal = check_node(graph, "start", start), check_node(graph, "goal", goal)
+    ahead = cost_to_go(graph, cost, goal)
+    if not math.isfinite(ahead[start]):
+        return None
+    motions, total, labels = _search(
+        graph.first, graph.target, graph.length, cost, stretches.head, stretches.tail,
+        stretches.longest, stretches.whole, limit + ROUNDING, ahead, start, goal,
+    )  # fmt: skip
+    return way_back(graph, start, motions, total, labels) if labels >= 0 else None
+
+
+@kernel
+def _search(
+    first, target, length, cost, head, tail, longest, whole, limit, ahead, start, goal
+):  # fmt: skip
+    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+    nodes = first.size - 1
+    least = np.full(nodes, math.inf)  # the shortest running stretch that a node was left with
+    waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its stretch
+    waiting_run = np.full(nodes, math.inf)
+    room = 1024
+    at = np.empty(room, dtype=np.int32)
+    parent = np.empty(room, dtype=np.int64)
+    motion = np.empty(room, dtype=np.int64)
+    spent = np.empty(room)
+    run = np.empty(room)
+    keys = np.empty(room)
+    items = np.empty(room, dtype=np.int64)
+    at[0], parent[0], motion[0], spent[0], run[0] = start, -1, -1, 0.0, 0.0
+    push(keys, items, 0, ahead[start], 0)
+    count, size, taken = 1, 1, 0
+    while size > 0:
+        label = items[0]
+        drop_first(keys, items, size)
+        size -= 1
+        node, so_far, behind = at[label], spent[label], run[label]
+        if behind >= least[node]:
+            continue
+        least[node] = behind
+        taken += 1
+        if node == goal:
+            return motions_back(label, parent, motion), so_far, taken
+        for e in range(first[node], first[node + 1]):
+            to = target[e]
+            if behind + head[e] > limit or longest[e] > limit or ahead[to] == math.inf:
+                continue
+            stretch = behind + length[e] if whole[e] else tail[e]
+            total = so_far + cost[e]
+            if stretch >= least[to]:
+                continue
+            if total >= waiting_cost[to] and stretch >= waiting_run[to]:
+                continue
+            if total <= waiting_cost[to]:
+                waiting_cost[to], waiting_run[to] = total, stretch
+            if count == at.size:
+                at, parent, motion = grown(at), grown(parent), grown(motion)
+                spent, run = grown(spent), grown(run)
+            if size == keys.size:
+                keys, items = grown(keys), grown(items)
+            at[count], parent[count], motion[count] = to, label, e
+            spent[count], run[count] = total, stretch
+            push(keys, items, size, total + ahead[to], count)
+            count, size = count + 1, size + 1
+    return np.empty(0, dtype=np.int64), math.inf, -1

@@ -1,0 +1,120 @@
+"""Whether any way leads from start to goal, and which parts of the floor hang together."""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.motion.steering import Steering
+from ambinav_planners.problem import Problem
+from ambinav_planners.search.lattice_graph import lattice_of
+
+# Sides of the polygons that stand for a quarter of a disc.
+QUARTER_SIDES = 32
+# Two places this near to a part of the floor, metres, lie in it.
+NEAR = 1e-3
+
+
+class NoWayError(InputError):
+    """No way leads from start to goal.
+
+    Attributes:
+        labels: Which cells of the map hang together, int32, shape (rows, columns), -1 where the
+            robot does not fit.
+        start_label: Label of the cells that the start reaches; no cell may have it.
+        goal_label: Label of the cells from which the goal is reached; no cell may have it.
+    """
+
+    def __init__(
+        self, message: str, labels: NDArray[np.int32], start_label: int, goal_label: int
+    ) -> None:
+        super().__init__(message)
+        self.labels = labels
+        self.start_label = start_label
+        self.goal_label = goal_label
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What it takes to make it again in another process."""
+        return NoWayError, (str(self), self.labels, self.start_label, self.goal_label)
+
+
+_planar: WeakKeyDictionary[CollisionChecker, CollisionChecker] = WeakKeyDictionary()
+
+
+def planar(checker: CollisionChecker) -> CollisionChecker:
+    """A checker for straight motions in r2 of the largest disc within the footprint.
+
+    Where that disc does not get through, the footprint does not either, whatever it does.
+    """
+    if checker.steering.space == "r2" and checker.footprint.is_disc:
+        return checker
+    kept = _planar.get(checker)
+    if kept is None:
+        kept = CollisionChecker(
+            checker.environment, Footprint.disc(checker.footprint.inner), Steering("r2")
+        )
+        _planar[checker] = kept
+    return kept
+
+
+def check_reachable(problem: Problem) -> None:
+    """Raise if no way leads from start to goal, whatever planner looks for it.
+
+    For a disc in r2 that is exact but for the forbidden cells, which are looked at on the lattice
+    only. For other robots it is whether the largest disc within the footprint gets through.
+
+    Raises:
+        NoWayError: there is none; the message says how much floor either end reaches.
+    """
+    checker = planar(problem.checker)
+    lattice = lattice_of(problem.service, checker)
+    components = lattice.with_ends(problem.ends, checker).components()
+    start, goal = (int(label) for label in components[-2:])
+    closed = checker.has_forbidden
+    if start == goal or (not closed and _in_one_part(checker, problem.ends)):
+        return
+    labels = lattice.labels(components)
+    cell = problem.service.map.spacing**2
+    areas = [float((labels == label).sum()) * cell for label in (start, goal)]
+    remedy = (
+        "leave the open zone open (avoid_open), or move one of them"
+        if closed
+        else "move one of them, or make the footprint smaller"
+    )
+    raise NoWayError(
+        f"no way leads from the start {_place(problem.start)} to the goal {_place(problem.goal)} "
+        f"for this robot: from the start it reaches {areas[0]:.1f} m^2, and the goal lies in "
+        f"another part of {areas[1]:.1f} m^2; {remedy}.",
+        labels,
+        start,
+        goal,
+    )
+
+
+def _in_one_part(checker: CollisionChecker, ends: NDArray[np.float64]) -> bool:
+    """Whether both ends lie in one part of the floor that a disc's centre can be in.
+
+    The lattice misses channels that are narrower than its spacing; this does not.
+    """
+    radius = max(checker.footprint.outer - NEAR * 1e-3, NEAR * 1e-3)
+    environment = checker.geometry
+    floor = environment.free.buffer(-radius, quad_segs=QUARTER_SIDES)
+    thin = environment.thin_walls
+    if len(thin):
+        lines = shapely.linestrings(thin.reshape(-1, 2, 2))
+        walls = shapely.union_all(shapely.buffer(lines, radius, quad_segs=QUARTER_SIDES))
+        floor = floor.difference(walls)
+    parts = shapely.get_parts(floor)
+    start, goal = shapely.points(ends[:, :2])
+    return bool((shapely.dwithin(parts, start, NEAR) & shapely.dwithin(parts, goal, NEAR)).any())
+
+
+def _place(pose: tuple[float, float, float]) -> str:
+    return f"({pose[0]:g}, {pose[1]:g})"

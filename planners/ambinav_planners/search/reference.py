@@ -1,0 +1,130 @@
+"""The yardstick: the cheapest paths over the map's lattice, finished at any angle."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_planners.improve.limited import improve_within
+from ambinav_planners.problem import Problem
+from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.search.alternatives import (
+    SLACK,
+    Corridors,
+    alternative_paths,
+    within_cost,
+)
+from ambinav_planners.search.cheapest import cheapest_within
+from ambinav_planners.search.graph import MotionGraph
+from ambinav_planners.search.lattice_graph import lattice_of
+from ambinav_planners.search.limit import BadStretchLimit
+
+Floats = NDArray[np.float64]
+
+# A path over the lattice is longer than the route that it becomes, by up to this share and so many
+# spacings at its ends: its stretches on bad floor may be longer than the limit by as much.
+LONGER, ENDS = 0.02, 2.0
+# A limit on bad metres is at least so many cells long: or else cells are divided, into so many
+# parts at most, and for as long as there are no more cells than this.
+LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 150_000
+# How many paths are found under a limit at most, which takes longer than without.
+LIMITED_PATHS = 3
+
+
+def solve_reference(problem: Problem, budget: Budget) -> Found:
+    """Search the lattice for paths, whatever time it takes."""
+    started = time.perf_counter()
+    return found_on(reference_graph(problem), problem, started)
+
+
+def reference_graph(problem: Problem) -> MotionGraph:
+    """The lattice that is searched, with start and goal as its last two nodes.
+
+    It is the map's, divided where a limit on bad metres in a row is only a few cells long.
+    """
+    amap, parts = problem.service.map, 1
+    if problem.limit is not None:
+        cells = max(int(np.count_nonzero(amap.dataset["free"].values)), 1)
+        wanted = math.ceil(LIMIT_CELLS * amap.spacing / problem.limit.metres)
+        parts = max(1, min(wanted, MOST_PARTS, int(math.sqrt(MOST_CELLS / cells))))
+    lattice = lattice_of(problem.service, problem.checker, parts)
+    return lattice.with_ends(problem.ends, problem.checker)
+
+
+def found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
+    """The cheapest path over a lattice and those that may become cheaper, start and goal last.
+
+    Args:
+        graph: The lattice with start and goal as its last two nodes.
+        problem: What is planned.
+        started: When the clock was started, of `time.perf_counter`.
+    """
+    weight, width = problem.service.weight, 2.0 * problem.checker.footprint.outer
+    paths = (
+        alternative_paths(graph, weight, width)
+        if problem.limit is None
+        else _within(graph, problem, problem.limit, width)
+    )
+    if not paths:
+        return Found(None)
+    cost = problem.service.route_cost(paths[0], problem.steering)
+    return Found(paths[0], ((time.perf_counter() - started, cost),), alternatives=tuple(paths[1:]))
+
+
+def _within(
+    graph: MotionGraph, problem: Problem, limit: BadStretchLimit, width: float
+) -> list[Floats]:
+    """Paths that keep the limit: on the lattice, and finished from ones that nearly keep it."""
+    service = problem.service
+    metres = limit.metres * (1.0 + LONGER) + ENDS * service.map.spacing
+    looser = replace(limit, metres=metres)
+    nodes = cheapest_within(graph, problem, looser)
+    if nodes is None:
+        return []
+    paths = [_finished(graph, nodes, problem, limit)]
+    # What is dearer than a route known already is left out.
+    most = math.inf
+    if paths[0] is not None:
+        most = (1.0 + SLACK) * service.route_cost(paths[0], problem.steering)
+    kept = within_cost(graph, graph.cost(service.weight), most)
+    part, number = graph.part(kept), np.cumsum(kept) - 1
+    strict = cheapest_within(part, problem, limit)
+    if strict is not None:
+        paths.append(_finished(part, strict, problem, limit))
+    cost, corridors = part.cost(service.weight), Corridors.of(part, width)
+    if kept[nodes].all():
+        cost = corridors.dearer(cost, number[nodes])
+    for _ in range(LIMITED_PATHS - 1):
+        other = cheapest_within(part, problem, looser, cost)
+        if other is None or not corridors.leads_elsewhere(other):
+            break
+        paths.append(_finished(part, other, problem, limit))
+        cost = corridors.dearer(cost, other)
+    legal = [path for path in paths if path is not None]
+    return sorted(legal, key=lambda path: service.route_cost(path, problem.steering))
+
+
+def _finished(
+    graph: MotionGraph, nodes: NDArray[np.intp], problem: Problem, limit: BadStretchLimit
+) -> Floats | None:
+    """A path if it keeps the limit, or else what it becomes when it is made to; None if nothing."""
+    path = problem.steering.oriented(graph.poses[nodes])
+    if limit.kept_by(path, problem.service, problem.steering):
+        return path
+    return improve_within(path, problem.service, problem.checker, limit)
+
+
+register(
+    Planner(
+        "reference",
+        solve_reference,
+        "Dijkstra over the map's lattice and its channels, finished at any angle",
+        spaces=("r2",),
+        uses_ompl=False,
+        keeps_limit=True,
+    )
+)

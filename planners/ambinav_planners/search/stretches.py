@@ -1,0 +1,111 @@
+"""Where along the motions of a graph the robot is badly localized."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.kernels import kernel
+from ambinav.service.field import Field, value_at
+from ambinav.threads import run_rows
+from ambinav_planners.search.along import pieces_of, pose_along
+from ambinav_planners.search.graph import MotionGraph
+
+Floats = NDArray[np.float64]
+
+# Between points so many to a cell the layer is taken as linear.
+POINTS_PER_CELL = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """Where along each motion of a graph the floor is bad, shape (E,) each, metres.
+
+    Attributes:
+        head: Bad metres from the start of the motion on.
+        tail: Bad metres up to its end.
+        longest: The longest bad stretch.
+        whole: bool: all of the motion is bad; head, tail and longest are then its length.
+    """
+
+    head: Floats
+    tail: Floats
+    longest: Floats
+    whole: NDArray[np.bool_]
+
+
+def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
+    """Where along the motions of a graph a layer is above a level.
+
+    The layer is read four times a cell and taken as linear in between.
+
+    Args:
+        graph: The motions.
+        field: The layer, such as `service.ambiguity`.
+        level: In the layer's unit.
+
+    Raises:
+        InputError: the level is not a number.
+    """
+    if math.isnan(level):
+        raise InputError("level is nan; give the value above which the floor counts as bad.")
+    count = len(graph.target)
+    head, tail, longest = np.empty(count), np.empty(count), np.empty(count)
+    whole = np.empty(count, dtype=np.bool_)
+    values, _, left, low, inverse = field.arrays
+    run_rows(
+        _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
+        graph.poses, graph.first, graph.target, graph.length, values, left, low, inverse, level,
+        head, tail, longest, whole, least=8,
+    )  # fmt: skip
+    return Stretches(head, tail, longest, whole)
+
+
+@kernel
+def _bad_stretches(
+    begin, end, kind, radius, poses, first, target, length, values, left, low, inverse, level,
+    head, tail, longest, whole,
+):  # fmt: skip
+    for n in range(begin, end):
+        for e in range(first[n], first[n + 1]):
+            head[e], tail[e], longest[e], whole[e] = _bad_stretch(
+                kind, radius, poses[n], poses[target[e]], length[e],
+                values, left, low, inverse, level,
+            )  # fmt: skip
+
+
+@kernel
+def _bad_stretch(kind, radius, a, b, length, values, left, low, inverse, level):
+    """Head, tail and longest bad stretch of one motion, and whether all of it is bad."""
+    per_turn = values.shape[2] / (2.0 * math.pi)
+    pieces = pieces_of(kind, radius, a, b)
+    count = max(int(math.ceil(length * inverse * POINTS_PER_CELL - 1e-9)), 1)
+    step = length / count
+    x, y, theta = pose_along(kind, pieces, length, a, b, 0.0)
+    before = value_at((x - left) * inverse, (y - low) * inverse, theta * per_turn, values) - level
+    run, most, front, seen_good = 0.0, 0.0, 0.0, before <= 0.0
+    for k in range(1, count + 1):
+        x, y, theta = pose_along(kind, pieces, length, a, b, k / count)
+        after = (
+            value_at((x - left) * inverse, (y - low) * inverse, theta * per_turn, values) - level
+        )
+        if before > 0.0 and after > 0.0:
+            run += step
+        elif before > 0.0:  # good from where the line between the two values meets the level
+            run += step * before / (before - after)
+        most = max(most, run)
+        if after <= 0.0:
+            if not seen_good:
+                front, seen_good = run, True
+            run = 0.0
+        elif before <= 0.0:
+            run = step * after / (after - before)
+            most = max(most, run)
+        before = after
+    if not seen_good:
+        return length, length, length, True
+    return front, run, most, False
