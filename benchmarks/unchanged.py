@@ -1,4 +1,4 @@
-"""Digests of maps, routes, drives, episodes and a training, to show that a change of code keeps them.
+"""Digests of maps, routes, drives, episodes and a training, before and after a change of code.
 
 Run it before and after a change that should keep every figure, on the same machine:
 
@@ -98,8 +98,9 @@ def drives(folder: Path) -> dict[str, str]:
 
 def episodes() -> dict[str, str]:
     """What a batch of robots observes and earns under drawn actions."""
-    import ambinav_envs
     import gymnasium
+
+    import ambinav_envs
 
     ambinav_envs.register_envs()
     found = {}
