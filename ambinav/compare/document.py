@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 import ambinav
-from ambinav.compare.localizer_spec import name_of, note_on
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
@@ -171,7 +170,8 @@ def document(
             "yaml": loaded.scanner.to_yaml(),
         },
         localizer=LocalizerPart(
-            name=name_of(scenario.guide), note=note_on(scenario.guide, loaded.scanner)
+            name=scenario.chosen_localizer.title,
+            note=scenario.chosen_localizer.note(loaded.scanner),
         ),
         goal=goal_text(),
         verdicts={pair: _judged(rows, pair) for pair in pairs_of(rows)},
@@ -274,7 +274,6 @@ def _interval(interval: Interval) -> IntervalPart:
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
     """All that the figures depend on, defaults written out."""
-    guide = scenario.guide
     return {
         "map": scenario.map.model_dump(),
         "robot": asdict(scenario.robot),
@@ -285,6 +284,6 @@ def _parameters(scenario: Scenario) -> dict[str, Any]:
         "odometry": asdict(scenario.odometry),
         "people": asdict(scenario.people),
         "obstacles": scenario.obstacles.model_dump(),
-        "localizer": guide if isinstance(guide, str) else asdict(guide),
+        "localizer": scenario.chosen_localizer.plain,
         "follower": asdict(scenario.follower),
     }

@@ -6,7 +6,6 @@ from typing import Annotated, Any, Final
 
 from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 
-from ambinav.compare.localizer_spec import Guide, guide_of
 from ambinav.compare.route_part import RoutePart
 from ambinav.compare.scenario_schema import (
     DrivePart,
@@ -19,6 +18,7 @@ from ambinav.compare.scenario_schema import (
     making,
 )
 from ambinav.config import nearest
+from ambinav.drive.localizer_spec import ChosenLocalizer, chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import People
@@ -65,7 +65,7 @@ class Scenario(Part):
                     raise InputError(f"{name}: {one!r} is there twice; give each a name of its own")
         self._check_pairs()
         try:
-            self.guide  # noqa: B018 - it checks the parameters
+            self.chosen_localizer  # noqa: B018 - it checks the parameters
         except InputError as error:
             raise InputError(f"localizer: {str(error).removeprefix('localizer: ')}") from error
         self._check_exports()
@@ -110,9 +110,9 @@ class Scenario(Part):
                 raise InputError(f"exports: there is no route {name!r}; {nearest(name, names)}")
 
     @property
-    def guide(self) -> Guide:
+    def chosen_localizer(self) -> ChosenLocalizer:
         """The localizer; alphas that the file leaves out are those of the simulated odometry."""
-        return guide_of(self.localizer, self.odometry, self.robot, self.drive.rate)
+        return chosen_localizer(self.localizer, self.odometry, self.robot, self.drive.rate)
 
     @property
     def baseline(self) -> str:

@@ -15,9 +15,9 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.compare.localizer_spec import note_on, suited
 from ambinav.compare.scenario import Scenario
 from ambinav.config import parse_yaml, read_text
+from ambinav.drive.localizer_spec import suited
 from ambinav.errors import InputError, InputWarning
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 
@@ -69,7 +69,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
         read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
         scenario = scenario.model_copy(update={"map": read})
     scenario = scenario.model_copy(update={"localizer": suited(scenario.localizer, scanner)})
-    note = note_on(scenario.guide, scanner)
+    note = scenario.chosen_localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
     return Loaded(scenario, path.parent, _environment(scenario, path), scanner, force)

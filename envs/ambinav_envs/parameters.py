@@ -13,6 +13,7 @@ import numpy as np
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.layers.registry import check_known
 from ambinav.config import as_count, as_number, as_numbers, nearest
+from ambinav.drive.localizer_spec import LOCALIZERS as ALL_LOCALIZERS
 from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.people import People
@@ -191,8 +192,13 @@ class NavigationParameters:
         radius = self.goal_radius
         self._require("success_radius", self.success_radius >= radius, f"at least {radius:g}")
         if self.localizer not in LOCALIZERS:
+            name, here = str(self.localizer), ", ".join(LOCALIZERS)
+            why = (
+                "it is not compiled into the environments" if name in ALL_LOCALIZERS.names() else ""
+            )
             raise InputError(
-                f"localizer is {self.localizer!r}; {nearest(str(self.localizer), LOCALIZERS)}."
+                f"localizer is {self.localizer!r}; "
+                + (f"{why}, which have {here}." if why else f"{nearest(name, LOCALIZERS)}.")
             )
         if not isinstance(self.layer, str | None):
             raise InputError(f"layer is {self.layer!r}; give a layer's name, such as level.")
