@@ -192,14 +192,7 @@ class NavigationParameters:
         radius = self.goal_radius
         self._require("success_radius", self.success_radius >= radius, f"at least {radius:g}")
         if self.localizer not in LOCALIZERS:
-            name, here = str(self.localizer), ", ".join(LOCALIZERS)
-            why = (
-                "it is not compiled into the environments" if name in ALL_LOCALIZERS.names() else ""
-            )
-            raise InputError(
-                f"localizer is {self.localizer!r}; "
-                + (f"{why}, which have {here}." if why else f"{nearest(name, LOCALIZERS)}.")
-            )
+            raise InputError(_why_not_localizer(str(self.localizer)))
         if not isinstance(self.layer, str | None):
             raise InputError(f"layer is {self.layer!r}; give a layer's name, such as level.")
         if self.layer is not None:
@@ -251,6 +244,15 @@ class NavigationParameters:
     def _require(self, key: str, good: bool, what: str) -> None:
         if not good:
             raise InputError(f"{key} is {getattr(self, key)}; give {what}.")
+
+
+def _why_not_localizer(name: str) -> str:
+    if name in ALL_LOCALIZERS.names():
+        return (
+            f"localizer is {name!r}, which is not compiled into the environments; they have "
+            f"{', '.join(LOCALIZERS)}."
+        )
+    return f"localizer is {name!r}; {nearest(name, LOCALIZERS)}."
 
 
 def _scanner(value: object) -> RangeScanner:
