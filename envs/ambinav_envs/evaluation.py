@@ -210,7 +210,7 @@ def _drive(
         part[:] = 0.0
     generators = [seeding.np_random(int(seed))[0] for seed in seeds]
     simulation.reset(range(count), generators, None, out)
-    for part in out.view:
+    for part in observation_of(out).values():
         part[count:] = part[0]
     driver.begin(simulation, range(count))
     active = np.arange(simulation.count) < count
@@ -219,7 +219,7 @@ def _drive(
     largest = np.zeros(simulation.count)
     state, steps = simulation.state, 0
     while active.any():
-        actions = driver.act(observation_of(out.view), starts, simulation)
+        actions = driver.act(observation_of(out), starts, simulation)
         chosen = checked_actions(
             getattr(driver, "name", None), actions, simulation.count, parameters.discrete, active
         )

@@ -260,4 +260,4 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
 
 def _first(out: Outcome) -> Observation:
-    return {name: part[0] for name, part in observation_of(out.view).items()}
+    return {name: part[0] for name, part in observation_of(out).items()}

@@ -64,4 +64,4 @@ class Observer:
         state["mean"], state["covariance"], state["speeds"] = belief, covariance, speeds
         self._simulation.readings[:] = ranges
         self._simulation.look(self._out)
-        return observation_of(self._out.view)
+        return observation_of(self._out)

@@ -23,7 +23,8 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.scanner_settings import settings_for
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav_envs.rewards import weights_of
+from ambinav_envs.observations import OBSERVATIONS, ObservationPart
+from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
 from ambinav_envs.simulation.layout import LOCALIZERS
 
 Part = TypeVar("Part")
@@ -89,6 +90,7 @@ class NavigationParameters:
         waypoint: Whether the observation holds the place ahead on that way.
         waypoint_distance: How far ahead.
         reward: Name of a preset, or weights by term; see `rewards`.
+        observations: Names of parts of the observation that plug-ins bring; ours have switches.
         gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
             the terms of an episode add up to the length of the way at its start, less what is
             left at its end, discounted: so all that the term changes is what an end is worth, by
@@ -132,6 +134,7 @@ class NavigationParameters:
     waypoint: bool = False
     waypoint_distance: float = 1.5
     reward: str | Mapping[str, float] = "ambiguity"
+    observations: tuple[str, ...] = ()
     gamma: float = 1.0
     layer: str | None = None
     people: People = field(default_factory=lambda: People(0))
@@ -200,6 +203,14 @@ class NavigationParameters:
         if isinstance(self.reward, Mapping):
             self._set("reward", dict(self.reward))
         weights_of(self.reward)
+        if isinstance(self.observations, str) or not isinstance(self.observations, list | tuple):
+            raise InputError(f"observations is {self.observations!r}; give a list of names.")
+        self._set("observations", tuple(map(str, self.observations)))
+        for name in self.observations:
+            if OBSERVATIONS.get(name).function is None:
+                raise InputError(
+                    f"observations: {name!r} is one of ours, which need not be named; leave it out."
+                )
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> NavigationParameters:
@@ -216,8 +227,24 @@ class NavigationParameters:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each term of the reward, in the order of `rewards.TERMS`."""
-        return weights_of(self.reward)
+        """Weight of each of our own terms of the reward, in the order of `rewards.TERMS`."""
+        weights = weights_of(self.reward)
+        return tuple(weights[term] for term in TERMS)
+
+    @property
+    def plugged_terms(self) -> tuple[tuple[RewardTerm, float], ...]:
+        """Terms of the reward that plug-ins bring, with their weights."""
+        weights = weights_of(self.reward)
+        return tuple(
+            (REWARD_TERMS.get(term), weight)
+            for term, weight in weights.items()
+            if term not in TERMS
+        )
+
+    @property
+    def plugged_parts(self) -> tuple[ObservationPart, ...]:
+        """Parts of the observation that plug-ins bring."""
+        return tuple(map(OBSERVATIONS.get, self.observations))
 
     @property
     def cost_layer(self) -> str:

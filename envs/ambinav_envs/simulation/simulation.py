@@ -18,6 +18,7 @@ from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
 from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.plugged import Plugged, PluggedFunctions
 from ambinav_envs.simulation.fixed import fixed_of
 from ambinav_envs.simulation.layout import (
     BUILDING,
@@ -67,10 +68,12 @@ class Outcome(NamedTuple):
     Attributes:
         view: The observation.
         figures: See `layout.COLUMNS`, shape (N, COLUMNS).
+        plugged: What plug-ins add.
     """
 
     view: View
     figures: Floats
+    plugged: Plugged
 
 
 class _Episode(NamedTuple):
@@ -113,6 +116,7 @@ class Simulation:
         self._fixed: NDArray[np.void] | None = None
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
+        self._plugged = PluggedFunctions(parameters)
         self._particles = parameters.localizer == LOCALIZERS[MCL]
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
@@ -127,13 +131,14 @@ class Simulation:
         """Everything but what depends on where arrays lie."""
         plain = self.__dict__.copy()
         plain["_memory"] = self._memory._replace(where=np.zeros(0, dtype=WHERE))
-        plain["_known"] = plain["_fixed"] = None
+        plain["_known"] = plain["_fixed"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
     def __setstate__(self, plain: dict[str, Any]) -> None:
         """Find the arrays again."""
         self.__dict__.update(plain)
+        self._plugged = PluggedFunctions(self.parameters)
         self._known = Sites(self.parameters)
         self._memory = self._memory._replace(where=np.zeros(self.count, dtype=WHERE))
         keys: list[str | None] = plain["sites"]
@@ -166,7 +171,8 @@ class Simulation:
     def outcome(self) -> Outcome:
         """Arrays for a step to write to."""
         parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
-        return Outcome(View(*parts), np.empty((self.count, COLUMNS)))
+        plugged = self._plugged.arrays(self.count)
+        return Outcome(View(*parts), np.empty((self.count, COLUMNS)), plugged)
 
     def reset(
         self,
@@ -202,6 +208,7 @@ class Simulation:
         chosen = np.array(rows, dtype=np.int64)
         self._start(chosen, [episode.task for episode in episodes], streams)
         self._advance(chosen, BEGIN, out)
+        self._plugged.after_reset(self, chosen, out)
 
     def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
         """Let robots drive on for one time step.
@@ -213,6 +220,7 @@ class Simulation:
         """
         rows = self._everyone if active is None else np.flatnonzero(active)
         self._advance(rows, STEP, out, actions)
+        self._plugged.after_step(self, rows, out)
 
     def look(self, out: Outcome) -> None:
         """Write again what the last step or reset made robots see; zeros for those in no episode.
@@ -223,7 +231,9 @@ class Simulation:
             part[:] = 0.0
         rows = [i for i, site in enumerate(self.sites) if site is not None]
         if rows:
-            self._kernel(np.array(rows, dtype=np.int64), SHOW, out, NOTHING)
+            chosen = np.array(rows, dtype=np.int64)
+            self._kernel(chosen, SHOW, out, NOTHING)
+            self._plugged.after_reset(self, chosen, out)
 
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
         """Draw what the options leave open of an episode."""
