@@ -24,6 +24,7 @@ from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
+from ambinav.export.registry import EXPORTERS
 
 ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""
@@ -104,6 +105,8 @@ class Scenario(Part):
                     f"exports: there is no run {number + 1}; runs are counted from 1 to "
                     f"{self.drive.runs}"
                 )
+        for name in self.exports.formats or ():
+            EXPORTERS.get(f"drive-{name}")
         names = [route.name for route in self.routes]
         for name in self.exports.routes or ():
             if name not in names:

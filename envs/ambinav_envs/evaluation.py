@@ -25,7 +25,7 @@ from ambinav_envs.simulation.layout import (
     TIMEOUT,
 )
 from ambinav_envs.simulation.simulation import Simulation
-from ambinav_envs.spaces import action_space, observation_of, observation_space
+from ambinav_envs.spaces import action_space, observation_space
 
 UNSEEN: Final = 1_000_000
 """Number of the first building that policies and planners are judged in, where nobody says another:
@@ -210,7 +210,7 @@ def _drive(
         part[:] = 0.0
     generators = [seeding.np_random(int(seed))[0] for seed in seeds]
     simulation.reset(range(count), generators, None, out)
-    for part in observation_of(out).values():
+    for part in out.observation.values():
         part[count:] = part[0]
     driver.begin(simulation, range(count))
     active = np.arange(simulation.count) < count
@@ -219,7 +219,7 @@ def _drive(
     largest = np.zeros(simulation.count)
     state, steps = simulation.state, 0
     while active.any():
-        actions = driver.act(observation_of(out), starts, simulation)
+        actions = driver.act(out.observation, starts, simulation)
         chosen = checked_actions(
             getattr(driver, "name", None), actions, simulation.count, parameters.discrete, active
         )

@@ -17,7 +17,7 @@ from ambinav_envs.scenario import scenario
 from ambinav_envs.seeds import as_seed
 from ambinav_envs.simulation.layout import REWARD, RUNNING, TIMEOUT
 from ambinav_envs.simulation.simulation import Outcome, Simulation
-from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+from ambinav_envs.spaces import action_space, continuous, observation_space
 
 Observation = dict[str, Any]
 """Rows of float32 by name, see `spaces.observation_space`."""
@@ -260,4 +260,4 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
 
 def _first(out: Outcome) -> Observation:
-    return {name: part[0] for name, part in observation_of(out).items()}
+    return {name: part[0] for name, part in out.observation.items()}

@@ -4,18 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.plugins import Registry
-from ambinav_envs.plugged import Seen
-
-if TYPE_CHECKING:
-    from ambinav_envs.parameters import NavigationParameters
+from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.robot_states import Seen
 
 Bound = float | tuple[float, ...]
+
+
+class SizeParameters(Protocol):
+    """What the size of a part may depend on: a part of `NavigationParameters`."""
+
+    @property
+    def scanner(self) -> RangeScanner:
+        """What the robot sees with."""
+
+    @property
+    def window(self) -> bool:
+        """Whether there is a window of the ambiguity map."""
+
+    @property
+    def window_cells(self) -> int:
+        """Its edge, cells."""
+
+    @property
+    def waypoint(self) -> bool:
+        """Whether there is a place ahead."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,21 +47,19 @@ class ObservationPart:
         size: How many values a robot gets with these parameters; 0: the part is off.
         low: Least value, one for all or one for each.
         high: Greatest value, likewise.
-        function: The values of n robots at once, shape (n, size); see `plugged.Seen`. None: it is
-            one of ours, compiled into the step (`simulation.observe`).
+        function: The values of n robots at once, shape (n, size); see `robot_states.Seen`. None:
+            it is one of ours, compiled into the step (`simulation.observe`).
     """
 
     name: str
     unit: str
     meaning: str
-    size: Callable[[NavigationParameters], int]
+    size: Callable[[SizeParameters], int]
     low: Bound
     high: Bound
     function: Callable[[Seen], NDArray[np.generic]] | None = None
 
-    def bounds(
-        self, parameters: NavigationParameters
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def bounds(self, parameters: SizeParameters) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Least and greatest values, float32, shape (size,)."""
         shape = (self.size(parameters),)
         low, high = (

@@ -11,7 +11,6 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.simulation.simulation import Simulation
-from ambinav_envs.spaces import observation_of
 
 Floats = NDArray[np.float64]
 
@@ -64,4 +63,4 @@ class Observer:
         state["mean"], state["covariance"], state["speeds"] = belief, covariance, speeds
         self._simulation.readings[:] = ranges
         self._simulation.look(self._out)
-        return observation_of(self._out)
+        return self._out.observation

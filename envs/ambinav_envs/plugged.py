@@ -6,62 +6,18 @@ at once, called once a step: a few microseconds each, and nothing where there ar
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav_envs.simulation.layout import REWARD
-
-if TYPE_CHECKING:
-    from ambinav_envs.parameters import NavigationParameters
-    from ambinav_envs.simulation.simulation import Outcome, Simulation
+from ambinav_envs.observations import ObservationPart
+from ambinav_envs.rewards import RewardTerm
+from ambinav_envs.robot_states import Seen, Stepped
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-
-
-class Seen(NamedTuple):
-    """What n robots know of themselves; poses are x, y, theta in the map frame.
-
-    Attributes:
-        estimate: Where they believe they are, shape (n, 3), metres and radians.
-        covariance: How sure they are, shape (n, 3, 3).
-        speeds: Speed (m/s) and turn rate (rad/s), shape (n, 2).
-        goal: x and y, metres, shape (n, 2).
-        readings: Of the scanner, shape (n, beams), metres: inf no echo, -inf too near.
-    """
-
-    estimate: Floats
-    covariance: Floats
-    speeds: Floats
-    goal: Floats
-    readings: Floats
-
-
-class Stepped(NamedTuple):
-    """What a step has made of n robots, the truth included; poses as in `Seen`.
-
-    Attributes:
-        seen: What they know of themselves.
-        before: True poses before the step, shape (n, 3).
-        truth: True poses after it, shape (n, 3).
-        driven: Metres of the step, shape (n,).
-        distance: What the path to the goal costs from here, metres where `way_weight` is 0, shape
-            (n,).
-        collided: Whether they touched a wall or a box, shape (n,).
-        lost: Whether they are lost, shape (n,).
-        dt: Seconds of the step.
-    """
-
-    seen: Seen
-    before: Floats
-    truth: Floats
-    driven: Floats
-    distance: Floats
-    collided: Bools
-    lost: Bools
-    dt: float
+Rows = NDArray[np.int64]
 
 
 class Plugged(NamedTuple):
@@ -82,83 +38,92 @@ class PluggedFunctions:
     """The functions of plug-ins that the parameters of an environment ask for.
 
     Args:
-        parameters: Of the environment.
-
-    Raises:
-        InputError: a plug-in cannot be loaded.
+        terms: Terms of the reward, with their weights.
+        parts: Parts of the observation, with their sizes.
+        dt: Seconds of a step.
     """
 
-    def __init__(self, parameters: NavigationParameters) -> None:
-        self._terms = parameters.plugged_terms
-        self._parts = parameters.plugged_parts
-        self._sizes = {part.name: part.size(parameters) for part in self._parts}
-        self._dt = parameters.dt
+    def __init__(
+        self,
+        terms: Sequence[tuple[RewardTerm, float]],
+        parts: Sequence[tuple[ObservationPart, int]],
+        dt: float,
+    ) -> None:
+        self._terms = tuple(terms)
+        self._parts = tuple(parts)
+        self._dt = dt
 
     def arrays(self, count: int) -> Plugged:
         """Arrays for a step to write to."""
         terms = {term.name: np.zeros(count) for term, _ in self._terms}
-        weighted = {name: np.zeros(count) for name in terms}
-        parts = {name: np.zeros((count, size), np.float32) for name, size in self._sizes.items()}
-        return Plugged(terms, weighted, parts)
+        parts = {part.name: np.zeros((count, size), np.float32) for part, size in self._parts}
+        return Plugged(terms, {name: np.zeros(count) for name in terms}, parts)
 
-    def after_step(self, simulation: Simulation, rows: NDArray[np.int64], out: Outcome) -> None:
+    def after_step(
+        self, state: NDArray[np.void], readings: Floats, rows: Rows, rewards: Floats, out: Plugged
+    ) -> None:
         """Add the terms of some robots to their reward, and show them their parts.
 
+        Args:
+            state: `layout.STATE` of all robots, shape (N,).
+            readings: Of all robots, shape (N, beams).
+            rows: Which robots have stepped.
+            rewards: Of all robots, shape (N,); what they get is added to it.
+            out: Their rows are written.
+
         Raises:
-            ValueError: a function gives another shape than it should.
+            ValueError: a function gives an array of another shape than it should.
         """
         if not (self._terms or self._parts):
             return
-        seen = _seen(simulation, rows)
-        if self._terms:
-            stepped = _stepped(simulation, rows, seen, self._dt)
-            for term, weight in self._terms:
-                values = _shaped(term.function(stepped), (len(rows),), term.name)
-                out.plugged.terms[term.name][rows] = values
-                out.plugged.weighted[term.name][rows] = weight * values
-                out.figures[rows, REWARD] += weight * values
+        own = state[rows]
+        seen = _seen(own, readings[rows])
+        stepped = Stepped(
+            seen=seen,
+            before=own["before"],
+            truth=own["truth"],
+            driven=own["way"],
+            distance=own["distance"],
+            collided=own["met"],
+            lost=own["lost"],
+            dt=self._dt,
+        )
+        for term, weight in self._terms:
+            assert term.function is not None
+            values = _shaped(term.function(stepped), (len(rows),), term.name)
+            out.terms[term.name][rows] = values
+            out.weighted[term.name][rows] = weight * values
+            rewards[rows] += weight * values
         self._show(seen, rows, out)
 
-    def after_reset(self, simulation: Simulation, rows: NDArray[np.int64], out: Outcome) -> None:
-        """Show some robots their parts; their terms are 0."""
-        for values in (*out.plugged.terms.values(), *out.plugged.weighted.values()):
+    def after_reset(
+        self, state: NDArray[np.void], readings: Floats, rows: Rows, out: Plugged
+    ) -> None:
+        """Show some robots their parts; their terms are 0. See `after_step`."""
+        for values in (*out.terms.values(), *out.weighted.values()):
             values[rows] = 0.0
         if self._parts:
-            self._show(_seen(simulation, rows), rows, out)
+            self._show(_seen(state[rows], readings[rows]), rows, out)
 
-    def _show(self, seen: Seen, rows: NDArray[np.int64], out: Outcome) -> None:
-        for part in self._parts:
-            shape = (len(rows), self._sizes[part.name])
-            out.plugged.parts[part.name][rows] = _shaped(part.function(seen), shape, part.name)
+    def _show(self, seen: Seen, rows: Rows, out: Plugged) -> None:
+        for part, size in self._parts:
+            assert part.function is not None
+            values = _shaped(part.function(seen), (len(rows), size), part.name)
+            out.parts[part.name][rows] = values
 
 
-def _seen(simulation: Simulation, rows: NDArray[np.int64]) -> Seen:
-    state = simulation.state[rows]
+def _seen(own: NDArray[np.void], readings: Floats) -> Seen:
     return Seen(
-        estimate=state["mean"],
-        covariance=state["covariance"],
-        speeds=state["speeds"],
-        goal=state["goal"],
-        readings=simulation.readings[rows],
+        estimate=own["mean"],
+        covariance=own["covariance"],
+        speeds=own["speeds"],
+        goal=own["goal"],
+        readings=readings,
     )
 
 
-def _stepped(simulation: Simulation, rows: NDArray[np.int64], seen: Seen, dt: float) -> Stepped:
-    state = simulation.state[rows]
-    return Stepped(
-        seen=seen,
-        before=state["before"],
-        truth=state["truth"],
-        driven=state["way"],
-        distance=state["distance"],
-        collided=state["met"],
-        lost=state["lost"],
-        dt=dt,
-    )
-
-
-def _shaped(values: object, shape: tuple[int, ...], name: str) -> NDArray[np.generic]:
-    found = np.asarray(values)
+def _shaped(values: object, shape: tuple[int, ...], name: str) -> Floats:
+    found = np.asarray(values, dtype=np.float64)
     if found.shape != shape:
         raise ValueError(f"plug-in {name!r} gave an array of the shape {found.shape}, not {shape}")
     return found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ambinav.config import as_number, nearest
 from ambinav.errors import InputError
 from ambinav.plugins import Registry
-from ambinav_envs.plugged import Stepped
+from ambinav_envs.robot_states import Stepped
 from ambinav_envs.simulation.layout import TERMS as TERMS
 
 
@@ -24,8 +24,9 @@ class RewardTerm:
         name: What `reward` and `info` call it.
         unit: Of its values: "m", "s", "1" ...
         meaning: What it is, before its weight.
-        function: Its value in a step, shape (n,), of n robots at once; see `plugged.Stepped`. None:
-            it is one of ours, compiled into the step (`simulation.step.judge`).
+        function: Its value in a step, shape (n,), of n robots at once; see
+            `robot_states.Stepped`. None: it is one of ours, compiled into the step
+            (`simulation.step.judge`).
     """
 
     name: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -13,9 +13,6 @@ from ambinav.errors import InputError
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.layout import View
-
-if TYPE_CHECKING:
-    from ambinav_envs.simulation.simulation import Outcome
 
 Floats = NDArray[np.float64]
 
@@ -63,12 +60,6 @@ def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
 def columns_of(parameters: NavigationParameters) -> tuple[int, ...]:
     """Columns of each part of a `View`, none for parts that are off."""
     return tuple(OBSERVATIONS.get(name).size(parameters) for name in View._fields)
-
-
-def observation_of(out: Outcome) -> dict[str, NDArray[np.float32]]:
-    """The parts that are on, by name."""
-    own = {name: part for name, part in out.view._asdict().items() if part.shape[1] > 0}
-    return own | out.plugged.parts
 
 
 def continuous(

@@ -14,8 +14,8 @@ from ambinav.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.observations import OBSERVATIONS, ObservationPart
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.plugged import Seen, Stepped
 from ambinav_envs.rewards import REWARD_TERMS, RewardTerm
+from ambinav_envs.robot_states import Seen, Stepped
 from ambinav_envs.vector import NavigationVectorEnv
 from tests.envs.cases import equal, room
 

@@ -26,6 +26,7 @@ from ambinav_envs.simulation.layout import (
     LOCALIZERS,
     MCL,
     PARTICLES,
+    REWARD,
     RUNNING,
     SETTINGS,
     STATE,
@@ -75,6 +76,12 @@ class Outcome(NamedTuple):
     figures: Floats
     plugged: Plugged
 
+    @property
+    def observation(self) -> dict[str, NDArray[np.float32]]:
+        """The parts of the observation that are on, by name, shape (N, size)."""
+        own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
+        return own | self.plugged.parts
+
 
 class _Episode(NamedTuple):
     """One that is drawn and has not begun."""
@@ -116,7 +123,7 @@ class Simulation:
         self._fixed: NDArray[np.void] | None = None
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
-        self._plugged = PluggedFunctions(parameters)
+        self._plugged = _plugged(parameters)
         self._particles = parameters.localizer == LOCALIZERS[MCL]
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
@@ -138,7 +145,7 @@ class Simulation:
     def __setstate__(self, plain: dict[str, Any]) -> None:
         """Find the arrays again."""
         self.__dict__.update(plain)
-        self._plugged = PluggedFunctions(self.parameters)
+        self._plugged = _plugged(self.parameters)
         self._known = Sites(self.parameters)
         self._memory = self._memory._replace(where=np.zeros(self.count, dtype=WHERE))
         keys: list[str | None] = plain["sites"]
@@ -208,7 +215,7 @@ class Simulation:
         chosen = np.array(rows, dtype=np.int64)
         self._start(chosen, [episode.task for episode in episodes], streams)
         self._advance(chosen, BEGIN, out)
-        self._plugged.after_reset(self, chosen, out)
+        self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
 
     def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
         """Let robots drive on for one time step.
@@ -220,7 +227,8 @@ class Simulation:
         """
         rows = self._everyone if active is None else np.flatnonzero(active)
         self._advance(rows, STEP, out, actions)
-        self._plugged.after_step(self, rows, out)
+        rewards = out.figures[:, REWARD]
+        self._plugged.after_step(self.state, self.readings, rows, rewards, out.plugged)
 
     def look(self, out: Outcome) -> None:
         """Write again what the last step or reset made robots see; zeros for those in no episode.
@@ -233,7 +241,7 @@ class Simulation:
         if rows:
             chosen = np.array(rows, dtype=np.int64)
             self._kernel(chosen, SHOW, out, NOTHING)
-            self._plugged.after_reset(self, chosen, out)
+            self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
 
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
         """Draw what the options leave open of an episode."""
@@ -350,6 +358,12 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
             raise InputError(f"reset: the option {name!r} is unknown; {nearest(str(name), given)}.")
         given[name] = value
     return given
+
+
+def _plugged(p: NavigationParameters) -> PluggedFunctions:
+    """What plug-ins compute after the kernel."""
+    parts = [(part, part.size(p)) for part in p.plugged_parts]
+    return PluggedFunctions(p.plugged_terms, parts, p.dt)
 
 
 def _settings(p: NavigationParameters) -> NDArray[np.void]:
