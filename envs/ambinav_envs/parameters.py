@@ -203,9 +203,10 @@ class NavigationParameters:
         if isinstance(self.reward, Mapping):
             self._set("reward", dict(self.reward))
         weights_of(self.reward)
-        if isinstance(self.observations, str) or not isinstance(self.observations, list | tuple):
-            raise InputError(f"observations is {self.observations!r}; give a list of names.")
-        self._set("observations", tuple(map(str, self.observations)))
+        observations: object = self.observations
+        if not isinstance(observations, list | tuple):
+            raise InputError(f"observations is {observations!r}; give a list of names.")
+        self._set("observations", tuple(map(str, observations)))
         for name in self.observations:
             if OBSERVATIONS.get(name).function is None:
                 raise InputError(
