@@ -22,7 +22,8 @@ from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.layers.wall_normals import wall_normals
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.segments import WALL
 

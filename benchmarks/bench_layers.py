@@ -18,7 +18,7 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import ALL, chosen_layers
-from ambinav.geometry.environment import load_environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing.scanner import RangeScanner
 
 LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")

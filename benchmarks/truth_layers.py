@@ -26,7 +26,8 @@ from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.ambiguity.radius import position_radius
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.tensor import classify, principal_axes, relative_radii
+from ambinav.ambiguity.tensor import classify, relative_radii
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import solid_cells
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.maps import schema
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.sensing.scanner import RangeScanner

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-import ambinav
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
@@ -23,6 +22,7 @@ from ambinav.compare.verdict_text import (
 )
 from ambinav.drive.bootstrap import Interval
 from ambinav.routes.bad_floor import BadFloor
+from ambinav.version import __version__
 
 FORMAT = "ambinav-compare/1"
 
@@ -155,7 +155,7 @@ def document(
     scenario = loaded.scenario
     return Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        ambinav_version=ambinav.__version__,
+        ambinav_version=__version__,
         name=scenario.name,
         baseline=scenario.baseline,
         environment={

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.context import Ground
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.config import as_number
 from ambinav.errors import InputError
+from ambinav.geometry.principal_axes import principal_axes
 
 Floats = NDArray[np.float64]
 

@@ -39,9 +39,9 @@ from ambinav.ambiguity.kernel import invert
 from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BEYOND
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.config import as_count, as_number
 from ambinav.errors import InputError
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.kernels import kernel
 from ambinav.localization.casting import (

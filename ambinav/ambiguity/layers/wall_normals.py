@@ -24,9 +24,9 @@ from scipy.signal import oaconvolve
 
 from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.config import as_number
 from ambinav.errors import InputError
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]

@@ -6,14 +6,12 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
 from ambinav.mistaken import kind_of_path, refuse, refuse_image
 from ambinav.plugins import Registry
-
-if TYPE_CHECKING:
-    from ambinav.geometry.environment import Environment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +83,7 @@ def _read_map_server(
     path: Path, *, tolerance: float | None = None, gap: float | None = None
 ) -> Environment:
     from ambinav.geometry.io.boundary import environment_from_grid
-    from ambinav.geometry.io.occupancy import load_map_server
+    from ambinav.geometry.io.map_server import load_map_server
 
     return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
 

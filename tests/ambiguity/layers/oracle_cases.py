@@ -11,7 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.context import Ground
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute_rays
 

@@ -18,7 +18,8 @@ from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.gfm import gfm
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.layers.wall_normals import wall_normals
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute
 from tests.ambiguity.layers.brute import Floats

@@ -19,7 +19,8 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.aliasing.layer import look_alikes
 from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.position import position
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute
 from tests.ambiguity.layers.brute import Floats
