@@ -159,13 +159,12 @@ def test_the_way_that_waypoints_lie_on_is_the_cheapest_one(fan: bool, rtol: floa
             env = NavigationEnv(**building, way_weight=weight)
             _, info = env.reset(seed=seed)
             (site,), (task,) = env.simulation.sites, env.simulation.tasks
-            where = env.simulation._memory.where[0]
             assert site is not None and task is not None
             service = AmbiguityService(site.building.amap, "level", 5.0)
             assert (service.ambiguity.values.shape[2] > 1) == fan
             place, cost = tuple(info["true_pose"][:2]), 0.0
             while place != tuple(task.goal):
-                there = ahead(*place, task.goal, 0.5, where)
+                there = ahead(*place, task.goal, 0.5, task.way.towards, site.places.frame)
                 facing = math.atan2(there[1] - place[1], there[0] - place[0])
                 cost += float(service.motion_cost(*place, *there, facing, facing))
                 place = there
