@@ -37,7 +37,10 @@ class SlowNavigation:
         self.truth, self.odometry = state["truth"].copy(), state["odometry"].copy()
         self.mean, self.cov = state["mean"].copy(), state["covariance"].copy()
         self.speeds, self.distance = np.zeros(2), float(state["distance"])
-        self.odometry_random, self.scanner_random = state["random"][WHEELS].copy(), state["random"][SCANNER].copy()
+        self.odometry_random, self.scanner_random = (
+            state["random"][WHEELS].copy(),
+            state["random"][SCANNER].copy(),
+        )
         self.exposure = self.travelled = 0.0
         self.level = AmbiguityService(self.building.amap, self.p.cost_layer)
         self.fisher = AmbiguityService(self.building.amap, "fisher")
@@ -53,7 +56,9 @@ class SlowNavigation:
         )
         self.truth = np.array(pose)
         noise = p.wheels.packed
-        self.odometry = np.array(report(*reported, *before, *self.truth, noise, self.odometry_random))
+        self.odometry = np.array(
+            report(*reported, *before, *self.truth, noise, self.odometry_random)
+        )
         self.cov = p.odometry.spread(
             self.mean[None], self.cov[None], reported[None], self.odometry[None]
         )[0]

@@ -59,7 +59,7 @@ class Site:
         self.places: Places = building.places
         # The service refuses layers that are no amount of ambiguity.
         level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
-        weight = parameters.way_weight
+        weight = parameters.ambiguity_weight
         prices = self.places.prices(level, weight) if weight > 0.0 else None
         self.goals = Goals(self.places, prices)
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
