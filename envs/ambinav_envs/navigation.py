@@ -24,7 +24,7 @@ Observation = dict[str, Any]
 
 
 class NavigationEnv(gym.Env[Observation, Any]):
-    """A robot with a range scanner drives to a goal in a building, by its own estimate of where it is.
+    """A robot with a range scanner drives to a goal in a building by its own estimate of its pose.
 
     ## Description
 
