@@ -24,7 +24,7 @@ Observation = dict[str, Any]
 
 
 class NavigationEnv(gym.Env[Observation, Any]):
-    """A robot with a range scanner finds its way in a building, by where it believes to be.
+    """A robot with a range scanner drives to a goal in a building by its own estimate of its pose.
 
     ## Description
 
@@ -65,12 +65,12 @@ class NavigationEnv(gym.Env[Observation, Any]):
     |               | 4       | deviation of the heading (rad)                | 0   | 2   |
     | `window`      | 0-255   | ambiguity around it, 16 x 16 cells of 0.4 m   | 0   | 1   |
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
-    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the way there       |     |     |
+    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the route there     |     |     |
 
     Goal, window and waypoint are seen from the *estimated* pose. The window's rows go from ahead
     to behind, each from left to right. `window` is left out with `window=False`, `waypoint` is
-    there with `waypoint=True` only: ahead on the shortest way, or with `way_weight` on the way
-    that costs least where a metre counts 1 + way_weight * ambiguity.
+    there with `waypoint=True` only: ahead on the shortest route, or with `ambiguity_weight` on the
+    cheapest one where a metre costs 1 + ambiguity_weight * ambiguity.
     `gymnasium.wrappers.FilterObservation` and `FlattenObservation` take parts of it and make one
     row of it; see `ambinav_envs.wrappers`.
 

@@ -117,7 +117,7 @@ WINDOW = ObservationPart(
 )
 WAYPOINT = ObservationPart(
     name="waypoint",
-    meaning="as goal: a place ahead on the way (`way_weight`) from the estimated pose",
+    meaning="as goal: a point ahead on the route (`ambiguity_weight`), from the estimate",
     size=lambda parameters: 3 if parameters.waypoint else 0,
     **_POLAR,
 )

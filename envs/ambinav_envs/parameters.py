@@ -34,11 +34,11 @@ _ABOVE_ZERO = (
     "dt", "goal_radius", "success_radius", "gate", "window_spacing", "waypoint_distance", "gamma",
     "longest",
 )  # fmt: skip
-_AT_LEAST_ZERO = ("odometry_scale", "shortest", "way_weight")
+_AT_LEAST_ZERO = ("odometry_scale", "shortest", "ambiguity_weight")
 _SWITCHES = ("discrete", "window", "waypoint", "end_when_lost")
 # Counts from 1 on, and the greatest value of each.
 _COUNTS: Final = {"max_steps": 10**9, "iterations": 1000, "window_cells": 256}
-MOST_WAY_WEIGHT: Final = 100.0
+MOST_AMBIGUITY_WEIGHT: Final = 100.0
 MOST_AROUND: Final = 1000
 """So many people, and so many boxes, may be around a robot; each robot of a batch has its own."""
 
@@ -84,8 +84,8 @@ class NavigationParameters:
         window: Whether the observation holds a window of the ambiguity map.
         window_cells: Its edge, cells; at most 256.
         window_spacing: Edge of a cell.
-        way_weight: What ambiguity adds to a metre of the way that the term `progress` and the
-            waypoint go by: it counts 1 + way_weight * layer metres, as `AmbiguityService` and
+        ambiguity_weight: What ambiguity adds to a metre of the way that the term `progress` and the
+            waypoint go by: it counts 1 + ambiguity_weight * layer metres, as `AmbiguityService` and
             the planners have it. 0: the shortest way; at most 100. See `rewards.PRESETS`.
         waypoint: Whether the observation holds the place ahead on that way.
         waypoint_distance: How far ahead.
@@ -130,7 +130,7 @@ class NavigationParameters:
     window: bool = True
     window_cells: int = 16
     window_spacing: float = 0.4
-    way_weight: float = 0.0
+    ambiguity_weight: float = 0.0
     waypoint: bool = False
     waypoint_distance: float = 1.5
     reward: str | Mapping[str, float] = "ambiguity"
@@ -184,8 +184,8 @@ class NavigationParameters:
         self._set("obstacle_sizes", _numbers(self.obstacle_sizes, "obstacle_sizes", 2))
         low, high = self.obstacle_sizes
         self._require("obstacle_sizes", 0.0 < low <= high, "the least and the greatest edge")
-        heavy = MOST_WAY_WEIGHT
-        self._require("way_weight", self.way_weight <= heavy, f"at most {heavy:g}")
+        heavy = MOST_AMBIGUITY_WEIGHT
+        self._require("ambiguity_weight", self.ambiguity_weight <= heavy, f"at most {heavy:g}")
         speed = self.robot.max_speed
         self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
         self._require("gamma", self.gamma <= 1.0, "at most 1")

@@ -40,15 +40,15 @@ PROGRESS = RewardTerm(
     unit="m",
     meaning=(
         "metres by which the way from the true place to the goal has become shorter, at the "
-        "prices of `way_weight`: d - gamma d', a difference of potentials as in Ng, Harada & "
-        "Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to "
+        "prices of `ambiguity_weight`: d - gamma d', a difference of potentials as in Ng, Harada "
+        "& Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to "
         "the goal it is"
     ),
 )
 ARRIVAL = RewardTerm(
     name="arrival",
     unit="1",
-    meaning="1 when the robot believes to be at the goal and truly is near it",
+    meaning="1 when the robot believes it is at the goal and truly is near it",
 )
 COLLISION = RewardTerm(
     name="collision",
@@ -99,8 +99,8 @@ PRESETS: dict[str, dict[str, float]] = {
 """Weights by name; terms that are left out have the weight 0.
 
 Driving at 0.5 m/s a metre costs 0.2 of `time`. So with "ambiguity" a metre at level 1 costs as
-much as 5 more metres, which is `AmbiguityService`'s default weight, and the `way_weight` with which
-the way of `progress` is the one that this reward asks for. The other two weigh about as
+much as 5 more metres, which is `AmbiguityService`'s default weight, and the `ambiguity_weight` with
+which the way of `progress` is the one that this reward asks for. The other two weigh about as
 much as that on the whole: in procedural buildings a metre's `fisher` is a fifth of its `level`.
 """
 

@@ -37,8 +37,8 @@ class Stepped(NamedTuple):
         before: True poses before the step, shape (n, 3).
         truth: True poses after it, shape (n, 3).
         driven: Metres of the step, shape (n,).
-        distance: What the path to the goal costs from here, metres where `way_weight` is 0, shape
-            (n,).
+        distance: What the path to the goal costs from here, metres where `ambiguity_weight` is 0,
+            shape (n,).
         collided: Whether they touched a wall or a box, shape (n,).
         lost: Whether they are lost, shape (n,).
         dt: Seconds of the step.

@@ -36,7 +36,7 @@ def observation_space(parameters: NavigationParameters) -> spaces.Dict:
 sine of the double angle of that axis in the robot's frame, deviation of the heading (rad) |
     | window | 2 K^2 | around the estimated pose, K rows from ahead to behind, each from left to \
 right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
-    | waypoint | 3 | as goal: a place ahead on the way (`way_weight`) from the estimated pose |
+    | waypoint | 3 | as goal: a point ahead on the route (`ambiguity_weight`), from the estimate |
 
     The parts that plug-ins bring (`NavigationParameters.observations`) come after them.
     """

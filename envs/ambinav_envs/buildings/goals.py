@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from ambinav.localization.random import states, uniform
 from ambinav_envs.buildings.free_space import Places, PlaceTable
-from ambinav_envs.buildings.tasks import Task, Way, draw_places, draw_task, spread_from, start_for
+from ambinav_envs.buildings.tasks import (
+    CostToGo,
+    Task,
+    draw_places,
+    draw_task,
+    spread_from,
+    start_for,
+)
 
 FEWEST, MOST = 32, 256
 """How many a building has."""
@@ -31,7 +38,7 @@ class _Goal:
 
     place: Floats
     lengths: NDArray[np.float32]
-    way: Way
+    way: CostToGo
     label: int
 
 
@@ -77,10 +84,10 @@ class Goals:
         """A task with the way to take; it is given with the shortest one."""
         if self._priced is None:
             return task
-        way = Way.of(self._costs_to(task.goal, self._priced)[0], self._priced)
+        way = CostToGo.of(self._costs_to(task.goal, self._priced)[0], self._priced)
         return self._along(task.start, task.goal, task.distance, way)
 
-    def _along(self, start: Floats, goal: Floats, distance: float, way: Way) -> Task:
+    def _along(self, start: Floats, goal: Floats, distance: float, way: CostToGo) -> Task:
         cost = distance
         if self._priced is not None:
             cost = self._places.distance(way.costs, float(start[0]), float(start[1]))
@@ -93,9 +100,9 @@ class Goals:
             table = self._places.table
             lengths, label = self._costs_to(place, table)
             if self._priced is None:
-                way = Way.of(lengths, table)
+                way = CostToGo.of(lengths, table)
             else:
-                way = Way.of(self._costs_to(place, self._priced)[0], self._priced)
+                way = CostToGo.of(self._costs_to(place, self._priced)[0], self._priced)
             self._known[which] = _Goal(place, lengths, way, label)
         return self._known[which]
 

@@ -27,7 +27,7 @@ _SEEDS = 32
 Floats = NDArray[np.float64]
 
 
-class Way(NamedTuple):
+class CostToGo(NamedTuple):
     """The way to a goal from every cell.
 
     Attributes:
@@ -39,7 +39,7 @@ class Way(NamedTuple):
     towards: NDArray[np.int8]
 
     @classmethod
-    def of(cls, costs: NDArray[np.float32], table: PlaceTable) -> Way:
+    def of(cls, costs: NDArray[np.float32], table: PlaceTable) -> CostToGo:
         """The way that has these costs at the prices of the table."""
         towards = np.empty(costs.shape, dtype=np.int8)
         follow(table.moves, table.prices, table.spacing, costs, towards)
@@ -61,11 +61,11 @@ class Task:
     start: Floats
     goal: Floats
     distance: float
-    way: Way
+    way: CostToGo
     cost: float
 
     @classmethod
-    def shortest(cls, numbers: Floats, way: Way) -> Task:
+    def shortest(cls, numbers: Floats, way: CostToGo) -> Task:
         """One whose way is the shortest; start, goal and distance are the six numbers."""
         distance = float(numbers[5])
         return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, way, distance)
@@ -108,7 +108,7 @@ def draw_task(
     if start is None and goal is None:
         if not draw_into(state, float(shortest), float(longest), table, field, task):
             raise InputError(_no_task(places, shortest, longest, "any place", float(task[5])))
-        return Task.shortest(task, Way.of(field, table))
+        return Task.shortest(task, CostToGo.of(field, table))
     task[3:5] = (np.nan, np.nan) if goal is None else _place(places, goal, "goal", 2)
     task[:3] = np.nan if start is None else _place(places, start, "start", 3)
     end = task[:2] if goal is None else task[3:5]
@@ -133,7 +133,7 @@ def draw_task(
             f"{task[4]:g}); move one of them."
         )
     task[5] = places.distance(field, float(task[0]), float(task[1]))
-    return Task.shortest(task, Way.of(field, table))
+    return Task.shortest(task, CostToGo.of(field, table))
 
 
 def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from ambinav.compiling import announce
 from ambinav.config import nearest
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.errors import InputError
+from ambinav.localization.ekf_update import Scratch, scratch_for
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.random import states_of_each, uniform
 from ambinav.threads import share
@@ -19,7 +21,6 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import Plugged, PluggedFunctions
-from ambinav_envs.simulation.fixed import fixed_of
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
@@ -32,20 +33,18 @@ from ambinav_envs.simulation.layout import (
     STATE,
     STREAMS,
     TASK,
-    WHERE,
     Memory,
     View,
 )
-from ambinav_envs.simulation.pointers import address
-from ambinav_envs.simulation.scanner_kernel import Eyes
-from ambinav_envs.simulation.site import Site, Sites, eyes_for
+from ambinav_envs.simulation.scanner_kernel import scanner_arrays
+from ambinav_envs.simulation.site import Site, Sites
 from ambinav_envs.simulation.step import (
     BEGIN,
     BLOCK,
     DRIVE,
     JUDGE,
-    LOOK,
     PLACE,
+    SENSE,
     SHOW,
     STEP,
     advance,
@@ -116,18 +115,19 @@ class Simulation:
         self.count = count
         self.sites: list[Site | None] = [None] * count
         self.tasks: list[Task | None] = [None] * count
-        self._known = Sites(parameters)
+        self._scanner = scanner_arrays(parameters.scanner)
+        self._known = Sites(parameters, self._scanner)
         self._filters: list[MonteCarloLocalizer | None] = [None] * count
-        self._eyes: Eyes | None = None
-        # Where the arrays lie, from the first episode on.
-        self._fixed: NDArray[np.void] | None = None
+        # For the threads: each takes one while it works.
+        self._scratch: list[Scratch] = []
+        # The number of the site around each.
+        self._numbers = np.full(count, -1)
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
         self._plugged = _plugged(parameters)
         self._particles = parameters.localizer == LOCALIZERS[MCL]
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
-            np.zeros(count, dtype=WHERE),
             np.zeros((count, parameters.people.count, 3)),
             np.zeros((count, parameters.obstacles, 6)),
             np.zeros((count, parameters.scanner.beams)),
@@ -135,19 +135,17 @@ class Simulation:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but what depends on where arrays lie."""
+        """Buildings are made ready again where they are needed."""
         plain = self.__dict__.copy()
-        plain["_memory"] = self._memory._replace(where=np.zeros(0, dtype=WHERE))
-        plain["_known"] = plain["_fixed"] = plain["_plugged"] = None
+        plain["_known"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
     def __setstate__(self, plain: dict[str, Any]) -> None:
-        """Find the arrays again."""
+        """Make buildings ready."""
         self.__dict__.update(plain)
         self._plugged = _plugged(self.parameters)
-        self._known = Sites(self.parameters)
-        self._memory = self._memory._replace(where=np.zeros(self.count, dtype=WHERE))
+        self._known = Sites(self.parameters, self._scanner)
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
         for i, key in enumerate(keys):
@@ -209,11 +207,11 @@ class Simulation:
         # First one draw of each, so that what is refused then moves all of them on alike.
         streams = states_of_each([generators[i] for i in rows], STREAMS)
         episodes = [self._draw(own, given) for own in streams]
+        chosen = np.array(rows, dtype=np.int64)
+        self._start(chosen, [episode.task for episode in episodes], streams)
         for i, episode in zip(rows, episodes, strict=True):
             self._settle(i, episode.site, episode.task)
             self._filters[i] = episode.particles
-        chosen = np.array(rows, dtype=np.int64)
-        self._start(chosen, [episode.task for episode in episodes], streams)
         self._advance(chosen, BEGIN, out)
         self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
 
@@ -275,15 +273,12 @@ class Simulation:
 
     def _settle(self, i: int, site: Site, task: Task) -> None:
         """Put robot i into a building, with a goal."""
+        before = self.sites[i]
+        if before is not None:
+            before.held.release(int(self.state["slot"][i]))
         self.sites[i], self.tasks[i] = site, task
-        if self._eyes is None:
-            self._eyes = eyes_for(self.parameters, site)
-        if self._fixed is None:
-            self._fixed = fixed_of(self._memory, self._eyes)
-        costs, towards = task.way
-        self._memory.where[i] = (
-            site.address, address(costs, np.float32), address(towards, np.int8),
-        )  # fmt: skip
+        self._numbers[i] = site.number
+        self.state["slot"][i] = site.held.hold(task.way)
 
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
@@ -291,6 +286,7 @@ class Simulation:
         """Make the records of some robots those of episodes which begin."""
         fresh = np.zeros(len(rows), dtype=STATE)
         fresh["outcome"], fresh["random"] = RUNNING, streams
+        fresh["slot"] = self.state["slot"][rows]
         fresh["truth"] = [task.start for task in tasks]
         fresh["goal"] = [task.goal for task in tasks]
         fresh["distance"] = [task.cost for task in tasks]
@@ -307,19 +303,42 @@ class Simulation:
         if parts & PLACE:
             self._kernel(rows, PLACE, out, actions)
             self._tell_start(rows.tolist())
-        self._kernel(rows, parts & (DRIVE | LOOK), out, actions)
+        self._kernel(rows, parts & (DRIVE | SENSE), out, actions)
         self._filter(rows.tolist())
         self._kernel(rows, parts & (JUDGE | SHOW), out, actions)
 
     def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
-        fixed = self._fixed, out.view, out.figures, actions
+        """Call the kernel once for each building, or thread, with the robots in it."""
+        rows, ends = self._by_building(rows)
 
         def some(low: int, high: int) -> None:
-            full = advance(*fixed, rows[low:high], parts)
-            if full >= 0:
-                self._refuse(full)
+            scratch = self._scratch.pop() if self._scratch else self._new_scratch()
+            while low < high:
+                end = min(ends[bisect_right(ends, low)], high)
+                site = self.sites[rows[low]]
+                assert site is not None
+                full = advance(
+                    site.record, site.held.arrays, self._scanner, self._memory, out.view,
+                    out.figures, actions, rows[low:end], parts, scratch,
+                )  # fmt: skip
+                if full >= 0:
+                    self._refuse(full)
+                low = end
+            self._scratch.append(scratch)
 
         share(some, len(rows), BLOCK if len(rows) >= SHARED else SHARED)
+
+    def _new_scratch(self) -> Scratch:
+        rays = self.parameters.scanner.rays()
+        scratch: Scratch = scratch_for(self.parameters.scanner.beams, len(rays.angle))
+        return scratch
+
+    def _by_building(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
+        """Robots in the order of their buildings, and where those of each end."""
+        numbers = self._numbers[rows]
+        order = np.argsort(numbers)
+        ends = np.flatnonzero(np.diff(numbers[order])) + 1
+        return rows[order], [*ends.tolist(), len(rows)]
 
     def _tell_start(self, rows: Sequence[int]) -> None:
         """Tell particle filters the estimates of the starts, and how far off they may be."""
