@@ -37,7 +37,7 @@ class Registry(Generic[T]):
         kind: The class of the entries; `names_of` reads their names.
         group: The group of entry points, such as "ambinav.layers". The name of an entry point is
             the name of its entry.
-        own: Our own entries: where each one is, as "module:ATTRIBUTE".
+        own: Our own entries: where each one is, as "module:ATTRIBUTE", or what gives it.
         names_of: The names of an entry; by default its attribute `name` alone.
     """
 
@@ -46,7 +46,7 @@ class Registry(Generic[T]):
         what: str,
         kind: type[T],
         group: str,
-        own: Mapping[str, str],
+        own: Mapping[str, str | Callable[[], T]],
         names_of: Callable[[T], Iterable[str]] = lambda entry: (entry.name,),  # type: ignore[attr-defined]
     ) -> None:
         self._what = what
@@ -99,6 +99,8 @@ class Registry(Generic[T]):
             )
         if isinstance(place, str):
             return self._checked(_attribute(place), name, place)
+        if not isinstance(place, EntryPoint):
+            return place()
         distribution = distribution_of(place)
         try:
             entry = place.load()
@@ -115,13 +117,13 @@ class Registry(Generic[T]):
                 f"fix or uninstall {distribution}."
             ) from error
 
-    def _installed(self) -> dict[str, str | EntryPoint]:
+    def _installed(self) -> dict[str, str | Callable[[], T] | EntryPoint]:
         """Where the entries are that need no `register`, by name."""
-        found: dict[str, str | EntryPoint] = dict(self._own)
+        found: dict[str, str | Callable[[], T] | EntryPoint] = dict(self._own)
         for point in _entry_points(self._group):
             other = found.get(point.name)
             if other is not None:
-                first = "ambinav" if isinstance(other, str) else distribution_of(other)
+                first = distribution_of(other) if isinstance(other, EntryPoint) else "ambinav"
                 raise InputError(
                     f"{self._what} {point.name!r} is both in {first} and in "
                     f"{distribution_of(point)}; uninstall one of the two."
@@ -133,7 +135,7 @@ class Registry(Generic[T]):
         place = self._installed().get(name)
         if place is None:
             return ""
-        return " in ambinav" if isinstance(place, str) else f" in {distribution_of(place)}"
+        return f" in {distribution_of(place)}" if isinstance(place, EntryPoint) else " in ambinav"
 
     def _checked(self, entry: Any, name: str, place: str) -> T:
         if not isinstance(entry, self._kind):

@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import yaml
 
-from ambinav.config import Fields, parse_yaml, read_text
+from ambinav.config import Fields, parse_yaml
 from ambinav.errors import InputError
 from ambinav.mistaken import SCANNER, kind_of, refuse
 from ambinav.sensing.layout import KINDS, Part, layout_from_plain
-from ambinav.sensing.presets import preset_path
+from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
 
 EXAMPLE = "`ambinav presets NAME` prints one as an example"
@@ -81,10 +81,10 @@ def _part(plain: object, where: str) -> Part:
         made = RangeSensor.from_plain(sensor, given.place("sensor"))
         return Part(made, layout_from_plain(given))
     try:
-        path = preset_path(sensor)
+        preset = PRESETS.get(sensor)
     except InputError as error:
         raise InputError(f"{given.place('sensor')}: {error}") from error
-    kinds = {part.sensor for part in parse_scanner(read_text(path), str(path), sensor).parts}
+    kinds = {part.sensor for part in parse_scanner(preset.yaml, preset.origin, sensor).parts}
     if len(kinds) != 1:
         raise InputError(
             f"{given.place('sensor')}: the preset {sensor!r} has {len(kinds)} kinds of sensor; "
