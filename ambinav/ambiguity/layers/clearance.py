@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.maps.core_layers import CORE_LAYERS
 
 
 def clearance(ground: Ground) -> dict[str, NDArray[np.float32]]:
@@ -19,11 +20,12 @@ def clearance(ground: Ground) -> dict[str, NDArray[np.float32]]:
     return {"clearance": ground.spread(ground.lattice.clearance(np.inf))}
 
 
+_CORE = CORE_LAYERS["clearance"]
 LAYER = Layer(
-    name="clearance",
-    title="distance to the nearest wall or frontier",
-    unit="m",
-    source="own: a rule of thumb, which coastal navigation improves on (Roy et al. 1999, ICRA)",
-    worse="high",
+    name=_CORE.name,
+    title=_CORE.title,
+    unit=_CORE.unit,
+    source=_CORE.source,
+    worse=_CORE.worse,
     compute=clearance,
 )
