@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.maps.core_layers import CORE_LAYERS
 
 
-def clearance(ground: Ground) -> dict[str, NDArray[np.float32]]:
+def clearance(context: LayerContext) -> dict[str, NDArray[np.float32]]:
     """Distance from each free cell's centre to the nearest segment, metres."""
-    return {"clearance": ground.spread(ground.lattice.clearance(np.inf))}
+    return {"clearance": context.spread(context.lattice.clearance(np.inf))}
 
 
 _CORE = CORE_LAYERS["clearance"]

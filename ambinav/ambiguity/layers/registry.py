@@ -49,9 +49,10 @@ class Layer(LayerRecord):
     Its `worse` is one of the two ends.
 
     Attributes:
-        compute: From the `Ground` and the layer's own keyword options to arrays, the layer under
-            its name and each companion under its own; float32, shape (ny, nx), or (ny, nx, K)
-            for K headings; NaN where the lattice is not free (`Ground.spread` makes them).
+        compute: From the `LayerContext` and the layer's own keyword options to arrays, the layer
+            under its name and each companion under its own; float32, shape (ny, nx), or
+            (ny, nx, K) for K headings; NaN where the lattice is not free (`LayerContext.spread`
+            makes them).
         why_not: Why a scanner cannot have it, as a sentence, or None.
         companions: Title and unit of each further array that `compute` gives. Their names begin
             with the layer's and an underscore; one that ends in "_direction" is an axis
