@@ -12,9 +12,9 @@ way: it sees no farther than its window, and its way point led it along the shor
 `ambiguity_weight` came after that. That 3 is a weight to try was found in the halls of training,
 where a robot that drives from way point to way point was lost 0.50 times as often with it for 10 %
 more way. In a second run, weight 1 with way 3 was lost 0.515 times as often (0.38 to 0.66) for 1 %
-more way. Way 5, at which the way is the one that the reward of weight 1 asks for, came after that: 0.512
-(0.37 to 0.68) for 4 %. Trained again when way points led round corners in wider turns: 0.520 (0.37
-to 0.69) for 4 %.
+more way. Way 5, at which the way is the one that the reward of weight 1 asks for, came after that:
+0.512 (0.37 to 0.68) for 4 %. Trained again when way points led round corners in wider turns: 0.520
+(0.37 to 0.69) for 4 %.
 """
 
 from __future__ import annotations

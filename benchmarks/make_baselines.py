@@ -114,7 +114,7 @@ and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/basel
 - One training with one seed. What the ambiguity reward does, over several seeds:
   benchmarks/results/ablation.md.
 - It sees a way point 1.5 m ahead on the {way},
-  from where it believes to be: it does not find the way by itself, it drives it.
+  from its estimated pose: it does not find the route by itself, it drives it.
 - Its laser has 60 beams of 4 m all around, its robot a radius of 0.22 m. Another scanner or robot
   is another task: train anew.
 """

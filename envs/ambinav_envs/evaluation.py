@@ -59,9 +59,9 @@ class Episodes:
         was_lost: Whether the robot was ever lost.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
-        exposure: The ambiguity layer summed over the way driven, metres.
+        exposure: The ambiguity layer summed over the path driven, metres.
         travelled: Metres truly driven.
-        shortest: Length of the shortest way from start to goal, metres.
+        shortest: Length of the shortest path from start to goal, metres.
         seconds: How long it took.
         reward: Sum of the rewards, undiscounted.
         cost: Sum of the costs.
@@ -92,7 +92,7 @@ class Episodes:
 
     @property
     def length_ratio(self) -> Floats:
-        """Way driven by shortest way, of those that arrived; nan for the others."""
+        """Length driven over the shortest path, of those that arrived; nan for the others."""
         return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
 
     def summary(self) -> dict[str, float]:

@@ -59,7 +59,7 @@ def info_of_all(simulation: Simulation, out: Outcome, done: Bools) -> Info:
 robot is lost; their sum |
     | error | distance of the estimate from the truth, metres |
     | exposure, travelled | so far, metres |
-    | shortest | length of the shortest way from start to goal, metres |
+    | shortest | length of the shortest path from start to goal, metres |
     | lost, was_lost | now; ever in the episode |
     | true_pose, estimate, odometry | x, y, theta |
     | outcome, is_success | in the last step only |

@@ -68,31 +68,32 @@ class NavigationParameters:
         iterations: Rounds of the Kalman filter's update, at most 1000; later ones stay on the
             walls that the first one met. One round alone is surer of itself than it may be.
         gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
-        map_std: Deviation of the walls' position that the filter reckons with; None: as the map's.
+        map_std: Deviation of the walls' position that the filter assumes; None: as the map's.
         mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are taken as they are,
             or some by name, the others as suits the scanner (`MclParameters.for_scanner`); None:
             all so, with the odometry's alphas.
-        odometry: How odometry errs, as the localizer is told (biases it is not told).
+        odometry: How odometry errs, as the localizer models it (it knows nothing of biases).
         odometry_scale: How many times as much it truly errs.
-        start_std: Deviations of x, y and heading of the first estimate, which the localizer is
-            told.
+        start_std: Deviations of x, y and heading of the first estimate, which the localizer
+            knows.
         goal_radius: The robot stops when its estimate is this near to the goal.
         success_radius: It has arrived if it truly is this near then.
         end_when_lost: Whether to end an episode when the robot is lost.
-        shortest: Least length of the shortest way from start to goal.
+        shortest: Least length of the shortest path from start to goal.
         longest: Greatest length of it.
         window: Whether the observation holds a window of the ambiguity map.
         window_cells: Its edge, cells; at most 256.
         window_spacing: Edge of a cell.
-        ambiguity_weight: What ambiguity adds to a metre of the way that the term `progress` and the
-            waypoint go by: it counts 1 + ambiguity_weight * layer metres, as `AmbiguityService` and
-            the planners have it. 0: the shortest way; at most 100. See `rewards.PRESETS`.
-        waypoint: Whether the observation holds the place ahead on that way.
+        ambiguity_weight: What ambiguity adds to a metre of the route that the term `progress` and
+            the waypoint follow: it costs 1 + ambiguity_weight * layer metres, as in
+            `AmbiguityService` and the planners. 0: the shortest path; at most 100. See
+            `rewards.PRESETS`.
+        waypoint: Whether the observation holds a point ahead on that route.
         waypoint_distance: How far ahead.
         reward: Name of a preset, or weights by term; see `rewards`.
         observations: Names of parts of the observation that plug-ins bring; ours have switches.
         gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
-            the terms of an episode add up to the length of the way at its start, less what is
+            the terms of an episode add up to the length of the route at its start, less what is
             left at its end, discounted: so all that the term changes is what an end is worth, by
             how far from the goal it is.
         layer: Layer of the ambiguity map for reward, exposure and window; None: the one that suits
@@ -100,7 +101,7 @@ class NavigationParameters:
         people: Who walks about: how many (at most 1000), or `People`. They turn away from the
             robot, and walk through boxes; who is driven into a corner stands there, and to touch
             a person is no collision.
-        obstacles: How many boxes stand in the way that the map does not have, at most (and at most
+        obstacles: How many boxes stand about that the map does not have, at most (and at most
             1000): those that find no room are left out.
         obstacle_sizes: Their least and greatest edge.
 
@@ -253,7 +254,7 @@ class NavigationParameters:
         return cost_layer(self.scanner) if self.layer is None else self.layer
 
     @property
-    def wheels(self) -> OdometryNoise:
+    def true_odometry(self) -> OdometryNoise:
         """How odometry truly errs."""
         return replace(self.odometry, scale=self.odometry.scale * self.odometry_scale)
 

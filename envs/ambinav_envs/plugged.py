@@ -82,9 +82,9 @@ class PluggedFunctions:
             seen=seen,
             before=own["before"],
             truth=own["truth"],
-            driven=own["way"],
+            driven=own["driven"],
             distance=own["distance"],
-            collided=own["met"],
+            collided=own["collided"],
             lost=own["lost"],
             dt=self._dt,
         )

@@ -39,7 +39,7 @@ PROGRESS = RewardTerm(
     name="progress",
     unit="m",
     meaning=(
-        "metres by which the way from the true place to the goal has become shorter, at the "
+        "metres by which the path from the true position to the goal became shorter, at the "
         "prices of `ambiguity_weight`: d - gamma d', a difference of potentials as in Ng, Harada "
         "& Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to "
         "the goal it is"
@@ -100,7 +100,7 @@ PRESETS: dict[str, dict[str, float]] = {
 
 Driving at 0.5 m/s a metre costs 0.2 of `time`. So with "ambiguity" a metre at level 1 costs as
 much as 5 more metres, which is `AmbiguityService`'s default weight, and the `ambiguity_weight` with
-which the way of `progress` is the one that this reward asks for. The other two weigh about as
+which the route of `progress` is the one that this reward asks for. The other two weigh about as
 much as that on the whole: in procedural buildings a metre's `fisher` is a fifth of its `level`.
 """
 

@@ -127,7 +127,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self._seed(seed, chosen)
         out = self.simulation.outcome()
         if not chosen.all():
-            self.simulation.look(out)
+            self.simulation.observe(out)
         self._begin(np.flatnonzero(chosen).tolist(), options, out)
         self._ended[chosen] = False
         self._show()

@@ -20,7 +20,7 @@ from ambinav.localization.random import uniform, ziggurat
 from ambinav.sensing import RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv
-from ambinav_envs.simulation.layout import SCANNER, TERMS, WHEELS
+from ambinav_envs.simulation.layout import ODOMETRY_NOISE, SCANNER, TERMS
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class SlowNavigation:
         self.mean, self.cov = state["mean"].copy(), state["covariance"].copy()
         self.speeds, self.distance = np.zeros(2), float(state["distance"])
         self.odometry_random, self.scanner_random = (
-            state["random"][WHEELS].copy(),
+            state["random"][ODOMETRY_NOISE].copy(),
             state["random"][SCANNER].copy(),
         )
         self.exposure = self.travelled = 0.0
@@ -55,7 +55,7 @@ class SlowNavigation:
             *before, *self.speeds, p.dt, robot.radius, *self.building.checker.arrays[:2]
         )
         self.truth = np.array(pose)
-        noise = p.wheels.packed
+        noise = p.true_odometry.packed
         self.odometry = np.array(
             report(*reported, *before, *self.truth, noise, self.odometry_random)
         )
@@ -69,7 +69,7 @@ class SlowNavigation:
         error = float(np.hypot(*(self.mean - self.truth)[:2]))
         # An arc, whose chord is shorter by far less than a millimetre.
         way = abs(self.speeds[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
-        here = self.building.places.distance(self.task.way.costs, *self.truth[:2])
+        here = self.building.lattice.distance(self.task.cost_to_go.costs, *self.truth[:2])
         terms = dict.fromkeys(TERMS, 0.0)
         terms["progress"] = self.distance - p.gamma * here
         terms["collision"] = -float(met)

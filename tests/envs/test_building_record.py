@@ -41,5 +41,5 @@ def test_arrays_hold_what_their_names_say() -> None:
         values = amap.dataset[name].values
         assert (array[:, :, 0][free] == values[free]).all()
     assert record.bounds == room().bounds
-    assert record.lattice_frame == site.places.frame
+    assert record.lattice_frame == site.lattice.frame
     assert record.noise.near.shape == record.noise.row.shape == (60,)

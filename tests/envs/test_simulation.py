@@ -147,7 +147,7 @@ def test_waypoints_lie_ahead_on_the_shortest_way() -> None:
         away, ahead, aside = seen["waypoint"]
         angle = theta + math.atan2(aside, ahead)
         x, y = x + 10 * away * math.cos(angle), y + 10 * away * math.sin(angle)
-        left = site.places.distance(task.way.costs, x, y)
+        left = site.lattice.distance(task.cost_to_go.costs, x, y)
         assert left == pytest.approx(max(info["shortest"] - 1.5, 0.0), abs=0.4)
 
 
@@ -169,7 +169,7 @@ def test_the_way_that_waypoints_lie_on_is_the_cheapest_one(fan: bool, rtol: floa
             assert (service.ambiguity.values.shape[2] > 1) == fan
             place, cost = tuple(info["true_pose"][:2]), 0.0
             while place != tuple(task.goal):
-                there = ahead(*place, task.goal, 0.5, task.way.towards, site.places.frame)
+                there = ahead(*place, task.goal, 0.5, task.cost_to_go.towards, site.lattice.frame)
                 facing = math.atan2(there[1] - place[1], there[0] - place[0])
                 cost += float(service.motion_cost(*place, *there, facing, facing))
                 place = there

@@ -67,7 +67,7 @@ def building_record(
         level: The layer that rewards and windows show.
         fisher: The layer `fisher`, on the same lattice.
     """
-    environment, places = building.environment, building.places
+    environment, lattice = building.environment, building.lattice
     table, bound, _ = building.checker.arrays
     frontier = environment.segments.kind[environment.border_segment] == FRONTIER
     bias, variance = noise
@@ -81,7 +81,7 @@ def building_record(
         fisher.values,
         level.free,
         (*level.origin, 1.0 / level.spacing),
-        places.links,
-        places.frame,
+        lattice.links,
+        lattice.frame,
         environment.bounds,
     )

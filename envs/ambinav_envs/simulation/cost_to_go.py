@@ -27,15 +27,15 @@ class CostToGoTable:
         self._held: dict[int, CostToGo] = {}
         self._robots: dict[int, int] = {}
 
-    def hold(self, way: CostToGo) -> int:
+    def hold(self, goal: CostToGo) -> int:
         """The slot of a robot's goal; `release` it when the robot has another one."""
-        slot = self._slot.get(id(way))
+        slot = self._slot.get(id(goal))
         if slot is None:
             if not self._free:
                 self._grow()
             slot = self._free.pop()
-            self._slot[id(way)], self._held[slot], self._robots[slot] = slot, way, 0
-            self.arrays.costs[slot], self.arrays.towards[slot] = way.costs, way.towards
+            self._slot[id(goal)], self._held[slot], self._robots[slot] = slot, goal, 0
+            self.arrays.costs[slot], self.arrays.towards[slot] = goal.costs, goal.towards
         self._robots[slot] += 1
         return slot
 

@@ -28,7 +28,7 @@ TERMS = (
 """The terms of the reward, in the order in which all arrays hold them."""
 
 # Columns of the table of figures that a step makes: the reward, its terms as they are and times
-# their weights, what else is told of a step, and three poses.
+# their weights, other figures of a step, and three poses.
 REWARD, VALUES, WEIGHTED, FIRST_FIGURE = 0, 1, 1 + len(TERMS), 1 + 2 * len(TERMS)
 FIGURES = ("cost_collision", "cost_lost", "cost", "error", "exposure", "travelled", "shortest")
 """Names of the columns from `FIRST_FIGURE` on."""
@@ -39,7 +39,7 @@ COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(
 )
 
 # The streams of random numbers of an episode.
-BUILDING, TASK, START, PARTICLES, WHEELS, SCANNER, WALKERS, CLUTTER = range(8)
+BUILDING, TASK, START, PARTICLES, ODOMETRY_NOISE, SCANNER, WALKERS, CLUTTER = range(8)
 STREAMS = 8
 
 _REAL, _WHOLE, _WORD = np.float64, np.int64, np.uint64
@@ -79,18 +79,18 @@ STATE = record(
     exposure=_REAL,
     travelled=_REAL,
     before=(_REAL, 3),
-    way=_REAL,
-    met=np.bool_,
+    driven=_REAL,
+    collided=np.bool_,
 )
 """One robot in its episode.
 
-truth, mean and goal are poses and a place in the map frame (metres, radians), odometry is in a
-frame of its own; speeds are metres and radians per second. slot is that of its goal in
-`cost_to_go.CostToGoTable`. far_steps counts the steps since which
-the error has been too large; boxes how many stand in the way; distance is what the way from
-the true place to the goal costs (`Task.way`), shortest the length of the shortest one at the
-start; exposure and travelled are sums so far. before, way and met are of the last step: the true
-pose before it, how far the robot has gone, and whether it has met something.
+truth, mean and goal are in the map frame (metres, radians), odometry is in the odometry frame;
+speeds are metres and radians per second. slot is that of the goal in `cost_to_go.CostToGoTable`.
+far_steps counts the steps since which the error has been too large, boxes the unmapped boxes around
+the robot. distance is the cost to go from the true position (`Task.cost_to_go`), shortest the
+length of the shortest path at the start; exposure and travelled are sums so far. before, driven and
+collided are of the last step: the true pose before it, the distance driven, whether it touched
+anything.
 """
 
 SETTINGS = record(
@@ -101,8 +101,8 @@ SETTINGS = record(
     max_turn_rate=_REAL,
     acceleration=_REAL,
     turn_acceleration=_REAL,
-    wheels=NOISE,
-    told=NOISE,
+    true_odometry=NOISE,
+    modelled_odometry=NOISE,
     localizer=_WHOLE,
     rounds=_WHOLE,
     gate=_REAL,

@@ -1,4 +1,4 @@
-"""What a robot gets to see: its scan, and the rest as its localizer believes it to be."""
+"""Observations: the scan, and all else relative to the pose that the localizer estimates."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def observe(building, goals, scanner, memory, view, i):
 
 @kernel(forceinline=True)
 def polar(x, y, co, si, goal_x, goal_y, out, i):
-    """Write distance and the cosine and sine of the bearing of a place; (d, 1, 0) on the spot.
+    """Write distance and the cosine and sine of the bearing of a point; (d, 1, 0) on the spot.
 
     It is seen from (x, y) by a robot whose heading has this cosine and sine.
     """
@@ -71,7 +71,7 @@ def _uncertainty(cov, co, si, out, i):
 
 @kernel
 def _window(x, y, theta, co, si, building, settings, out, i):
-    """Write what the map says around a pose: ambiguity, and what is free.
+    """Write the ambiguity and the free cells of the map around a pose.
 
     Cells lie in rows from ahead to behind and in each from left to right. A cell within half its
     edge of a wall, or outside of the free space, is not free and has the ambiguity 1.
@@ -105,7 +105,16 @@ def _window(x, y, theta, co, si, building, settings, out, i):
 
 @kernel
 def ahead(x, y, goal, distance, towards, frame):
-    """The place this far on along the way from (x, y), or the goal if that is nearer."""
+    """The point this far along the route from (x, y), or the goal if that is nearer.
+
+    Args:
+        x: Metres, map frame.
+        y: The same.
+        goal: x and y.
+        distance: Metres.
+        towards: See `CostToGo`, int8, shape (rows, columns).
+        frame: See `BuildingRecord.lattice_frame`.
+    """
     low_x, low_y, inverse = frame
     rows, columns = towards.shape
     spacing = 1.0 / inverse

@@ -1,4 +1,4 @@
-"""The scanner of all robots as the kernels read it, and one scan of what is truly there."""
+"""The scanner as the kernels read it, and a simulated scan from the true pose."""
 
 from __future__ import annotations
 
@@ -130,9 +130,9 @@ def _err(ranges, shifts, stds, sensor, noise):
     per_metre = (TABLE - 1) / most
     for b in range(ranges.size):
         d = ranges[b]
-        place = min(d if d > least else least, most) * per_metre
-        low = min(max(int(place), 0), TABLE - 2)
-        share = place - low
+        entry = min(d if d > least else least, most) * per_metre
+        low = min(max(int(entry), 0), TABLE - 2)
+        share = entry - low
         shift = shifts[low] * (1.0 - share) + shifts[low + 1] * share
         std = stds[low] * (1.0 - share) + stds[low + 1] * share
         noise[b] = d + shift + std * noise[b]
@@ -151,7 +151,7 @@ def _round(values, sensor, readings):
 
 @kernel(forceinline=True)
 def _confuse(sensor, random, readings):
-    """Put random readings and lost ones in the place of some."""
+    """Replace some readings by random and lost ones."""
     least, most, resolution, bins, odd, lost = sensor[:6]
     share = odd + lost
     if share <= 0.0:

@@ -43,9 +43,9 @@ from ambinav_envs.simulation.step import (
     BLOCK,
     DRIVE,
     JUDGE,
+    OBSERVE,
     PLACE,
     SENSE,
-    SHOW,
     STEP,
     advance,
 )
@@ -103,7 +103,7 @@ class Simulation:
         count: N.
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.
-        tasks: Start, goal and way of each.
+        tasks: Start, goal and cost to go of each.
     """
 
     def __init__(
@@ -228,8 +228,8 @@ class Simulation:
         rewards = out.figures[:, REWARD]
         self._plugged.after_step(self.state, self.readings, rows, rewards, out.plugged)
 
-    def look(self, out: Outcome) -> None:
-        """Write again what the last step or reset made robots see; zeros for those in no episode.
+    def observe(self, out: Outcome) -> None:
+        """Write the last observation of all robots again; zeros for those in no episode.
 
         All terms of the reward are 0.
         """
@@ -238,7 +238,7 @@ class Simulation:
         rows = [i for i, site in enumerate(self.sites) if site is not None]
         if rows:
             chosen = np.array(rows, dtype=np.int64)
-            self._kernel(chosen, SHOW, out, NOTHING)
+            self._kernel(chosen, OBSERVE, out, NOTHING)
             self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
 
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
@@ -253,13 +253,15 @@ class Simulation:
             task = site.goals.draw(streams[TASK], p.shortest, p.longest)
         else:
             task = site.goals.towards(
-                draw_task(site.places, streams[TASK], p.shortest, p.longest, start=start, goal=goal)
+                draw_task(
+                    site.lattice, streams[TASK], p.shortest, p.longest, start=start, goal=goal
+                )
             )
         particles = self._localizer(site, streams[PARTICLES]) if self._particles else None
         return _Episode(site, task, particles)
 
     def _localizer(self, site: Site, stream: NDArray[np.uint64]) -> MonteCarloLocalizer:
-        """A particle filter that has not been told where it starts."""
+        """A particle filter without an initial estimate."""
         scanner, mcl = self.parameters.scanner, self.parameters.particles
         environment = site.building.environment
         own = np.random.Generator(np.random.PCG64(stream))
@@ -278,7 +280,7 @@ class Simulation:
             before.held.release(int(self.state["slot"][i]))
         self.sites[i], self.tasks[i] = site, task
         self._numbers[i] = site.number
-        self.state["slot"][i] = site.held.hold(task.way)
+        self.state["slot"][i] = site.held.hold(task.cost_to_go)
 
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
@@ -302,10 +304,10 @@ class Simulation:
             return
         if parts & PLACE:
             self._kernel(rows, PLACE, out, actions)
-            self._tell_start(rows.tolist())
+            self._initialize(rows.tolist())
         self._kernel(rows, parts & (DRIVE | SENSE), out, actions)
         self._filter(rows.tolist())
-        self._kernel(rows, parts & (JUDGE | SHOW), out, actions)
+        self._kernel(rows, parts & (JUDGE | OBSERVE), out, actions)
 
     def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
         """Call the kernel once for each building, or thread, with the robots in it."""
@@ -340,8 +342,8 @@ class Simulation:
         ends = np.flatnonzero(np.diff(numbers[order])) + 1
         return rows[order], [*ends.tolist(), len(rows)]
 
-    def _tell_start(self, rows: Sequence[int]) -> None:
-        """Tell particle filters the estimates of the starts, and how far off they may be."""
+    def _initialize(self, rows: Sequence[int]) -> None:
+        """Give particle filters the initial estimates and their covariances."""
         for i in rows:
             localizer = self._filters[i]
             assert localizer is not None
@@ -393,7 +395,8 @@ def _settings(p: NavigationParameters) -> NDArray[np.void]:
         "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed,
         "max_speed": robot.max_speed, "max_turn_rate": robot.max_turn_rate,
         "acceleration": robot.acceleration, "turn_acceleration": robot.turn_acceleration,
-        "wheels": tuple(p.wheels.packed), "told": tuple(p.odometry.packed),
+        "true_odometry": tuple(p.true_odometry.packed),
+        "modelled_odometry": tuple(p.odometry.packed),
         "localizer": LOCALIZERS.index(p.localizer), "rounds": p.iterations, "gate": p.gate,
         "start_std": p.start_std, "goal_radius": p.goal_radius,
         "success_radius": p.success_radius, "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),

@@ -13,7 +13,7 @@ from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.building import Building
-from ambinav_envs.buildings.free_space import Places
+from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.goals import Goals
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.building_record import BuildingRecord, building_record
@@ -40,7 +40,7 @@ class Site:
     Attributes:
         building: As given.
         number: As given.
-        places: Where the robot fits.
+        lattice: Where the robot fits.
         goals: Where episodes lead to.
         record: What the kernels read.
         held: Costs to go of the goals that robots drive to.
@@ -56,15 +56,15 @@ class Site:
         parameters: NavigationParameters,
     ) -> None:
         self.building, self.number = building, number
-        self.places: Places = building.places
+        self.lattice: FreeSpaceLattice = building.lattice
         # The service refuses layers that are no amount of ambiguity.
         level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
         weight = parameters.ambiguity_weight
-        prices = self.places.prices(level, weight) if weight > 0.0 else None
-        self.goals = Goals(self.places, prices)
+        prices = self.lattice.prices(level, weight) if weight > 0.0 else None
+        self.goals = Goals(self.lattice, prices)
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
         self.record: BuildingRecord = building_record(building, cast, scanner, noise, level, fisher)
-        self.held = CostToGoTable(self.places.room.shape)
+        self.held = CostToGoTable(self.lattice.room.shape)
         self._likelihood: dict[tuple[float, float], LikelihoodField] = {}
 
     def likelihood(self, resolution: float, reach: float) -> LikelihoodField:

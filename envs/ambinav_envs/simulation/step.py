@@ -33,6 +33,7 @@ from ambinav_envs.simulation.layout import (
     MCL,
     MISSED,
     ODOMETRY,
+    ODOMETRY_NOISE,
     PERFECT,
     REWARD,
     RUNNING,
@@ -45,15 +46,14 @@ from ambinav_envs.simulation.layout import (
     VALUES,
     WALKERS,
     WEIGHTED,
-    WHEELS,
 )
 from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
 from ambinav_envs.simulation.scanner_kernel import sense
 
 # What `advance` does. A localizer that is no kernel comes between the scan and the rest.
-PLACE, DRIVE, SENSE, JUDGE, SHOW = 1, 2, 4, 8, 16
-STEP, BEGIN = DRIVE | SENSE | JUDGE | SHOW, PLACE | SENSE | SHOW
+PLACE, DRIVE, SENSE, JUDGE, OBSERVE = 1, 2, 4, 8, 16
+STEP, BEGIN = DRIVE | SENSE | JUDGE | OBSERVE, PLACE | SENSE | OBSERVE
 # Robots that go through each part together: the code of all parts is more than a core's first
 # cache holds.
 BLOCK = 16
@@ -61,7 +61,7 @@ BLOCK = 16
 
 @kernel(forceinline=True)
 def move(building, memory, i, speed, rate):
-    """Let robot i try to drive at a speed and a turn rate, and its odometry report that."""
+    """Drive robot i at a speed and a turn rate as far as it gets; odometry reports the motion."""
     state, settings = memory.state[i], memory.settings[0]
     table, bound = building.table, building.bound
     limits = (
@@ -81,14 +81,16 @@ def move(building, memory, i, speed, rate):
         )
     x1, y1, t1 = unicycle(x0, y0, t0, speed, rate, share * settings.dt)
     state.before[0], state.before[1], state.before[2] = x0, y0, t0
-    state.way, state.met = length * share, share < 1.0
+    state.driven, state.collided = length * share, share < 1.0
     state.truth[0], state.truth[1], state.truth[2] = x1, y1, t1
     state.speeds[0], state.speeds[1] = speed, rate
     before = state.odometry[0], state.odometry[1], state.odometry[2]
-    after = report(*before, x0, y0, t0, x1, y1, t1, settings.wheels, state.random[WHEELS])
+    after = report(
+        *before, x0, y0, t0, x1, y1, t1, settings.true_odometry, state.random[ODOMETRY_NOISE]
+    )
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
-        reckon(state.mean, state.covariance, *before, *after, settings.told)
+        reckon(state.mean, state.covariance, *before, *after, settings.modelled_odometry)
     if memory.people.shape[1] > 0:
         walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
 
@@ -141,12 +143,12 @@ def judge(building, goals, memory, i, figures):
     exposed = integral_straight(x0, y0, t0, x1, y1, t1, building.level, *building.map_frame)
     bound = integral_straight(x0, y0, t0, x1, y1, t1, building.fisher, *building.map_frame)
     state.exposure += exposed
-    state.travelled += state.way
+    state.travelled += state.driven
     distance = state.distance
     now = distance_at(
         x1, y1, goals.costs[state.slot], building.links, *building.lattice_frame
     )  # fmt: skip
-    # Pressed into a corner a robot may be where no way leads from: there it is as far as before.
+    # In a tight corner there may be no path from where a robot is: its distance stays as it was.
     if now < math.inf:
         state.distance = now
     state.outcome = outcome_of(state, settings)
@@ -154,11 +156,11 @@ def judge(building, goals, memory, i, figures):
     terms = (
         distance - settings.gamma * state.distance,
         1.0 if state.outcome == ARRIVED else 0.0,
-        -1.0 if state.met else 0.0,
+        -1.0 if state.collided else 0.0,
         -settings.dt,
         0.0 - exposed,
         0.0 - bound,
-        0.0 - off * state.way,
+        0.0 - off * state.driven,
         -settings.dt if state.lost else 0.0,
     )
     total = 0.0
@@ -168,15 +170,15 @@ def judge(building, goals, memory, i, figures):
         figures[i, VALUES + k], figures[i, WEIGHTED + k] = terms[k], part
         total += part
     figures[i, REWARD] = total
-    figures[i, COST_COLLISION] = 1.0 if state.met else 0.0
+    figures[i, COST_COLLISION] = 1.0 if state.collided else 0.0
     figures[i, COST_LOST] = 1.0 if state.lost else 0.0
-    tell(state, off, figures, i)
+    write_status(state, off, figures, i)
 
 
 @kernel
 def outcome_of(state, settings):
     """What has become of a robot, one of `OUTCOMES` by code."""
-    if state.met:
+    if state.collided:
         return COLLIDED
     if near(state.mean, state.goal, settings.goal_radius):
         return ARRIVED if near(state.truth, state.goal, settings.success_radius) else MISSED
@@ -186,14 +188,14 @@ def outcome_of(state, settings):
 
 
 @kernel
-def near(pose, place, radius):
-    """Whether a pose is within a radius of a place."""
-    dx, dy = place[0] - pose[0], place[1] - pose[1]
+def near(pose, point, radius):
+    """Whether a pose is within a radius of a point."""
+    dx, dy = point[0] - pose[0], point[1] - pose[1]
     return dx * dx + dy * dy <= radius * radius
 
 
 @kernel(forceinline=True)
-def tell(state, off, figures, i):
+def write_status(state, off, figures, i):
     """Write the figures that a reset has too; the costs are there already."""
     figures[i, COST] = figures[i, COST_COLLISION] + figures[i, COST_LOST]
     figures[i, ERROR] = off
@@ -220,7 +222,7 @@ def act(building, memory, actions, i):
 def place(building, memory, i):
     """Put boxes and people around robot i, which is at `truth`; whether there is room for them.
 
-    And give its localizer an estimate of that place.
+    Its localizer gets an initial estimate.
     """
     state, settings = memory.state[i], memory.settings[0]
     table, bounds = building.table, building.bounds
@@ -271,14 +273,14 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
                 sense(memory, building.cast, scanner, block[k], scratch)
             for k in range(block.size):
                 localize(building, memory, block[k], scratch)
-        if parts & (JUDGE | SHOW):
+        if parts & (JUDGE | OBSERVE):
             for k in range(block.size):
                 i = block[k]
                 if parts & JUDGE:
                     judge(building, goals, memory, i, figures)
-                elif parts & SHOW:
+                elif parts & OBSERVE:
                     figures[i] = 0.0
-                    tell(memory.state[i], errors(memory.state[i])[0], figures, i)
-                if parts & SHOW:
+                    write_status(memory.state[i], errors(memory.state[i])[0], figures, i)
+                if parts & OBSERVE:
                     observe(building, goals, scanner, memory, view, i)
     return -1
