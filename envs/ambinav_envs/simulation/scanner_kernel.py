@@ -72,6 +72,15 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
     )
 
 
+@kernel
+def largest(values):
+    """The largest of some values; numba's own `max` cannot be compiled into `advance`."""
+    most = values[0]
+    for value in values[1:]:
+        most = max(most, value)
+    return most
+
+
 @kernel(forceinline=True)
 def sense(memory, cast, scanner, i, scratch):
     """Read the scanner of robot i where it truly is, into `Memory.readings`."""
@@ -81,7 +90,7 @@ def sense(memory, cast, scanner, i, scratch):
     if memory.people.shape[1] > 0 or state.boxes > 0:
         shade(
             x, y, theta, memory.people, settings.person_radius, memory.boxes, state.boxes, i,
-            cast, scratch.cast, scanner.far.max(),
+            cast, scratch.cast, largest(scanner.far),
         )  # fmt: skip
     nearest_echoes(cast, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
     capture(scratch.ranges, scanner, state.random[SCANNER], scratch.noise, memory.readings, i)
