@@ -15,15 +15,22 @@ import inspect
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from ambinav.config import nearest
 from ambinav.errors import InputError
 
 T = TypeVar("T")
+
+
+class InstalledEntry(NamedTuple):
+    """An entry point: its name, where the entry is ("module:ATTRIBUTE"), who brings it."""
+
+    name: str
+    place: str
+    distribution: str
 
 
 class Registry(Generic[T]):
@@ -92,50 +99,42 @@ class Registry(Generic[T]):
         """
         if name in self._registered:
             return self._registered[name]
-        place = self._installed().get(name)
-        if place is None:
+        found = self._installed().get(name)
+        if found is None:
             raise InputError(
                 f"there is no {self._what} {name!r}; {nearest(str(name), self.names())}."
             )
-        if isinstance(place, str):
-            return self._checked(_attribute(place), name, place)
-        if not isinstance(place, EntryPoint):
-            return place()
-        distribution = distribution_of(place)
+        if isinstance(found, str):
+            return self._checked(_attribute(found), name, found)
+        if not isinstance(found, InstalledEntry):
+            return found()
+        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
+        remedy = f"fix or uninstall {found.distribution}"
         try:
-            entry = place.load()
+            entry = _attribute(found.place)
         except Exception as error:
-            raise InputError(
-                f"{self._what} {name!r} of the plug-in {distribution} cannot be loaded "
-                f"({_told(error)}); fix or uninstall {distribution}."
-            ) from error
+            raise InputError(f"{whose} cannot be loaded ({_told(error)}); {remedy}.") from error
         try:
-            return self._checked(entry, name, place.value)
+            return self._checked(entry, name, found.place)
         except TypeError as error:
-            raise InputError(
-                f"{self._what} {name!r} of the plug-in {distribution} cannot be used ({error}); "
-                f"fix or uninstall {distribution}."
-            ) from error
+            raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
 
-    def _installed(self) -> dict[str, str | Callable[[], T] | EntryPoint]:
+    def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
         """Where the entries are that need no `register`, by name."""
-        found: dict[str, str | Callable[[], T] | EntryPoint] = dict(self._own)
+        found: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
         for point in _entry_points(self._group):
             other = found.get(point.name)
             if other is not None:
-                first = distribution_of(other) if isinstance(other, EntryPoint) else "ambinav"
                 raise InputError(
-                    f"{self._what} {point.name!r} is both in {first} and in "
-                    f"{distribution_of(point)}; uninstall one of the two."
+                    f"{self._what} {point.name!r} is both in {_bringer(other)} and in "
+                    f"{point.distribution}; uninstall one of the two."
                 )
             found[point.name] = point
         return found
 
     def _origin(self, name: str) -> str:
-        place = self._installed().get(name)
-        if place is None:
-            return ""
-        return f" in {distribution_of(place)}" if isinstance(place, EntryPoint) else " in ambinav"
+        found = self._installed().get(name)
+        return "" if found is None else f" in {_bringer(found)}"
 
     def _checked(self, entry: Any, name: str, place: str) -> T:
         if not isinstance(entry, self._kind):
@@ -148,16 +147,20 @@ class Registry(Generic[T]):
         return entry
 
 
+def _bringer(found: object) -> str:
+    return found.distribution if isinstance(found, InstalledEntry) else "ambinav"
+
+
 @functools.cache
-def _entry_points(group: str) -> tuple[EntryPoint, ...]:
+def _entry_points(group: str) -> tuple[InstalledEntry, ...]:
     """The entry points of a group, sorted by name; looked for once in a process."""
-    points = importlib.metadata.entry_points(group=group)
-    return tuple(sorted(points, key=lambda point: (point.name, distribution_of(point))))
-
-
-def distribution_of(point: EntryPoint) -> str:
-    """The name of the distribution that brings an entry point."""
-    return "an unknown distribution" if point.dist is None else point.dist.name
+    # Not kept as they are: once a process has imported the back-port `importlib_metadata`, the
+    # standard library gives entry points of that one's class.
+    found = [
+        InstalledEntry(point.name, point.value, point.dist.name if point.dist else "unknown")
+        for point in importlib.metadata.entry_points(group=group)
+    ]
+    return tuple(sorted(found))
 
 
 def _attribute(place: str) -> Any:
