@@ -17,7 +17,7 @@ def load_environment(
     tolerance: float | None = None,
     gap: float | None = None,
 ) -> Environment:
-    """Read an environment: map_server YAML, GeoJSON or WKT, told apart by the file's suffix.
+    """Read an environment: map_server YAML, GeoJSON or WKT, distinguished by the file's suffix.
 
     Args:
         path: .yaml or .yml with its image beside it; .geojson or .json; .wkt.
