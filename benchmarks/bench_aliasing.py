@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, aliased_poses
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.context import LayerContext
@@ -197,7 +197,7 @@ def main() -> None:
     )
     add_out(parser)
     chosen = parser.parse_args()
-    look_alikes(ground_of(str(environment_path("demo")), 1.0, 4.0))
+    aliased_poses(ground_of(str(environment_path("demo")), 1.0, 4.0))
     rows = []
     for name, spacing, reach in CASES:
         if name not in chosen.cases:
@@ -205,7 +205,7 @@ def main() -> None:
         ground = ground_of(str(environment_path(name)), spacing, reach)
         ground.returns(0)
         clock, processor = time.perf_counter(), time.process_time()
-        found = look_alikes(ground, count=3)
+        found = aliased_poses(ground, count=3)
         clock, processor = time.perf_counter() - clock, time.process_time() - processor
         poses = len(ground.points[0])
         rows.append(

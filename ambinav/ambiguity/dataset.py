@@ -33,7 +33,7 @@ Values = dict[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class LatticeSums:
     """What was computed at the N free points of a lattice.
 
     Attributes:
@@ -54,7 +54,7 @@ def assemble(
     thinned: RangeScanner,
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
-    found: Found,
+    found: LatticeSums,
 ) -> xr.Dataset:
     """Make the dataset of an ambiguity map.
 

@@ -141,32 +141,32 @@ def spacings(dataset: xr.Dataset, source: str) -> tuple[float, float]:
     A map that is one cell wide says it in its parameters only.
 
     Raises:
-        InputError: the distance is told nowhere.
+        InputError: the distance is stated nowhere.
     """
     steps = [
         float((values[-1] - values[0]) / (values.size - 1)) if values.size > 1 else math.nan
         for values in (dataset["x"].values, dataset["y"].values)
     ]
     if any(map(math.isnan, steps)):
-        told = json.loads(dataset.attrs["parameters"]).get("spacing")
-        if not isinstance(told, int | float) or not told > 0:
+        spacing = json.loads(dataset.attrs["parameters"]).get("spacing")
+        if not isinstance(spacing, int | float) or not spacing > 0:
             raise InputError(
                 f"{source}: attribute parameters lacks a spacing above zero; "
                 "make the map with `ambinav map`."
             )
-        steps = [float(told) if math.isnan(step) else step for step in steps]
+        steps = [float(spacing) if math.isnan(step) else step for step in steps]
     return steps[0], steps[1]
 
 
-def _check_parameters(told: object, source: str) -> None:
+def _check_parameters(stated: object, source: str) -> None:
     try:
-        sound = isinstance(told, str) and isinstance(json.loads(told), dict)
+        sound = isinstance(stated, str) and isinstance(json.loads(stated), dict)
     except ValueError:
         sound = False
     if not sound:
         raise InputError(
-            f"{source}: attribute parameters is {reprlib.repr(told)}, not a JSON object; make the "
-            "map with `ambinav map`."
+            f"{source}: attribute parameters is {reprlib.repr(stated)}, not a JSON object; make "
+            "the map with `ambinav map`."
         )
 
 

@@ -47,8 +47,8 @@ def with_layers(
         InputError: there is no such layer or option, the scanner cannot have the layer, or the
             map does not say how it was made.
     """
-    told = amap.dataset.attrs.get("scanner_yaml")
-    scanner = None if told is None else RangeScanner.from_yaml_text(told, file=amap.source)
+    stored = amap.dataset.attrs.get("scanner_yaml")
+    scanner = None if stored is None else RangeScanner.from_yaml_text(stored, file=amap.source)
     chosen = chosen_layers(names, scanner)
     _check_options(chosen, options)
     if not chosen:

@@ -1,4 +1,4 @@
-"""What is left to be told of the pose when a scan has been taken: coastal navigation.
+"""What remains unknown of the pose when a scan has been taken: coastal navigation.
 
 Source: after N. Roy, W. Burgard, D. Fox and S. Thrun, "Coastal navigation: mobile robot navigation
 with uncertainty in dynamic environments", ICRA 1999: the robot keeps to where a scan is expected to
@@ -102,7 +102,7 @@ def coastal_entropy(
     lattice, table, model = context.lattice, context.table, context.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(table)
-    told = _evidence(table, share)
+    evidences = _evidence(table, share)
     # What is known before the scan is the neighbourhood.
     prior = 4.0 / model.radius**2
     offsets = _disc(steps, model.radius / lattice.spacing)
@@ -114,7 +114,7 @@ def coastal_entropy(
             run_rows(
                 _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
                 lattice.index, links[band.first : band.last], STEPS, offsets, rows,
-                _known(data, table, share, people), table.limit, inverse_cap, table.use, told,
+                _known(data, table, share, people), table.limit, inverse_cap, table.use, evidences,
                 model.tau, (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2, prior, SHIFTS,
                 WEIGHTS, found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
@@ -183,11 +183,11 @@ def expected_evidence(odd: float) -> tuple[float, float]:
 def _known_pose(table: BeamTable) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Of each beam what small differences count and 1 / the most it tells, shape (P,)."""
     caps, which = np.unique(table.inverse_cap, return_inverse=True)
-    told = np.ones((len(caps), 2))
+    known = np.ones((len(caps), 2))
     for k, inverse in enumerate(caps.tolist()):
         if inverse > 0.0:  # it is 0 for padding
-            told[k] = expected_evidence(math.exp(-1.0 / inverse))
-    share, cap = told[which].T.astype(np.float32)
+            known[k] = expected_evidence(math.exp(-1.0 / inverse))
+    share, cap = known[which].T.astype(np.float32)
     return share, 1.0 / cap
 
 
@@ -203,8 +203,8 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
     # As in `evidence_table`.
     z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
     rows = []
-    for wide, told in kinds.tolist():
-        apart = z / math.sqrt(2.0 * told)
+    for wide, kept in kinds.tolist():
+        apart = z / math.sqrt(2.0 * kept)
         rows.append(evidence(apart, wide) / (apart * apart / 4.0))
     return np.array(rows, dtype=np.float32)[beam.reshape(-1)]
 
@@ -212,7 +212,7 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
 def _known(
     data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
 ) -> NDArray[np.float32]:
-    """Beam returns with twice the evidence, as at a known pose, as far as nobody is in the way."""
+    """Beam returns with twice the evidence, as at a known pose, as far as no one is in between."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
     data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)

@@ -68,11 +68,11 @@ class LayerContext:
         Raises:
             InputError: the map does not say how it was made.
         """
-        told = json.loads(amap.dataset.attrs["parameters"])
+        parameters = json.loads(amap.dataset.attrs["parameters"])
         wanted = {one.name for one in fields(AmbiguityModel)}
-        # Maps made before bodies were told are of none.
-        told.setdefault("robot_radius", 0.0)
-        missing = sorted((wanted | {"beams_used"}) - told.keys())
+        # Maps of earlier versions know of no body.
+        parameters.setdefault("robot_radius", 0.0)
+        missing = sorted((wanted | {"beams_used"}) - parameters.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
             raise InputError(
                 f"{amap.source}: its parameters lack {', '.join(missing) or 'the scanner'}, so no "
@@ -94,11 +94,11 @@ class LayerContext:
         headings = amap.dataset["theta"].values if amap.has_theta else np.zeros(1)
         return cls(
             building,
-            _thinned(scanner, int(told["beams_used"]), amap.source),
+            _thinned(scanner, int(parameters["beams_used"]), amap.source),
             lattice,
             np.asarray(headings, dtype=np.float64),
             amap.has_theta,
-            AmbiguityModel(**{name: told[name] for name in wanted}),
+            AmbiguityModel(**{name: parameters[name] for name in wanted}),
             amap,
             scanner,
         )

@@ -47,9 +47,9 @@ STEP = 0.1
 """Metres between a pose and those that its hit points are compared with, by default."""
 # Casts are in single precision: differences below this are none, metres.
 FINEST = 1e-4
-# Where the compared poses are, in steps; the rays of `DIRECTIONS` that look that way.
+# Where the compared poses are, in steps; the rays of `DIRECTIONS` towards them.
 AXES = ((1, 0), (-1, 0), (0, 1), (0, -1))
-WAYS = (0, DIRECTIONS // 2, DIRECTIONS // 4, 3 * DIRECTIONS // 4)
+TOWARDS = (0, DIRECTIONS // 2, DIRECTIONS // 4, 3 * DIRECTIONS // 4)
 # Poses cast at a time, five scans of 64 rays each.
 BATCH = 65536
 # Coordinates are rounded to so many decimals, so that maps of any spacing cast from the same poses.
@@ -106,9 +106,9 @@ def rank_masks(context: LayerContext, max_range: float, step: float = STEP) -> N
         # A wall within a step counts even where it is out of the rays' range.
         own, bare = _cast(context, x[part], y[part], max(max_range, step))
         beside = []
-        for (i, j), way in zip(AXES, WAYS, strict=True):
+        for (i, j), rays in zip(AXES, TOWARDS, strict=True):
             there, _ = _cast(context, x[part] + i * step, y[part] + j * step, max_range)
-            there[~(bare[:, way] > step)] = np.inf
+            there[~(bare[:, rays] > step)] = np.inf
             beside.append(there)
         own[own > max_range] = np.inf
         run_rows(
@@ -166,7 +166,7 @@ def _view(scanner: RangeScanner, heading: float) -> NDArray[np.float64]:
     order = np.argsort(yaw)
     yaw, limit = yaw[order], limit[order]
     gap = np.diff(yaw, append=yaw[0] + 2 * math.pi)
-    # Within a fan a beam stands for half the way to the next; where none is near, for a step.
+    # Within a fan a beam stands for half the angle to the next; where none is near, for a step.
     half = np.clip(np.minimum(gap, np.roll(gap, 1)) / 2.0, TURN / 2.0, TURN)
     direction = TURN * np.arange(DIRECTIONS) - heading
     apart = np.abs(np.mod(direction[:, np.newaxis] - yaw + math.pi, 2 * math.pi) - math.pi)

@@ -161,7 +161,7 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
     co, si = math.cos(theta), math.sin(theta)
     for b in range(near.size):
         mean[b] = math.inf
-        told = 0.0
+        nearest = 0.0
         for r in range(start[b], start[b + 1]):
             px = x + co * origin[r, 0] - si * origin[r, 1]
             py = y + si * origin[r, 0] + co * origin[r, 1]
@@ -169,9 +169,9 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
             d, variance, unknown = grid_range(px, py, ux, uy, far[b], grid, mean[b])
             if d < mean[b]:
                 mean[b] = d
-                told = math.nan if unknown > 0.5 else variance
+                nearest = math.nan if unknown > 0.5 else variance
         mean[b] = max(mean[b], near[b])
-        spread[b] += told
+        spread[b] += nearest
 
 
 @kernel

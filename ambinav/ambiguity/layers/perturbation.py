@@ -5,7 +5,7 @@ framework for perception-aware planning with perturbation-induced metric", IROS 
 2408.01649), of which only the abstract was at hand: an observation is judged by what a perturbation
 of the pose does to it, before anything is planned. Metric and matcher are not theirs.
 
-The robot stands at p and believes it is at p + delta. Its scan is matched against the building by
+The robot stands at p, its estimated pose is p + delta. Its scan is matched against the building by
 Gauss-Newton steps for x, y and the heading. Each is linearised at the estimate itself: the ranges
 d and their derivatives J are cast there, and the step solves
 
@@ -57,13 +57,13 @@ from ambinav.threads import run_rows
 Floats = NDArray[np.float64]
 
 ITERATIONS = 6
-# The match is looked for within so many displacements of where the robot believes it is.
+# The match is looked for within so many displacements of the estimated pose.
 WINDOW = 2.0
 # A step shorter than this share of what was known beforehand ends the match.
 CONVERGED = 1e-3
 # A step into a wall is halved so often before the match ends where it stands.
 HALVINGS = 6
-# Where the displacements lead, and the angles of rays that way.
+# Where the displacements lead, and the angles of rays in these directions.
 AXES: Floats = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 ANGLES: Floats = np.arange(4, dtype=np.float64) * (math.pi / 2)
 # Poses are rounded to so many decimals of a metre: lattices of several spacings give the same pose
@@ -84,7 +84,7 @@ def perturbation(
 
     Args:
         context: What the map was made of.
-        displacement: How far off the robot believes it is, metres; None: half the radius of the
+        displacement: How far off the estimated pose is, metres; None: half the radius of the
             map's neighbourhood.
         iterations: Gauss-Newton steps at most, at least 1.
         tau: How many beams carry one independent piece of evidence, at least 1.

@@ -46,8 +46,8 @@ def wall_normals(
 
     Returns:
         wall_normals, the smaller eigenvalue, and wall_normals_strong, the larger (metres of
-        wall); wall_normals_direction, the axis of the smaller (radians): the way that the fewest
-        walls face.
+        wall); wall_normals_direction, the axis of the smaller (radians): the direction that
+        the fewest walls face.
 
     Raises:
         InputError: the reach is not a positive number.

@@ -16,26 +16,26 @@ q's cell, so the sums are integrals over poses.) In a building that repeats n ti
 however sharply a scan tells the position, up to what the linear model of a cell loses at twins
 between lattice points (docs/layers.md).
 `aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
-beyond R give the same scan. It is small where scans are sharp, for then a look-alike is a point.
+beyond R give the same scan. It is small where scans are sharp, for then an aliased pose is a point.
 
 * **Turns.** A scanner that looks all around (`RangeScanner.turns_in_place`) is turned in
   the n steps that give the same beams again, its scan shifted; each stands for the turns half a
   step to both sides, as a cell stands for its poses. Other scanners are compared at the map's
-  headings, each within its `sigma_theta`; a look-alike at a heading between them is missed.
+  headings, each within its `sigma_theta`; an aliased pose at a heading between them is missed.
 * **Within a cell** I is the two-step Laplace integral of `kernel.compare`. All of it is
   needed: without the offset, twin rooms that are no multiple of the spacing apart would not be
   twins; with each beam moved on its own instead of all together, every fifth pair of poses in an
   office would be alike.
 * **Least likeness.** A pair counts if its scans, at the best offset, are alike to at least 1 in
-  100, the offset's own improbability included (Phi <= ln 100, see `aliasing_signature`); less is
+  100, the offset's own improbability included (Phi <= ln 100, see `aliasing.signature`); less is
   0. Otherwise the many poses that are very unlike would weigh as much as the few that are alike.
 * **Unknown space.** A pose with half of its beams or more ending there (the map's `unexplored`)
-  takes no part: as a look-alike it would be like everything. Its own `aliasing` is 1, for nothing
-  is told there. Nor does a pose that is impossible (`standing`), which has no value.
+  takes no part: as an aliased pose it would be like everything. Its own `aliasing` is 1, for
+  nothing is known there. Nor does a pose that is impossible (`standing`), which has no value.
 
-Look-alikes are listed by likeness, exp(- capped evidence / tau) at the best offset, 1 for the same
-scan, each farther than R from p and from those before it. The search is exact; what makes it fast
-is in `aliasing_signature`, with proofs.
+Aliased poses are listed by likeness, exp(- capped evidence / tau) at the best offset, 1 for the
+same scan, each farther than R from p and from those before it. The search is exact; what makes it
+fast is in `aliasing.signature`, with proofs.
 """
 
 from __future__ import annotations
@@ -65,14 +65,14 @@ SIDE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class LookAlikes:
+class AliasedPoses:
     """What looks like each of N poses: P free cells, times K headings where these matter.
 
     Attributes:
         share: `aliasing`, shape (P, K); NaN at impossible poses.
         area: `aliasing_area`, square metres, shape (P, K); NaN at these and in unexplored cells.
-        found: Up to `count` look-alikes, float64, shape (P, K, count, 4): x and y (metres), turn
-            from the pose's heading to that of the look-alike (radians, in (-pi, pi]), likeness.
+        found: Up to `count` aliased poses, float64, shape (P, K, count, 4): x and y (metres), turn
+            from the pose's heading to that of the aliased pose (radians, in (-pi, pi]), likeness.
             NaN where there are no more.
         left: How many pairs of poses and turns each step left: signature and count of the bundle,
             count, gap, and, of these compared in full, the alike ones; int64, shape (4,).
@@ -89,7 +89,7 @@ class LookAlikes:
         return int(self.left[COMPARED])
 
 
-def look_alikes(
+def aliased_poses(
     context: LayerContext,
     count: int = 1,
     *,
@@ -97,16 +97,16 @@ def look_alikes(
     place: NDArray[np.int32] | None = None,
     sought: NDArray[np.bool_] | None = None,
     report: Callable[[float], None] | None = None,
-) -> LookAlikes:
+) -> AliasedPoses:
     """Find what looks like each pose of a map.
 
     Args:
         context: The map's context.
-        count: How many look-alikes to list of each pose, at least 1.
+        count: How many aliased poses to list of each pose, at least 1.
         least: Likeness from which a pair counts, in (0, 1).
-        place: Number of the place that each cell lies in, shape (P,); look-alikes in the pose's
+        place: Number of the place that each cell lies in, shape (P,); aliased poses in the pose's
             own place are not listed where the number is above 0. They count all the same.
-        sought: Cells whose look-alikes are sought, on all the map, shape (P,); None: all. The
+        sought: Cells whose aliased poses are sought, on all the map, shape (P,); None: all. The
             share and the area of others are NaN, and nothing is listed.
         report: Called with the share done.
 
@@ -155,7 +155,7 @@ def look_alikes(
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
     wide = (cells, len(context.headings))
-    return LookAlikes(
+    return AliasedPoses(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
         np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
@@ -179,8 +179,8 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
 
 
 def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
-    """The layer and its companions; `least` as in `look_alikes`."""
-    alike = look_alikes(context, least=least)
+    """The layer and its companions; `least` as in `aliased_poses`."""
+    alike = aliased_poses(context, least=least)
     best = alike.found[:, :, 0]
     x, y = context.points
     apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])

@@ -1,4 +1,4 @@
-"""Look-alikes scanned where they are: the search's linear model of a cell, put right by casting."""
+"""Aliased poses scanned where they are: casting corrects the search's linear model of a cell."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from ambinav.threads import run_rows
 Floats = NDArray[np.float64]
 
 ROUNDS = 4
-"""Casts of each look-alike. Twins that are known to the millimetre are met after two or three."""
+"""Casts of each aliased pose. Twins that are known to the millimetre are met after two or three."""
 HEADING_STEP = math.tau / 1440
 """Radians between the headings that scans are cast at, all poses of one together; what is left of
-a heading, a beam of 8 m moves by 17 mm along a wall, is told by the scan's derivative."""
+a heading (a beam of 8 m moves by 17 mm along a wall) the scan's derivative accounts for."""
 CHUNK = 4096
 
 
 def settle(context: LayerContext, found: Floats) -> Floats:
-    """Scan at the look-alikes of a search, move them to where they are most alike, and rank them.
+    """Scan at the aliased poses of a search, move them to where they are most alike, and rank them.
 
-    The search compares with a look-alike between lattice points as the derivative at the nearest
+    The search compares with an aliased pose between lattice points as the derivative at the nearest
     point tells it; corners within the cell make that wrong, by more the coarser the lattice. Here
-    the look-alike is cast, moved to its best offset and cast again, `ROUNDS` times, and kept where
-    it was most alike. So its likeness is that of two scans, and an exact twin has 1.
+    the aliased pose is cast, moved to its best offset and cast again, `ROUNDS` times, and kept
+    where it was most alike. So its likeness is that of two scans, and an exact twin has 1.
 
     Args:
         context: Where the poses are.
-        found: `LookAlikes.found`, shape (P, K, count, 4).
+        found: `AliasedPoses.found`, shape (P, K, count, 4).
 
     Returns:
         The same, most alike first, without what `settle_at` leaves out.
@@ -52,7 +52,7 @@ def settle(context: LayerContext, found: Floats) -> Floats:
 
 
 def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike: Floats) -> Floats:
-    """Move each of M look-alikes to where it is most alike.
+    """Move each of M aliased poses to where it is most alike.
 
     Args:
         context: Where the poses are.
