@@ -35,11 +35,10 @@ def test_arrays_hold_what_their_names_say() -> None:
     site = env.simulation.sites[0]
     assert site is not None
     record, amap = site.record, site.building.amap
-    assert record.level.shape[:2] == record.fisher.shape[:2] == record.free.shape
-    free = amap.dataset["free"].values
-    for name, array in (("level", record.level), ("fisher", record.fisher)):
-        values = amap.dataset[name].values
-        assert (array[:, :, 0][free] == values[free]).all()
+    layers, free = record.layers, amap.dataset["free"].values
+    assert (layers.free == free).all()
+    for name, array in (("level", layers.level), ("fisher", layers.fisher)):
+        assert (array[:, :, 0][free] == amap.dataset[name].values[free]).all()
     assert record.bounds == room().bounds
-    assert record.lattice_frame == site.lattice.frame
+    assert site.held.arrays.frame == site.lattice.frame
     assert record.noise.near.shape == record.noise.row.shape == (60,)

@@ -6,14 +6,19 @@ import numpy as np
 
 from ambinav_envs.buildings.tasks import CostToGo
 from ambinav_envs.simulation.cost_to_go import CostToGoTable
+from tests.envs.buildings.scenes import places_in
+from tests.envs.cases import room
+
+LATTICE = places_in(room())
+SHAPE = LATTICE.room.shape
 
 
 def goal(value: int) -> CostToGo:
-    return CostToGo(np.full((2, 3), value, np.float32), np.full((2, 3), value, np.int8))
+    return CostToGo(np.full(SHAPE, value, np.float32), np.full(SHAPE, value, np.int8))
 
 
 def test_every_slot_holds_the_goal_of_its_robots() -> None:
-    rng, table = np.random.default_rng(0), CostToGoTable((2, 3))
+    rng, table = np.random.default_rng(0), CostToGoTable(LATTICE)
     goals = [goal(k) for k in range(20)]
     robots: dict[int, tuple[int, int]] = {}
     for _ in range(500):
@@ -30,7 +35,7 @@ def test_every_slot_holds_the_goal_of_its_robots() -> None:
 
 
 def test_a_goal_is_found_again_while_a_robot_drives_to_it() -> None:
-    table, one, other = CostToGoTable((2, 3)), goal(1), goal(2)
+    table, one, other = CostToGoTable(LATTICE), goal(1), goal(2)
     slot = table.hold(one)
     assert table.hold(one) == slot != table.hold(other)
     table.release(slot)

@@ -17,35 +17,45 @@ from ambinav_envs.simulation.scanner_kernel import ScannerArrays
 Floats = NDArray[np.float64]
 
 
+class Walls(NamedTuple):
+    """What the robot collides with: the first two of `CollisionChecker.arrays`."""
+
+    table: Floats
+    bound: NDArray[np.float32]
+
+
+class MapLayers(NamedTuple):
+    """Layers of the ambiguity map.
+
+    Attributes:
+        level: The layer that rewards and windows show, float32, shape (rows, columns, headings),
+            headings 1 if it does not depend on them.
+        fisher: The layer `fisher`, likewise.
+        free: Free cells, shape (rows, columns).
+        frame: x and y of cell (0, 0), metres, map frame, and cells per metre.
+    """
+
+    level: NDArray[np.float32]
+    fisher: NDArray[np.float32]
+    free: NDArray[np.bool_]
+    frame: tuple[float, float, float]
+
+
 class BuildingRecord(NamedTuple):
     """All that is read of a building while robots step through it.
 
     Attributes:
         cast: Walls and the scanner's rays.
         noise: How the beams read; one row of bias and variance a sensor.
-        table: The first of `CollisionChecker.arrays`.
-        bound: The second.
-        level: Layer of the ambiguity map that rewards and windows show, float32, shape
-            (rows, columns, headings), headings 1 if it does not depend on them.
-        fisher: The layer `fisher`, likewise.
-        free: Free cells of the map, shape (rows, columns).
-        map_frame: x and y of the map's cell (0, 0), metres, and cells per metre.
-        links: See `ambinav_envs.buildings.geodesic`, uint8, shape (rows, columns) of the lattice
-            on which routes are searched.
-        lattice_frame: Of that lattice, likewise.
-        bounds: Left, lower, right and upper end, metres.
+        walls: What the robot collides with.
+        layers: Of the ambiguity map.
+        bounds: Left, lower, right and upper end, metres, map frame.
     """
 
     cast: CastTables
     noise: BeamNoise
-    table: Floats
-    bound: NDArray[np.float32]
-    level: NDArray[np.float32]
-    fisher: NDArray[np.float32]
-    free: NDArray[np.bool_]
-    map_frame: tuple[float, float, float]
-    links: NDArray[np.uint8]
-    lattice_frame: tuple[float, float, float]
+    walls: Walls
+    layers: MapLayers
     bounds: tuple[float, float, float, float]
 
 
@@ -67,7 +77,7 @@ def building_record(
         level: The layer that rewards and windows show.
         fisher: The layer `fisher`, on the same lattice.
     """
-    environment, lattice = building.environment, building.lattice
+    environment = building.environment
     table, bound, _ = building.checker.arrays
     frontier = environment.segments.kind[environment.border_segment] == FRONTIER
     bias, variance = noise
@@ -75,13 +85,7 @@ def building_record(
     return BuildingRecord(
         cast,
         BeamNoise(scanner.near, scanner.far, bias, variance, frontier, scanner.sensor, steady),
-        table,
-        bound,
-        level.values,
-        fisher.values,
-        level.free,
-        (*level.origin, 1.0 / level.spacing),
-        lattice.links,
-        lattice.frame,
+        Walls(table, bound),
+        MapLayers(level.values, fisher.values, level.free, (*level.origin, 1.0 / level.spacing)),
         environment.bounds,
     )

@@ -2,29 +2,52 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.tasks import CostToGo
 
 
-class CostToGoTable:
-    """One slot for each goal that robots in a building drive to.
-
-    Robots with the same goal share its slot, and a slot is used again when none has its goal.
-
-    Args:
-        shape: Rows and columns of the lattice.
+class GoalArrays(NamedTuple):
+    """Costs to go on the lattice of a building, one slot a goal.
 
     Attributes:
-        arrays: `CostToGo` of all slots, shape (slots, rows, columns); others when it has grown.
+        costs: See `CostToGo`, float32, shape (slots, rows, columns).
+        towards: See there, int8, shape (slots, rows, columns).
+        links: See `ambinav_envs.buildings.geodesic`, uint8, shape (rows, columns).
+        frame: x and y of cell (0, 0), metres, map frame, and cells per metre.
     """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.arrays = _slots(1, shape)
+    costs: NDArray[np.float32]
+    towards: NDArray[np.int8]
+    links: NDArray[np.uint8]
+    frame: tuple[float, float, float]
+
+
+class CostToGoTable:
+    """A slot for each goal that robots in a building drive to.
+
+    Robots with the same goal share its slot, and a slot is free again when no robot has its goal.
+
+    Args:
+        lattice: Of the building.
+
+    Attributes:
+        arrays: What kernels read; other arrays when there are more slots.
+    """
+
+    def __init__(self, lattice: FreeSpaceLattice) -> None:
+        shape = (1, *lattice.room.shape)
+        self.arrays = GoalArrays(
+            np.empty(shape, np.float32), np.empty(shape, np.int8), lattice.links, lattice.frame
+        )
         self._free = [0]
-        # By the identity of what a task holds, which the second dictionary keeps alive.
         self._slot: dict[int, int] = {}
-        self._held: dict[int, CostToGo] = {}
+        # Of each slot in use; that the goal is held here keeps its identity its own.
+        self._goals: dict[int, CostToGo] = {}
         self._robots: dict[int, int] = {}
 
     def hold(self, goal: CostToGo) -> int:
@@ -34,7 +57,7 @@ class CostToGoTable:
             if not self._free:
                 self._grow()
             slot = self._free.pop()
-            self._slot[id(goal)], self._held[slot], self._robots[slot] = slot, goal, 0
+            self._slot[id(goal)], self._goals[slot], self._robots[slot] = slot, goal, 0
             self.arrays.costs[slot], self.arrays.towards[slot] = goal.costs, goal.towards
         self._robots[slot] += 1
         return slot
@@ -43,19 +66,14 @@ class CostToGoTable:
         """Say that a robot no longer drives to the goal in a slot."""
         self._robots[slot] -= 1
         if not self._robots[slot]:
-            del self._slot[id(self._held.pop(slot))], self._robots[slot]
+            del self._slot[id(self._goals.pop(slot))], self._robots[slot]
             self._free.append(slot)
 
     def _grow(self) -> None:
         """Make twice as many slots."""
-        before = self.arrays
-        count, *shape = before.costs.shape
-        self.arrays = _slots(2 * count, tuple(shape))
-        self.arrays.costs[:count], self.arrays.towards[:count] = before.costs, before.towards
+        count = len(self.arrays.costs)
+        self.arrays = self.arrays._replace(
+            costs=np.concatenate([self.arrays.costs, np.empty_like(self.arrays.costs)]),
+            towards=np.concatenate([self.arrays.towards, np.empty_like(self.arrays.towards)]),
+        )
         self._free.extend(range(2 * count - 1, count - 1, -1))
-
-
-def _slots(count: int, shape: tuple[int, ...]) -> CostToGo:
-    return CostToGo(
-        np.empty((count, *shape), dtype=np.float32), np.empty((count, *shape), dtype=np.int8)
-    )

@@ -15,12 +15,23 @@ MOST_SPREAD = 2.0
 
 
 @kernel(forceinline=True)
-def observe(building, goals, scanner, memory, view, i):
-    """Write row i of the observation; see `ambinav_envs.spaces`."""
-    state, settings = memory.state[i], memory.settings[0]
-    for b in range(scanner.near.size):
+def observe(walls, layers, goals, far, state, settings, readings, view, i):
+    """Write row i of the observation; see `ambinav_envs.spaces`.
+
+    Args:
+        walls: See `Walls`.
+        layers: See `MapLayers`.
+        goals: See `GoalArrays`.
+        far: Maximum range of each beam, shape (B,), metres.
+        state: The robot's `STATE`.
+        settings: See `SETTINGS`.
+        readings: Row i is the robot's, shape (N, B), metres.
+        view: See `View`.
+        i: Which robot.
+    """
+    for b in range(far.size):
         # Too near is 0, no echo 1.
-        view.scan[i, b] = min(max(memory.readings[i, b] / scanner.far[b], 0.0), 1.0)
+        view.scan[i, b] = min(max(readings[i, b] / far[b], 0.0), 1.0)
     x, y, theta = state.mean[0], state.mean[1], state.mean[2]
     co, si = math.cos(theta), math.sin(theta)
     polar(x, y, co, si, state.goal[0], state.goal[1], view.goal, i)
@@ -28,12 +39,10 @@ def observe(building, goals, scanner, memory, view, i):
     view.velocity[i, 1] = state.speeds[1] / settings.max_turn_rate
     _uncertainty(state.covariance, co, si, view.uncertainty, i)
     if view.window.shape[1] > 0:
-        _window(x, y, theta, co, si, building, settings, view.window, i)
+        _window(x, y, theta, co, si, walls, layers, settings, view.window, i)
     if settings.waypoint:
         towards = goals.towards[state.slot]
-        wx, wy = ahead(
-            x, y, state.goal, settings.waypoint_distance, towards, building.lattice_frame
-        )
+        wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, towards, goals.frame)
         polar(x, y, co, si, wx, wy, view.waypoint, i)
 
 
@@ -70,15 +79,15 @@ def _uncertainty(cov, co, si, out, i):
 
 
 @kernel
-def _window(x, y, theta, co, si, building, settings, out, i):
+def _window(x, y, theta, co, si, walls, layers, settings, out, i):
     """Write the ambiguity and the free cells of the map around a pose.
 
     Cells lie in rows from ahead to behind and in each from left to right. A cell within half its
     edge of a wall, or outside of the free space, is not free and has the ambiguity 1.
     """
     cells, spacing = settings.window_cells, settings.window_spacing
-    values, free = building.level, building.free
-    left_end, low_end, inverse = building.map_frame
+    values, free = layers.level, layers.free
+    left_end, low_end, inverse = layers.frame
     heading = 0
     if values.shape[2] > 1:
         turn = theta * values.shape[2] / (2.0 * math.pi)
@@ -92,7 +101,7 @@ def _window(x, y, theta, co, si, building, settings, out, i):
             px, py = x + co * forward - si * left, y + si * forward + co * left
             k = r * cells + c
             out[i, k], out[i, each + k] = 1.0, 0.0
-            room, _ = around(px, py, building.table, building.bound)
+            room, _ = around(px, py, walls.table, walls.bound)
             if room < 0.5 * spacing:
                 continue
             column = int(math.floor((px - left_end) * inverse + 0.5))
@@ -113,7 +122,7 @@ def ahead(x, y, goal, distance, towards, frame):
         goal: x and y.
         distance: Metres.
         towards: See `CostToGo`, int8, shape (rows, columns).
-        frame: See `BuildingRecord.lattice_frame`.
+        frame: See `GoalArrays`.
     """
     low_x, low_y, inverse = frame
     rows, columns = towards.shape

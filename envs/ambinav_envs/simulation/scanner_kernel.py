@@ -72,28 +72,18 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
     )
 
 
-@kernel
-def largest(values):
-    """The largest of some values; numba's own `max` cannot be compiled into `advance`."""
-    most = values[0]
-    for value in values[1:]:
-        most = max(most, value)
-    return most
-
-
 @kernel(forceinline=True)
-def sense(memory, cast, scanner, i, scratch):
-    """Read the scanner of robot i where it truly is, into `Memory.readings`."""
-    state, settings = memory.state[i], memory.settings[0]
+def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
+    """Read the scanner of robot i at its true pose, into row i of `Memory.readings`."""
     x, y, theta = state.truth[0], state.truth[1], state.truth[2]
     cast_rays(x, y, theta, cast, scratch.cast)
-    if memory.people.shape[1] > 0 or state.boxes > 0:
+    if people.shape[1] > 0 or state.boxes > 0:
         shade(
-            x, y, theta, memory.people, settings.person_radius, memory.boxes, state.boxes, i,
-            cast, scratch.cast, largest(scanner.far),
+            x, y, theta, people, settings.person_radius, boxes, state.boxes, i, cast,
+            scratch.cast, scanner.far.max(),
         )  # fmt: skip
     nearest_echoes(cast, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
-    capture(scratch.ranges, scanner, state.random[SCANNER], scratch.noise, memory.readings, i)
+    capture(scratch.ranges, scanner, state.random[SCANNER], scratch.noise, readings, i)
 
 
 @kernel(forceinline=True)

@@ -337,6 +337,8 @@ class Simulation:
 
     def _by_building(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
         """Robots in the order of their buildings, and where those of each end."""
+        if len(rows) == 1:
+            return rows, [1]
         numbers = self._numbers[rows]
         order = np.argsort(numbers)
         ends = np.flatnonzero(np.diff(numbers[order])) + 1

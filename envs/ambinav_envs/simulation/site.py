@@ -64,7 +64,7 @@ class Site:
         self.goals = Goals(self.lattice, prices)
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
         self.record: BuildingRecord = building_record(building, cast, scanner, noise, level, fisher)
-        self.held = CostToGoTable(self.lattice.room.shape)
+        self.held = CostToGoTable(self.lattice)
         self._likelihood: dict[tuple[float, float], LikelihoodField] = {}
 
     def likelihood(self, resolution: float, reach: float) -> LikelihoodField:

@@ -60,10 +60,9 @@ BLOCK = 16
 
 
 @kernel(forceinline=True)
-def move(building, memory, i, speed, rate):
+def move(walls, state, settings, people, boxes, i, speed, rate):
     """Drive robot i at a speed and a turn rate as far as it gets; odometry reports the motion."""
-    state, settings = memory.state[i], memory.settings[0]
-    table, bound = building.table, building.bound
+    table, bound = walls.table, walls.bound
     limits = (
         settings.max_speed, settings.max_turn_rate, settings.acceleration,
         settings.turn_acceleration,
@@ -76,7 +75,7 @@ def move(building, memory, i, speed, rate):
         share = min(
             share,
             free_share_of_boxes(
-                x0, y0, ux, uy, bend, length, settings.radius, memory.boxes, state.boxes, i
+                x0, y0, ux, uy, bend, length, settings.radius, boxes, state.boxes, i
             ),
         )
     x1, y1, t1 = unicycle(x0, y0, t0, speed, rate, share * settings.dt)
@@ -91,18 +90,17 @@ def move(building, memory, i, speed, rate):
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
         reckon(state.mean, state.covariance, *before, *after, settings.modelled_odometry)
-    if memory.people.shape[1] > 0:
-        walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
+    if people.shape[1] > 0:
+        walk(people, i, x1, y1, settings, table, bound, state.random[WALKERS])
 
 
 @kernel(forceinline=True)
-def localize(building, memory, i, scratch):
-    """Let the localizer of robot i, if it is a kernel, take in the readings."""
-    state, settings = memory.state[i], memory.settings[0]
+def localize(cast, noise, state, settings, readings, scratch):
+    """Let the localizer of a robot, if it is a kernel, take in its readings."""
     if settings.localizer == EKF:
         update_pose(
-            state.mean, state.covariance, memory.readings[i], settings.gate, settings.rounds,
-            False, building.cast, building.noise, scratch,
+            state.mean, state.covariance, readings, settings.gate, settings.rounds, False, cast,
+            noise, scratch,
         )  # fmt: skip
     elif settings.localizer == PERFECT:
         for k in range(3):
@@ -119,17 +117,17 @@ def errors(state):
 
 
 @kernel(forceinline=True)
-def judge(building, goals, memory, i, figures):
+def judge(layers, goals, state, settings, i, figures):
     """Decide what has become of robot i, and what the step was worth.
 
     Args:
-        building: The building around it, see `BuildingRecord`.
-        goals: Costs to go in that building, see `CostToGoTable.arrays`.
-        memory: See `Memory`.
+        layers: See `MapLayers`.
+        goals: See `GoalArrays`.
+        state: Its `STATE`, written.
+        settings: See `SETTINGS`.
         i: Which robot.
         figures: Row i is written, see `COLUMNS`.
     """
-    state, settings = memory.state[i], memory.settings[0]
     off, turned = errors(state)
     far = off > LOST_POSITION or turned > LOST_HEADING
     state.far_steps = state.far_steps + 1 if far else 0
@@ -140,14 +138,12 @@ def judge(building, goals, memory, i, figures):
     # Along the chord, as `AmbiguityService.reward`: the arc of a step is hardly longer.
     x0, y0, t0 = state.before[0], state.before[1], state.before[2]
     x1, y1, t1 = state.truth[0], state.truth[1], state.truth[2]
-    exposed = integral_straight(x0, y0, t0, x1, y1, t1, building.level, *building.map_frame)
-    bound = integral_straight(x0, y0, t0, x1, y1, t1, building.fisher, *building.map_frame)
+    exposed = integral_straight(x0, y0, t0, x1, y1, t1, layers.level, *layers.frame)
+    bound = integral_straight(x0, y0, t0, x1, y1, t1, layers.fisher, *layers.frame)
     state.exposure += exposed
     state.travelled += state.driven
     distance = state.distance
-    now = distance_at(
-        x1, y1, goals.costs[state.slot], building.links, *building.lattice_frame
-    )  # fmt: skip
+    now = distance_at(x1, y1, goals.costs[state.slot], goals.links, *goals.frame)
     # In a tight corner there may be no path from where a robot is: its distance stays as it was.
     if now < math.inf:
         state.distance = now
@@ -209,35 +205,37 @@ def write_status(state, off, figures, i):
 
 
 @kernel(forceinline=True)
-def act(building, memory, actions, i):
+def act(walls, state, settings, people, boxes, actions, i):
     """Let robot i drive as its action says, see `spaces.continuous`."""
-    settings = memory.settings[0]
     share = 0.5 * (min(max(actions[i, 0], -1.0), 1.0) + 1.0)
     speed = settings.min_speed + share * (settings.max_speed - settings.min_speed)
     rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
-    move(building, memory, i, speed, rate)
+    move(walls, state, settings, people, boxes, i, speed, rate)
 
 
 @kernel(forceinline=True)
-def place(building, memory, i):
+def place(walls, bounds, state, settings, people, boxes, i):
     """Put boxes and people around robot i, which is at `truth`; whether there is room for them.
 
     Its localizer gets an initial estimate.
     """
-    state, settings = memory.state[i], memory.settings[0]
-    table, bounds = building.table, building.bounds
+    table = walls.table
     for k in range(3):
         std = settings.start_std[k]
         state.mean[k] = state.truth[k] + std * ziggurat(state.random[START])
         state.covariance[k, k] = std * std
     x, y = state.truth[0], state.truth[1]
     state.boxes = clutter(
-        memory.boxes, i, x, y, state.goal[0], state.goal[1], bounds, settings, table,
+        boxes, i, x, y, state.goal[0], state.goal[1], bounds, settings, table,
         state.random[CLUTTER],
     )  # fmt: skip
-    return gather(memory.people, i, x, y, bounds, settings, table, state.random[WALKERS])
+    return gather(people, i, x, y, bounds, settings, table, state.random[WALKERS])
 
 
+# numba counts references to arrays wherever they are handed on, which here takes longer than all
+# the rest: 2048 robots make less than half as many steps without `_nrt=False`, and exactly the same
+# ones (benchmarks/results/env-addresses.md). Nothing needs counting: who calls `advance` holds its
+# arrays until it returns, and no array is made within, so the scratch comes from outside.
 @kernel(_nrt=False)
 def advance(building, goals, scanner, memory, view, figures, actions, rows, parts, scratch):
     """Step some robots, begin their episodes, or do a part of that.
@@ -246,7 +244,7 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
 
     Args:
         building: The building that all of them are in, see `BuildingRecord`.
-        goals: Costs to go in it, see `CostToGoTable.arrays`.
+        goals: Costs to go in it, see `GoalArrays`.
         scanner: See `ScannerArrays`.
         memory: Of all N robots, see `Memory`.
         view: Rows `rows` are written, see `View`.
@@ -259,28 +257,36 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
     Returns:
         The first robot without room for its people, with which the work ends; -1 for none.
     """
+    cast, noise, walls, layers = building.cast, building.noise, building.walls, building.layers
+    states, people, boxes, readings = memory.state, memory.people, memory.boxes, memory.readings
+    settings = memory.settings[0]
     for first in range(0, rows.size, BLOCK):
         block = rows[first : first + BLOCK]
         if parts & (PLACE | DRIVE):
             for k in range(block.size):
                 i = block[k]
-                if parts & PLACE and not place(building, memory, i):
+                if parts & PLACE and not place(
+                    walls, building.bounds, states[i], settings, people, boxes, i
+                ):
                     return i
                 if parts & DRIVE:
-                    act(building, memory, actions, i)
+                    act(walls, states[i], settings, people, boxes, actions, i)
         if parts & SENSE:
             for k in range(block.size):
-                sense(memory, building.cast, scanner, block[k], scratch)
+                i = block[k]
+                sense(cast, scanner, states[i], settings, people, boxes, readings, i, scratch)
             for k in range(block.size):
-                localize(building, memory, block[k], scratch)
+                i = block[k]
+                localize(cast, noise, states[i], settings, readings[i], scratch)
         if parts & (JUDGE | OBSERVE):
             for k in range(block.size):
                 i = block[k]
+                state = states[i]
                 if parts & JUDGE:
-                    judge(building, goals, memory, i, figures)
+                    judge(layers, goals, state, settings, i, figures)
                 elif parts & OBSERVE:
                     figures[i] = 0.0
-                    write_status(memory.state[i], errors(memory.state[i])[0], figures, i)
+                    write_status(state, errors(state)[0], figures, i)
                 if parts & OBSERVE:
-                    observe(building, goals, scanner, memory, view, i)
+                    observe(walls, layers, goals, scanner.far, state, settings, readings, view, i)
     return -1
