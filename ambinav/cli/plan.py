@@ -15,7 +15,7 @@ from ambinav.cli.running import above_zero, check_file, check_writable, not_nega
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav_planners.belief.place_search import BeliefModel
+    from ambinav_planners.belief.model import BeliefModel
 
 ROUTE_FILES = (".csv", ".geojson", ".json")
 PICTURES = (".png", ".pdf", ".svg")
@@ -330,7 +330,7 @@ def plan(
 
 def _belief(start_std: float | None, max_std: float | None) -> BeliefModel:
     """What belief planners suppose of the robot, as far as options tell."""
-    from ambinav_planners.belief.place_search import BeliefModel
+    from ambinav_planners.belief.model import BeliefModel
 
     model = BeliefModel(max_std=math.inf if max_std is None else max_std)
     if start_std is None:

@@ -170,7 +170,7 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
     """Plan a route; without a limit of time, so that it is the same every time."""
     _need_ompl()
     from ambinav_planners import RoutePlanner
-    from ambinav_planners.belief.place_search import BeliefModel
+    from ambinav_planners.belief.model import BeliefModel
 
     common = loaded.scenario.planning
     service = AmbiguityService(

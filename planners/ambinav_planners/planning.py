@@ -17,14 +17,13 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief.place_search import BeliefModel
-from ambinav_planners.improve.finishing import finish, is_free, not_found
+from ambinav_planners.belief.model import BeliefModel
+from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
 from ambinav_planners.problem import Problem, check_pose, make_checker
 from ambinav_planners.registry import Budget, Found, check_suits, planner
 from ambinav_planners.search.limit import BadStretchLimit
 from ambinav_planners.search.reachability import check_reachable
 from ambinav_planners.seeded import call_seeded
-from ambinav_planners.warmth import warm_up
 
 DEFAULT_RADIUS = 0.2
 # Part of the time that is kept for improving what the planner found, and at most so many seconds.

@@ -111,7 +111,7 @@ class _Registry:
 
 
 _registry = _Registry()
-_HOMES = ("tree", "batch", "roadmap", "search.reference", "belief.planners")
+_HOMES = ("tree", "batch", "roadmap", "reference", "belief.planners")
 
 _NOT_OPTIMISING = "it stops at the first way that it finds and never looks at the cost"
 REFUSED = {

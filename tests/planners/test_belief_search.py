@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import BeliefModel, Growth, belief_search, std_along
+from ambinav_planners.belief.lattice_search import Growth, belief_search, std_along
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
 from tests.planners.small_graphs import (
     chain,

@@ -13,7 +13,7 @@ import ambinav as an
 from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
 from ambinav_planners import NotFoundError, NoWayError, RoutePlanner
-from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners.belief.model import BeliefModel
 from tests.planners.conftest import LASER
 
 

@@ -104,7 +104,7 @@ class Routes:
     def _robot(self, building: Building, margin: float) -> RoutePlanner:
         """What plans in a building."""
         from ambinav_planners import RoutePlanner
-        from ambinav_planners.belief.place_search import BeliefModel
+        from ambinav_planners.belief.model import BeliefModel
 
         return RoutePlanner(
             AmbiguityService(building.amap, self.layer, self.choice.weight),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import Growth, belief_search
+from ambinav_planners.belief.lattice_search import Growth, belief_search
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.belief.roadmap_search import search_roadmap
 from ambinav_planners.problem import Problem

@@ -33,12 +33,12 @@ from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise, PackedNoise
 from ambinav.errors import InputError
+from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.geometry.motion.steering import DUBINS, FACING
 from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 from ambinav_planners.belief.information import Information, information_at
 from ambinav_planners.belief.transfer import carried, compose
-from ambinav_planners.search.along import pieces_of, pose_along
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]

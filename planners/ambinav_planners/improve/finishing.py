@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.collision.sweep import motion_free, pose_free
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav_planners.improve.limited import improve_within
@@ -17,7 +18,11 @@ from ambinav_planners.problem import Problem
 from ambinav_planners.registry import Budget, Found, Planner, planners
 from ambinav_planners.search.alternatives import joined_routes
 from ambinav_planners.search.cheapest import cheapest_on
-from ambinav_planners.warmth import warm_up
+
+# A path this long, metres, is improved to load what improves paths.
+TRIAL = 0.02
+
+_warm: set[tuple[object, ...]] = set()
 
 
 def finish(
@@ -55,6 +60,33 @@ def finish(
     if not found.curve or route.cost < found.curve[-1][1]:
         route = replace(route, curve=(*found.curve, (seconds, route.cost)))
     return route
+
+
+def warm_up(problem: Problem) -> None:
+    """Call every kernel that planning this problem calls, once in a process for each kind.
+
+    The first call of a kernel in a process loads it, and after an installation compiles it, which
+    takes longer than a planner is commonly given: so it comes before the planner's clock starts.
+    """
+    checker, service = problem.checker, problem.service
+    steering = checker.steering
+    key = (steering.space, checker.footprint.is_disc, service.has_headings)
+    if key in _warm:
+        return
+    start = np.array(problem.start)
+    pose_free(*problem.start, *checker.arrays)
+    motion_free(
+        steering.kind, steering.kernel_radius, *problem.start, *problem.start, *checker.arrays
+    )
+    steering.lengths(start[np.newaxis], start[np.newaxis])
+    for angle in (start[2], start[2] + np.pi, *np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)):
+        end = start + TRIAL * np.array([np.cos(angle), np.sin(angle), 0.0])
+        path = np.stack([start, end])
+        if checker.poses_free(path).all() and checker.motions_free(path[:1], path[1:])[0]:
+            improve(path, service, checker)
+            service.route_exposure(path, steering)
+            break
+    _warm.add(key)
 
 
 def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:

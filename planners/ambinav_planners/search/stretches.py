@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.kernels import kernel
 from ambinav.service.field import Field, value_at
 from ambinav.threads import run_rows
-from ambinav_planners.search.along import pieces_of, pose_along
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]
