@@ -145,7 +145,7 @@ class RoutePlanner:
             weight: How many extra metres a metre at layer 1 is worth; None takes the service's.
             seconds: Time for planning and improving; inf needs `iterations`.
             iterations: Budget of the planner in its own iterations; None for no limit.
-            seed: From 1 on. With a seed and iterations (and no limit of time that strikes first)
+            seed: From 0 on. With a seed and iterations (and no limit of time that strikes first)
                 the route is the same every time.
             improved: Shortcut and smooth what the planner found; that never raises the cost.
 

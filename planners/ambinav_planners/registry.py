@@ -21,6 +21,10 @@ SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
 """Those in which the way back is as long as the way there, as some of OMPL's planners need."""
 
 
+SEEDS = 2**32 - 1
+"""Seeds are below it: OMPL takes 32 bits but no 0, for which it gets this number."""
+
+
 @dataclass(frozen=True)
 class Budget:
     """When a planner stops: after so many seconds or iterations, whichever comes first.
@@ -41,8 +45,8 @@ class Budget:
             raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
         if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
             raise InputError(f"iterations is {self.iterations}; give a whole number from 1 on.")
-        if self.seed is not None and not (_is_whole(self.seed) and 0 < self.seed < 2**32):
-            raise InputError(f"seed is {self.seed}; give a whole number from 1 to 4294967295.")
+        if self.seed is not None and not (_is_whole(self.seed) and 0 <= self.seed < SEEDS):
+            raise InputError(f"seed is {self.seed}; give a whole number from 0 to {SEEDS - 1}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,9 +71,9 @@ def test_unknown_planners(robot: RoutePlanner) -> None:
         ({"seconds": math.nan}, "time is nan s"),
         ({"seconds": 1.0, "iterations": 0}, "iterations is 0"),
         ({"seconds": 1.0, "iterations": 1.5}, "iterations is 1.5; give a whole number"),
-        ({"seconds": 1.0, "seed": 0}, "seed is 0; give a whole number from 1"),
+        ({"seconds": 1.0, "seed": -1}, "seed is -1; give a whole number from 0"),
         ({"seconds": 1.0, "seed": -3}, "seed is -3"),
-        ({"seconds": 1.0, "seed": 2**32}, "seed is 4294967296"),
+        ({"seconds": 1.0, "seed": 2**32 - 1}, "seed is 4294967295"),
         ({"seconds": 1.0, "seed": 1.5}, "seed is 1.5"),
     ],
 )

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,32 @@ from ambinav_planners.search.labels import (
 )
 
 Floats = NDArray[np.float64]
+
+
+class GrowthArrays(NamedTuple):
+    """What kernels read of a `Growth`; see there."""
+
+    first: NDArray[np.int64]
+    add: Floats
+    shrink: Floats
+
+
+class Terms(NamedTuple):
+    """What the search minimises, and within which limits.
+
+    Attributes:
+        price: Extra cost of a metre at a standard deviation of 1 m, 1/m.
+        variance: At the start, m^2.
+        most: Largest variance, m^2.
+        most_at_goal: Largest variance at the goal, m^2.
+        margin: 1 + the tolerance of `belief_search`.
+    """
+
+    price: float
+    variance: float
+    most: float
+    most_at_goal: float
+    margin: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +118,18 @@ class Growth:
         pieces = np.maximum(np.ceil(graph.length / step - 1e-9), 1.0).astype(np.int64)
         first = np.concatenate([[0], np.cumsum(pieces)])
         add, shrink = np.empty(first[-1]), np.empty(first[-1])
+        growth = cls(first, add, shrink)
         run_rows(
             _grow, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
-            graph.poses, graph.first, graph.target, graph.length, first, information.weak,
-            *information.lattice, odometry.growth(model.scan_distance), model.scan_distance, add,
-            shrink, least=16,
+            graph.poses, graph.arrays, information.weak, *information.lattice,
+            odometry.growth(model.scan_distance), model.scan_distance, growth.arrays, least=16,
         )  # fmt: skip
-        return cls(first, add, shrink)
+        return growth
+
+    @property
+    def arrays(self) -> GrowthArrays:
+        """The pieces for kernels."""
+        return GrowthArrays(self.first, self.add, self.shrink)
 
     @property
     def floor(self) -> float:
@@ -160,10 +192,10 @@ def belief_search(
     ahead = cost_to_go(graph, graph.length * (1.0 + least), goal)
     if not math.isfinite(ahead[start]):
         return None
-    motions, cost, labels = _search(
-        graph.first, graph.target, graph.length, growth.first, growth.add, growth.shrink, price,
-        variance, model.max_std**2, model.max_goal_std**2, 1.0 + tolerance, ahead, start, goal,
-    )  # fmt: skip
+    terms = Terms(
+        float(price), float(variance), model.max_std**2, model.max_goal_std**2, 1.0 + tolerance
+    )
+    motions, cost, labels = _search(graph.arrays, growth.arrays, terms, ahead, start, goal)
     if labels < 0:
         return None
     way = way_back(graph, start, motions, cost, labels)
@@ -173,15 +205,16 @@ def belief_search(
 def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
     """Standard deviation at the nodes of a way, metres, shape (motions + 1,)."""
     out = np.empty(len(motions) + 1)
-    _std_along(growth.first, growth.add, growth.shrink, motions, std, out)
+    _std_along(growth.arrays, motions, std, out)
     return out
 
 
 @kernel
 def _grow(
-    begin, end, kind, radius, poses, first, target, length, piece, weak, left, low, inverse,
-    q, scan_distance, add, shrink,
+    begin, end, kind, radius, poses, graph, weak, left, low, inverse, q, scan_distance, growth
 ):  # fmt: skip
+    first, target, length = graph
+    piece, add, shrink = growth
     per_turn = weak.shape[2] / (2.0 * math.pi)
     for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
@@ -203,7 +236,8 @@ def _grow(
 
 
 @kernel
-def _std_along(piece, add, shrink, motions, std, out):
+def _std_along(growth, motions, std, out):
+    piece, add, shrink = growth
     p = std * std
     out[0] = std
     for k in range(motions.size):
@@ -214,11 +248,11 @@ def _std_along(piece, add, shrink, motions, std, out):
 
 
 @kernel
-def _search(
-    first, target, length, piece, add, shrink, price, variance, most, most_at_goal, margin,
-    ahead, start, goal,
-):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+def _search(graph, growth, terms, ahead, start, goal):
+    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    first, target, length = graph
+    piece, add, shrink = growth
+    price, variance, most, most_at_goal, margin = terms
     nodes = first.size - 1
     least = np.full(nodes, math.inf)  # the lowest variance that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its variance

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,16 @@ from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]
+
+
+class TransferArrays(NamedTuple):
+    """What kernels read of a `BeliefRoadmap`; see there."""
+
+    carry: Floats
+    noise: Floats
+    seen: Floats
+    heading: Floats
+    odometry: PackedNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +107,19 @@ class BeliefRoadmap:
         carry, noise, seen = np.empty(shape), np.empty(shape), np.empty(shape)
         run_rows(
             _transfers, len(graph.poses), graph.steering.kind, float(graph.steering.radius),
-            graph.poses, graph.first, graph.target, graph.length, step, odometry.packed,
-            1.0 / scan_distance, information.fields, *information.lattice, carry, noise, seen,
+            graph.poses, graph.arrays, step, odometry.packed, 1.0 / scan_distance,
+            information.fields, *information.lattice, carry, noise, seen,
         )  # fmt: skip
         heading = np.zeros(len(graph.target))
         if graph.steering.kind == FACING:
             way = graph.poses[graph.target, :2] - graph.poses[graph.source, :2]
             heading = np.arctan2(way[:, 1], way[:, 0])
         return cls(graph, carry, noise, seen, heading, odometry.packed)
+
+    @property
+    def arrays(self) -> TransferArrays:
+        """What the motions do, for kernels."""
+        return TransferArrays(self.carry, self.noise, self.seen, self.heading, self.odometry)
 
     def along(self, motions: NDArray[np.intp], covariance: Floats) -> Floats:
         """Covariances at the nodes of a path, shape (motions + 1, 3, 3): metres and radians.
@@ -124,9 +140,10 @@ class BeliefRoadmap:
 
 @kernel
 def _transfers(
-    begin, end, kind, radius, poses, first, target, length, step, odometry, scans,
-    fields, left, low, inverse, carry, noise, seen,
+    begin, end, kind, radius, poses, graph, step, odometry, scans, fields, left, low, inverse,
+    carry, noise, seen,
 ):  # fmt: skip
+    first, target, length = graph
     told = np.empty((3, 3))
     for node in range(begin, end):
         for e in range(first[node], first[node + 1]):

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +49,26 @@ LAST_MOTIONS = 20
 
 # Covariances that differ by less than this share are the same but for rounding.
 ROUNDING = 1e-12
+
+
+class Terms(NamedTuple):
+    """What the search minimises, and within which limits; see `search_roadmap`.
+
+    Attributes:
+        weight: Metres of path that a metre less of deviation at the goal is worth.
+        weak: Whether the deviation is that in the weak direction, not the root of the trace.
+        most: Largest deviation, metres.
+        most_at_goal: Largest deviation at the goal, metres.
+        margin: 1 + the tolerance.
+        exact: Whether covariances are compared in every direction.
+    """
+
+    weight: float
+    weak: bool
+    most: float
+    most_at_goal: float
+    margin: float
+    exact: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,11 +156,12 @@ def search_roadmap(
     blocks = roadmap.carry, roadmap.noise, roadmap.seen
     turned_round = reversed_graph(graph.first, graph.target)
     floor = weight * _least_ending(*turned_round, *blocks, weak, start, goal)
+    terms = Terms(
+        float(weight), weak, float(max_std), float(max_goal_std), 1.0 + tolerance, bool(exact)
+    )
     motions, cost, labels = _search(
-        graph.first, graph.target, graph.length, *blocks, roadmap.heading, roadmap.odometry, first,
-        float(weight), weak, max_std, max_goal_std, 1.0 + tolerance, exact, ahead, floor, start,
-        goal,
-    )  # fmt: skip
+        graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal
+    )
     if labels < 0:
         return None
     way = way_back(graph, start, motions, cost, labels)
@@ -246,34 +268,33 @@ def _turned(covariance, last, to, heading, odometry):
 
 
 @kernel
-def _covered(
-    last, before, covariance, motion, found, at, heading, odometry, margin, weak, exact
-):  # fmt: skip
+def _covered(last, before, covariance, motion, found, at, heading, odometry, terms):
     """Whether one of the labels of a node, from the last one back, leaves no more than `found`.
 
     The covariance `found` is after motion `at`; -1: at the start.
     """
-    if not exact:  # the last one has the lowest deviation
+    if not terms.exact:  # the last one has the lowest deviation
         if last < 0:
             return False
-        return _deviation(covariance[last], weak) <= math.sqrt(margin) * _deviation(found, weak)
+        lowest = _deviation(covariance[last], terms.weak)
+        return lowest <= math.sqrt(terms.margin) * _deviation(found, terms.weak)
     label = last
     while label >= 0:
         one = covariance[label]
         if at >= 0:
             one = _turned(one, motion[label], at, heading, odometry)
-        if no_larger(one, found, margin):
+        if no_larger(one, found, terms.margin):
             return True
         label = before[label]
     return False
 
 
 @kernel
-def _search(
-    first, target, length, carry, noise, seen, heading, odometry, covariance, weight, weak, most,
-    most_at_goal, margin, exact, ahead, floor, start, goal,
-):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal):
+    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    first, target, length = graph
+    carry, noise, seen, heading, odometry = roadmap
+    weight, weak, most, most_at_goal, _, _ = terms
     nodes = first.size - 1
     newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
     room = 1024
@@ -295,19 +316,8 @@ def _search(
         size -= 1
         node = at[label]
         last = motion[label]
-        if _covered(
-            newest[node],
-            before,
-            found,
-            motion,
-            found[label],
-            last,
-            heading,
-            odometry,
-            margin,
-            weak,
-            exact,
-        ):
+        own = found[label]
+        if _covered(newest[node], before, found, motion, own, last, heading, odometry, terms):
             continue
         before[label], newest[node] = newest[node], label
         taken += 1
@@ -325,19 +335,7 @@ def _search(
             ending = carried(carry[e], noise[e], seen[e], ready)
             if _deviation(ending, weak) > most:
                 continue
-            if _covered(
-                newest[to],
-                before,
-                found,
-                motion,
-                ending,
-                e,
-                heading,
-                odometry,
-                margin,
-                weak,
-                exact,
-            ):
+            if _covered(newest[to], before, found, motion, ending, e, heading, odometry, terms):
                 continue
             if count == at.size:
                 at, parent, motion = grown(at), grown(parent), grown(motion)
