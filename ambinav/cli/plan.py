@@ -19,7 +19,7 @@ from ambinav.cli.plan_options import (
     SearchOptions,
 )
 from ambinav.cli.planned import draw_no_path, plan_front, show_routes, write_routes
-from ambinav.cli.running import reporting
+from ambinav.cli.running import note, reporting
 from ambinav.errors import InputError
 
 
@@ -27,24 +27,13 @@ def _list_planners(wanted: bool) -> None:
     if not wanted:
         return
     with reporting():
-        _need_ompl()
-        from ambinav_planners import planners
+        from ambinav_planners.registry import has_ompl, planners
 
         for name, entry in sorted(planners().items()):
             typer.echo(f"{name:18} {entry.text} [{', '.join(entry.spaces)}]")
+        if not has_ompl():
+            note('further planners need OMPL; run: pip install "ambinav[planners]".')
     raise typer.Exit
-
-
-def _need_ompl() -> None:
-    """Say what to install if OMPL is missing.
-
-    Raises:
-        InputError: it is.
-    """
-    from importlib.util import find_spec
-
-    if find_spec("ompl") is None:
-        raise InputError('planning needs OMPL; run: pip install "ambinav[planners]"')
 
 
 @options.grouped
@@ -97,7 +86,6 @@ def plan(
     Example: `ambinav plan office.zarr --start 2 3 --goal 20 8 -o route.csv --picture route.png`
     """
     with reporting():
-        _need_ompl()
         search.check()
         cost.check(search)
         robot.check()

@@ -47,7 +47,7 @@ class RoutePart(Part):
     comfort: float = Field(default=1.0, gt=0.0)
     planner: str | None = None
     iterations: int | None = Field(default=None, ge=1)
-    seed: int | None = Field(default=None, ge=1, lt=2**32)
+    seed: int | None = Field(default=None, ge=0, lt=2**32 - 1)
     file: str | None = None
     pair: str | None = None
     policy: str | None = None

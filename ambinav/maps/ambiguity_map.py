@@ -388,9 +388,9 @@ class AmbiguityMap:
             close = difflib.get_close_matches(layer, self._layers, n=3, cutoff=0.4)
             there = ", ".join(sorted({schema.base_name(name) for name in self._layers}))
             offer = f"did you mean {' or '.join(close)}?" if close else f"there are {there}."
-            from ambinav.ambiguity.layers.registry import layers  # it imports this module
+            from ambinav.ambiguity.layers.registry import LAYERS  # it imports this module
 
-            if (base := schema.base_name(layer)) in layers():
+            if (base := schema.base_name(layer)) in LAYERS.names():
                 offer = f"make it with `ambinav map --layers {base}`."
             raise InputError(f"{layer!r}: the map has no such layer; {offer}")
         if has_heading or "theta" not in self.dataset[layer].dims:

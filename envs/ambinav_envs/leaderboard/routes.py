@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.service.service import AmbiguityService
 
@@ -46,7 +45,7 @@ class PlannerChoice:
         planner: Its name in the registry.
         weight: Of the ambiguity.
         iterations: Its budget, if it takes one.
-        seed: Of its random numbers, from 1 on.
+        seed: Of its random numbers, from 0 on.
     """
 
     planner: str
@@ -65,7 +64,7 @@ class Routes:
         start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
     Raises:
-        InputError: OMPL is missing, or there is no such planner.
+        InputError: there is no such planner, or it needs OMPL, which is missing.
     """
 
     def __init__(
@@ -75,10 +74,6 @@ class Routes:
         odometry: OdometryNoise | None = None,
         start_std: tuple[float, float, float] | None = None,
     ) -> None:
-        from importlib.util import find_spec
-
-        if find_spec("ompl") is None:
-            raise InputError('planning needs OMPL; run: pip install "ambinav[planners]".')
         from ambinav_planners.registry import planner
 
         self.choice = choice
