@@ -67,7 +67,9 @@ Spacing = Annotated[
 Radius = Annotated[
     float,
     typer.Option(
-        "--radius", metavar="M", help="How far around a pose look-alikes are sought, metres."
+        "--ambiguity-radius",
+        metavar="M",
+        help="How far around a pose its scan is compared with others, metres.",
     ),
 ]
 Headings = Annotated[
@@ -75,7 +77,7 @@ Headings = Annotated[
     typer.Option(
         "--headings",
         metavar="N",
-        help="Number of headings of the robot.",
+        help="Number of headings that the map has.",
         show_default="the scanner decides",
     ),
 ]
@@ -107,12 +109,12 @@ RobotRadius = Annotated[
         show_default="the scanner's robot_radius, or 0.2",
     ),
 ]
-From = Annotated[
+Start = Annotated[
     tuple[float, float] | None,
     typer.Option(
-        "--from",
+        "--start",
         metavar="X Y",
-        help="A place that the robot sets out from, metres.",
+        help="Where the robot starts, map frame, metres.",
         show_default="the largest piece of floor",
     ),
 ]
@@ -192,7 +194,7 @@ def check_numbers(
         InputError: an option has a value that cannot be used.
     """
     above_zero(spacing, "--spacing", "0.1")
-    above_zero(radius, "--radius", "0.5")
+    above_zero(radius, "--ambiguity-radius", "0.5")
     not_negative(map_std, "--map-std", "0.05")
     if headings is not None and headings < 1:
         raise InputError(f"--headings: {headings} is not a number of headings; give 1 or more.")

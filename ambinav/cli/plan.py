@@ -92,7 +92,7 @@ def plan(
         belief.check(search)
         result.check(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
-        from ambinav_planners import NoWayError, RoutePlanner
+        from ambinav_planners import NoPathError, RoutePlanner
 
         planner = RoutePlanner(
             cost.service(AmbiguityMap.open(map_file)),
@@ -109,7 +109,7 @@ def plan(
             routes = {f"weight {weight:g}": request.plan(planner, here, there, weight)}
             if result.shortest:
                 routes["shortest"] = request.plan(planner, here, there, 0.0)
-        except NoWayError as error:
+        except NoPathError as error:
             where = result.picture or output.with_name(f"{output.stem}-no-path.png")
             draw_no_path(planner, error, here, there, where)
             raise InputError(f"{error} The parts are drawn in {where}.") from None

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
-    from ambinav_planners.search.reachability import NoWayError
+    from ambinav_planners.search.reachability import NoPathError
 
 Pose = tuple[float, float, float]
 
@@ -65,7 +65,7 @@ def write_routes(
 
 
 def draw_no_path(
-    robot: RoutePlanner, error: NoWayError, start: Pose, goal: Pose, picture: Path
+    robot: RoutePlanner, error: NoPathError, start: Pose, goal: Pose, picture: Path
 ) -> None:
     """Draw the part of the floor that the start reaches, and the one of the goal."""
     from ambinav.files import replacing

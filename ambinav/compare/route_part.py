@@ -20,7 +20,7 @@ KINDS = (
 GIVEN = ("file", "policy")
 """Kinds of routes that are not planned here, but come from elsewhere."""
 
-HEARD: Mapping[str, tuple[str, ...]] = {
+ALLOWED_KEYS: Mapping[str, tuple[str, ...]] = {
     "shortest": ("planner", "iterations", "seed"),
     "clearance": ("planner", "iterations", "seed", "clearance_weight", "comfort"),
     "ambiguity": ("planner", "iterations", "seed", "weight"),
@@ -65,7 +65,7 @@ class RoutePart(Part):
         if "kind" not in plain or kind not in KINDS:
             raise InputError(f"kind is {plain.get('kind')!r}; {nearest(kind, KINDS)}")
         for key in plain:
-            if key not in ("kind", "name", *HEARD[kind]):
+            if key not in ("kind", "name", *ALLOWED_KEYS[kind]):
                 raise InputError(f"{key} means nothing to a route of the kind {kind!r}; drop it")
         if kind in NEEDED and NEEDED[kind] not in plain:
             raise InputError(f"a route of the kind {kind!r} needs the key {NEEDED[kind]!r}; add it")

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
     from ambinav_planners.registry import Planner, planners
     from ambinav_planners.roadmap import Roadmap
-    from ambinav_planners.search.reachability import NoWayError
+    from ambinav_planners.search.reachability import NoPathError
     from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
 
 __all__ = [
     "AmbiguityObjective",
     "FootprintMotionValidator",
     "FootprintStateValidity",
-    "NoWayError",
+    "NoPathError",
     "NotFoundError",
     "Planner",
     "PoseGoal",
@@ -39,7 +39,7 @@ _HOME = {
     "AmbiguityObjective": "objective",
     "FootprintMotionValidator": "validator",
     "FootprintStateValidity": "validator",
-    "NoWayError": "search.reachability",
+    "NoPathError": "search.reachability",
     "NotFoundError": "planning",
     "Planner": "registry",
     "PoseGoal": "goal",

@@ -26,7 +26,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A start, a goal, and everything that decides which way between them is best.
+    """A start, a goal, and everything that decides which path between them is best.
 
     Attributes:
         service: What a metre costs.

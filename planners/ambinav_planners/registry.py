@@ -50,15 +50,15 @@ class Budget:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class PlannerResult:
     """What a planner found.
 
     Attributes:
-        poses: Way points, float64, shape (N, 3), or None if it found no way.
+        poses: Waypoints, float64, shape (N, 3), or None if it found no path.
         curve: Seconds and cost whenever the cost fell, in order.
         iterations: How many it made, or None if it does not count.
         covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
-        finished: Whether the way is final, so that improving it would spoil what it promises.
+        finished: Whether the path is final, so that improving it would spoil what it promises.
         seconds: What it took.
         alternatives: Other routes, as `poses`, that may be cheaper once they are improved.
     """
@@ -76,7 +76,7 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, Integral)
 
 
-Solve = Callable[[Problem, Budget], Found]
+Solve = Callable[[Problem, Budget], PlannerResult]
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Planner:
 
     Attributes:
         name: What users call it.
-        solve: Finds a way.
+        solve: Finds a path.
         text: One line on how it works.
         iteration: What counts as one iteration, or "" if it does not iterate.
         spaces: Kinds of motion that it plans for.
@@ -133,7 +133,7 @@ Seeded plans run in fresh processes, which know our own planners and those of in
 one that is only registered and sets `uses_ompl` can be seeded in the first plan of a process alone.
 """
 
-_NOT_OPTIMISING = "it stops at the first way that it finds and never looks at the cost"
+_NOT_OPTIMISING = "it stops at the first path that it finds and never looks at the cost"
 REFUSED = {
     "aorrtc": "OMPL's AORRTC never calls the objective, so it would ignore the ambiguity",
     "prm": "OMPL's PRM deadlocks with an objective written in Python",

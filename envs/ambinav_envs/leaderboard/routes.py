@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ambinav_envs.buildings.tasks import Task
     from ambinav_planners import RoutePlanner
     from ambinav_planners.problem import Problem
-    from ambinav_planners.registry import Found, Planner
+    from ambinav_planners.registry import Planner, PlannerResult
 
 Floats = NDArray[np.float64]
 
@@ -211,12 +211,12 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
     return ways
 
 
-def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> Found | None:
+def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
     """A free way; one that is there on the lattice is sought for longer before it is given up."""
     from ambinav_planners.improve.finishing import is_free
     from ambinav_planners.planning import run
     from ambinav_planners.registry import Budget, check_suits
-    from ambinav_planners.search.reachability import NoWayError, check_reachable
+    from ambinav_planners.search.reachability import NoPathError, check_reachable
 
     counts = chosen.uses_ompl and bool(chosen.iteration) and choice.iterations is not None
     for factor in PATIENCE if counts else PATIENCE[:1]:
@@ -228,6 +228,6 @@ def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> Found | 
             return found
         try:
             check_reachable(problem)
-        except NoWayError:
+        except NoPathError:
             return None
     return None

@@ -1,10 +1,10 @@
-"""The way of least cost for a robot whose uncertainty grows by odometry and shrinks by scans.
+"""The path of least cost for a robot whose uncertainty grows by odometry and shrinks by scans.
 
 Roy & Thrun (1999, "Coastal navigation with mobile robots", NIPS 12) add the uncertainty as one
 more dimension of the state; Gonzalez & Stentz (2005, "Planning with uncertainty in position: an
 optimal and efficient planner", IROS; 2007, "... using high-resolution maps", ICRA) keep the
 standard deviation sigma of an isotropic position beside the cell, and need no grid over it: of
-two ways to a place, one that costs more and leaves a larger sigma can be dropped. So does this,
+two paths to a place, one that costs more and leaves a larger sigma can be dropped. So does this,
 after them.
 
 What happens to sigma is our own model. A metre of travel adds q to its square, what the robot's
@@ -19,7 +19,7 @@ which for constant b has the solution
 
     p(s) = (p + r t) / (1 + p t / r),    r = sqrt(q / b),    t = tanh(sqrt(q b) s),
 
-so it does not matter how finely a way is cut into motions. A route costs the integral of
+so it does not matter how finely a path is cut into motions. A route costs the integral of
 1 + weight * sigma / reference over its length. A larger sigma at the start of a motion leaves a
 larger one at its end and costs at least as much: that is why dropping labels loses nothing.
 """
@@ -43,14 +43,14 @@ from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
-    Way,
+    SearchPath,
     check_node,
     cost_to_go,
     drop_first,
     grown,
     motions_back,
+    path_back,
     push,
-    way_back,
 )
 
 Floats = NDArray[np.float64]
@@ -142,14 +142,14 @@ class Growth:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """A way and how sure the robot is along it.
+    """A path and how sure the robot is along it.
 
     Attributes:
-        way: The way; its cost is the integral of 1 + weight * sigma / reference.
-        std: Standard deviation at the nodes of the way, metres, shape (N,).
+        path: The path; its cost is the integral of 1 + weight * sigma / reference.
+        std: Standard deviation at the nodes of the path, metres, shape (N,).
     """
 
-    way: Way
+    path: SearchPath
     std: Floats
 
 
@@ -162,7 +162,7 @@ def belief_search(
     *,
     tolerance: float = 0.0,
 ) -> Belief | None:
-    """The way of least cost over nodes and standard deviations.
+    """The path of least cost over nodes and standard deviations.
 
     Args:
         graph: The motions.
@@ -170,13 +170,13 @@ def belief_search(
         model: Start, costs and limits.
         start: A node.
         goal: A node.
-        tolerance: A dearer way to a node is gone on with only if its variance is lower by more
+        tolerance: A dearer path to a node is gone on with only if its variance is lower by more
             than this share. With 0 the result is exactly the best there is. Above 0 the cost and
-            deviation reported are still those of the way reported, but a better one, or one
+            deviation reported are still those of the path reported, but a better one, or one
             that keeps to a limit by less than that share, may be missed.
 
     Returns:
-        The way, or None if no way keeps to the limits.
+        The path, or None if no path keeps to the limits.
 
     Raises:
         InputError: a node that is not there, or a tolerance below 0.
@@ -198,12 +198,12 @@ def belief_search(
     motions, cost, labels = _search(graph.arrays, growth.arrays, terms, ahead, start, goal)
     if labels < 0:
         return None
-    way = way_back(graph, start, motions, cost, labels)
-    return Belief(way, std_along(growth, way.motions, model.std))
+    path = path_back(graph, start, motions, cost, labels)
+    return Belief(path, std_along(growth, path.motions, model.std))
 
 
 def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
-    """Standard deviation at the nodes of a way, metres, shape (motions + 1,)."""
+    """Standard deviation at the nodes of a path, metres, shape (motions + 1,)."""
     out = np.empty(len(motions) + 1)
     _std_along(growth.arrays, motions, std, out)
     return out

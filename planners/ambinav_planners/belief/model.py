@@ -18,7 +18,7 @@ class BeliefModel:
         scan_distance: Metres of travel from one scan that tells something new to the next.
         weight: Extra metres that a metre at a deviation of `reference` is worth.
         reference: Metres.
-        max_std: Largest deviation along the way, metres.
+        max_std: Largest deviation along the path, metres.
         max_goal_std: Largest deviation at the goal, metres.
 
     Raises:

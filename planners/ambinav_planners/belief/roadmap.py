@@ -6,7 +6,7 @@ is worked out once per motion (`ambinav_planners.belief.transfer`), and a search
 covariances from node to node in one step each (`ambinav_planners.belief.roadmap_search`).
 
 Motion model: the odometry of the robot that is driven, `ambinav.drive.noise.OdometryNoise`, whose
-errors are white along the way. In the frame of travel, over a stretch of ds metres and a turn of
+errors are white along the path. In the frame of travel, over a stretch of ds metres and a turn of
 dt radians, with h = 2 turn_way ds + turn_turn |dt|,
 
     along: way_way ds + way_turn |dt|    across: h ds^2/3    heading: h    across-heading: h ds/2
@@ -112,8 +112,8 @@ class BeliefRoadmap:
         )  # fmt: skip
         heading = np.zeros(len(graph.target))
         if graph.steering.kind == FACING:
-            way = graph.poses[graph.target, :2] - graph.poses[graph.source, :2]
-            heading = np.arctan2(way[:, 1], way[:, 0])
+            path = graph.poses[graph.target, :2] - graph.poses[graph.source, :2]
+            heading = np.arctan2(path[:, 1], path[:, 0])
         return cls(graph, carry, noise, seen, heading, odometry.packed)
 
     @property

@@ -1,9 +1,9 @@
-"""The way through a belief roadmap that ends well known and is not long.
+"""The path through a belief roadmap that ends well known and is not long.
 
 Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
 length, and keep for every node the one covariance of the least trace that was found. That is a
 rule of thumb: one with a larger trace can be the better one to go on with. Here the length
-counts too, and every way to a node is gone on with unless a shorter one has left a covariance that
+counts too, and every path to a node is gone on with unless a shorter one has left a covariance that
 is no larger: by the measure alone, or exactly, in every direction (the Loewner order, which the
 filter preserves, so that nothing is lost). In r2 two paths come to a node with different headings,
 and turn differently to go on; the one that is dropped must then be no smaller than the other after
@@ -25,15 +25,15 @@ from ambinav.kernels import kernel
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.labels import (
-    Way,
+    SearchPath,
     check_node,
     cost_to_go,
     drop_first,
     grown,
     motions_back,
+    path_back,
     push,
     reversed_graph,
-    way_back,
 )
 
 Floats = NDArray[np.float64]
@@ -42,9 +42,9 @@ MEASURES = ("trace", "weak")
 """Deviation of the position in metres: root of the trace of the covariance's xy block, or root of
 its larger eigenvalue."""
 
-# So many ways of the last few motions are looked at for the bound at the goal: a few milliseconds.
+# So many paths of the last few motions are looked at for the bound at the goal: a few milliseconds.
 ENDINGS = 10_000
-# And of no more motions than this: on a graph of few nodes there are never many ways.
+# And of no more motions than this: on a graph of few nodes there are never many paths.
 LAST_MOTIONS = 20
 
 # Covariances that differ by less than this share are the same but for rounding.
@@ -72,15 +72,15 @@ class Terms(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BeliefWay:
-    """A way and the covariances along it.
+class BeliefPath:
+    """A path and the covariances along it.
 
     Attributes:
-        way: The way; its cost is its length plus weight times the deviation at the goal, metres.
-        covariances: At the nodes of the way, shape (N, 3, 3): x, y, theta, metres and radians.
+        path: The path; its cost is its length plus weight times the deviation at the goal, metres.
+        covariances: At the nodes of the path, shape (N, 3, 3): x, y, theta, metres and radians.
     """
 
-    way: Way
+    path: SearchPath
     covariances: Floats
 
 
@@ -110,10 +110,10 @@ def search_roadmap(
     max_goal_std: float = math.inf,
     tolerance: float = 0.0,
     exact: bool = False,
-) -> BeliefWay | None:
-    """The way of least length + weight * deviation at the goal.
+) -> BeliefPath | None:
+    """The path of least length + weight * deviation at the goal.
 
-    The way may pass a node twice: going on to a place that tells more and coming back is worth it
+    The path may pass a node twice: going on to a place that tells more and coming back is worth it
     at a large weight.
 
     Args:
@@ -121,20 +121,20 @@ def search_roadmap(
         start: A node.
         goal: A node.
         covariance: Of the pose at the start, shape (3, 3), may be singular.
-        weight: Metres of way that a metre less of deviation at the goal is worth.
+        weight: Metres of path that a metre less of deviation at the goal is worth.
         measure: One of MEASURES.
-        max_std: Largest deviation at any node of the way, by the measure, metres.
+        max_std: Largest deviation at any node of the path, by the measure, metres.
         max_goal_std: Largest deviation at the goal, by the measure, metres.
-        tolerance: A longer way to a node is gone on with only if its variance is lower by more
-            than this share. Above 0 the figures of the way are still its own, but a slightly
+        tolerance: A longer path to a node is gone on with only if its variance is lower by more
+            than this share. Above 0 the figures of the path are still its own, but a slightly
             better one, or one that keeps to `max_std` by less than that share, may be missed.
         exact: True compares the covariances at a node in every direction: with a tolerance of 0
-            the way is exactly the best there is, but on a grown roadmap of thousands of nodes
+            the path is exactly the best there is, but on a grown roadmap of thousands of nodes
             that takes minutes. False compares them by the measure alone, as Prentice & Roy do
             by the trace: a second, without the guarantee.
 
     Returns:
-        The way, or None if there is none that keeps to the limits.
+        The path, or None if there is none that keeps to the limits.
 
     Raises:
         InputError: bad weight, measure, limit, tolerance, covariance or node.
@@ -164,8 +164,8 @@ def search_roadmap(
     )
     if labels < 0:
         return None
-    way = way_back(graph, start, motions, cost, labels)
-    return BeliefWay(way, roadmap.along(way.motions, first))
+    path = path_back(graph, start, motions, cost, labels)
+    return BeliefPath(path, roadmap.along(path.motions, first))
 
 
 def checked_covariance(covariance: ArrayLike) -> Floats:
@@ -224,7 +224,7 @@ def no_larger(one, other, margin):
 
 @kernel
 def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
-    """The least deviation that any way can end with.
+    """The least deviation that any path can end with.
 
     Of what went before the last few motions, even perfect knowledge ends with their noise.
     """
