@@ -25,6 +25,14 @@ LONG_SECONDS = 60.0
 LARGE_BYTES = 4e9
 """A map that takes more memory is announced."""
 
+
+def _complete_preset(begun: str) -> list[str]:
+    """Presets that the shell offers to complete what was begun with."""
+    from ambinav.sensing.presets import preset_names
+
+    return [name for name in preset_names() if name.startswith(begun)]
+
+
 MapFile = Annotated[
     Path,
     typer.Argument(
@@ -41,6 +49,7 @@ Scanner = Annotated[
         metavar="PRESET|FILE",
         help="A preset (see `ambinav presets`) or a scanner .yaml file.",
         show_default=False,
+        autocompletion=_complete_preset,
     ),
 ]
 Level = Annotated[

@@ -30,6 +30,13 @@ CURVES = ("dubins", "reeds-shepp")
 BELIEF = "is for the planners belief and belief-roadmap"
 
 
+def _complete_planner(begun: str) -> list[str]:
+    """Planners that the shell offers to complete what was begun with."""
+    from ambinav_planners.registry import PLANNERS
+
+    return [name for name in PLANNERS.names() if name.startswith(begun)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
     """Which planner searches, and for how long."""
@@ -44,6 +51,7 @@ class SearchOptions:
             metavar="NAME",
             help="See --list-planners.",
             show_default="reference for a disc in r2, prmstar otherwise and with --iterations",
+            autocompletion=_complete_planner,
         ),
     ] = None
     time: Annotated[

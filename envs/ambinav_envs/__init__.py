@@ -9,7 +9,13 @@ Importing it makes the ids known::
     env = gym.make("ambinav/Office-v0")
 """
 
-from ambinav_envs.registration import IDS as IDS
-from ambinav_envs.registration import register_envs as register_envs
+from ambinav_envs.registration import IDS, register_envs
+
+__all__ = ["IDS", "register_envs"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 register_envs()
