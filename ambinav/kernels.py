@@ -13,7 +13,7 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
 import numpy as np
-from numba import njit
+from numba import njit, typeof
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import BaseTuple
@@ -75,6 +75,23 @@ def digest(function: FunctionType) -> str:
     for name in sorted(parts):
         whole.update(name.encode() + b"\0" + parts[name] + b"\0")
     return whole.hexdigest()
+
+
+def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
+    """The machine code of a kernel for arguments of these types, to be called directly.
+
+    Called from Python, a kernel first looks at the types of all its arguments to find the code
+    compiled for them; for a short motion that takes as long as integrating its cost. What is
+    returned skips that, so it must only be called with arguments of exactly these types.
+
+    Args:
+        compiled: A kernel.
+        arguments: Some with which it will be called.
+    """
+    types = tuple(typeof(argument) for argument in arguments)
+    compiled.compile(types)
+    entry: Callable[..., Any] = compiled.overloads[types].entry_point
+    return entry
 
 
 class _CalleeCache(FunctionCache):  # type: ignore[misc]

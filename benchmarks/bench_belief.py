@@ -46,7 +46,8 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import BeliefModel, Growth, std_along
+from ambinav_planners.belief.lattice_search import Growth, std_along
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.search.graph import MotionGraph
 

@@ -52,10 +52,14 @@ def compare(
             "--jobs", "-j", metavar="N", help="Processes that drive.", show_default="all cores"
         ),
     ] = None,
-    runs: Annotated[
+    episodes: Annotated[
         int | None,
         typer.Option(
-            "--runs", metavar="N", help="Drives of each route.", show_default="the scenario's"
+            "--episodes",
+            "-n",
+            metavar="N",
+            help="Drives of each route.",
+            show_default="the scenario's `runs`",
         ),
     ] = None,
     force: options.Force = False,
@@ -70,14 +74,14 @@ def compare(
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """
     with reporting():
-        for option, number in (("--jobs", jobs), ("--runs", runs)):
+        for option, number in (("--jobs", jobs), ("--episodes", episodes)):
             if number is not None and number < 1:
                 raise InputError(f"{option}: {number} is too few; give 1 or more.")
         from ambinav.compare.report import HTML, WORK, check_output
         from ambinav.compare.report import compare as run
         from ambinav.compare.scenario_file import load_scenario
 
-        loaded = load_scenario(scenario_file, runs=runs, force=force)
+        loaded = load_scenario(scenario_file, runs=episodes, force=force)
         check_writable(output)
         check_output(output)
         try:

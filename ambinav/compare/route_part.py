@@ -20,7 +20,7 @@ KINDS = (
 GIVEN = ("file", "policy")
 """Kinds of routes that are not planned here, but come from elsewhere."""
 
-HEARD: Mapping[str, tuple[str, ...]] = {
+ALLOWED_KEYS: Mapping[str, tuple[str, ...]] = {
     "shortest": ("planner", "iterations", "seed"),
     "clearance": ("planner", "iterations", "seed", "clearance_weight", "comfort"),
     "ambiguity": ("planner", "iterations", "seed", "weight"),
@@ -47,7 +47,7 @@ class RoutePart(Part):
     comfort: float = Field(default=1.0, gt=0.0)
     planner: str | None = None
     iterations: int | None = Field(default=None, ge=1)
-    seed: int | None = Field(default=None, ge=1, lt=2**32)
+    seed: int | None = Field(default=None, ge=0, lt=2**32 - 1)
     file: str | None = None
     pair: str | None = None
     policy: str | None = None
@@ -65,7 +65,7 @@ class RoutePart(Part):
         if "kind" not in plain or kind not in KINDS:
             raise InputError(f"kind is {plain.get('kind')!r}; {nearest(kind, KINDS)}")
         for key in plain:
-            if key not in ("kind", "name", *HEARD[kind]):
+            if key not in ("kind", "name", *ALLOWED_KEYS[kind]):
                 raise InputError(f"{key} means nothing to a route of the kind {kind!r}; drop it")
         if kind in NEEDED and NEEDED[kind] not in plain:
             raise InputError(f"a route of the kind {kind!r} needs the key {NEEDED[kind]!r}; add it")

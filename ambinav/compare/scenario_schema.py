@@ -120,7 +120,7 @@ class PlanningPart(Part):
     turning_radius: float = Field(default=0.0, ge=0.0)
     planner: str = "prmstar"
     iterations: int = Field(default=1000, ge=1)
-    seed: int = Field(default=1, ge=1, lt=2**32)
+    seed: int = Field(default=1, ge=0, lt=2**32 - 1)
     margin: float = Field(default=0.1, ge=0.0)
 
     @model_validator(mode="after")

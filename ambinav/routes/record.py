@@ -176,7 +176,7 @@ def _longest(told: Figures, longest: float | None, own: float, other: float) -> 
     """The longest stretch in one of the two bad zones, metres; nan if it cannot be known.
 
     Files of older versions tell only the longest one over both. It is that of the zone where the
-    route has no way in the other.
+    route does not touch the other.
 
     Args:
         told: The figures of a file.

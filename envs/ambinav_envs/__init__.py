@@ -19,7 +19,13 @@ except ModuleNotFoundError as error:
         '`pip install "ambinav[envs]"`.'
     ) from None
 
-from ambinav_envs.registration import IDS as IDS
-from ambinav_envs.registration import register_envs as register_envs
+from ambinav_envs.registration import IDS, register_envs
+
+__all__ = ["IDS", "register_envs"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 register_envs()

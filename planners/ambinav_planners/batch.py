@@ -10,14 +10,16 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Watch, found_poses, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner
+from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Planner, PlannerResult
 
 FIRST_SAMPLES = 500
 
 
-def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Budget], Found]:
-    def solve(problem: Problem, budget: Budget) -> Found:
-        """Solve with 500 samples, then twice as many, and so on; the best way counts.
+def _solver(
+    make: Callable[[ob.SpaceInformation], Any],
+) -> Callable[[Problem, Budget], PlannerResult]:
+    def solve(problem: Problem, budget: Budget) -> PlannerResult:
+        """Solve with 500 samples, then twice as many, and so on; the best path counts.
 
         A budget of iterations is the number of samples of one single run.
         """
@@ -43,7 +45,7 @@ def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Bu
             if budget.iterations is not None:
                 break
             samples *= 2
-        return Found(best, tuple(watch.curve), most)
+        return PlannerResult(best, tuple(watch.curve), most)
 
     return solve
 

@@ -10,7 +10,7 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Watch, found_poses, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner
+from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Planner, PlannerResult
 
 # Neighbours that RRT* tries are rewire_factor 2^(d+1) e (1 + 1/d) log n in OMPL, some 300 in the
 # plane, and each is a call from C++ into Python. This makes them e (1 + 1/d) log n, just above the
@@ -27,15 +27,17 @@ def _rrt(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[ob.SpaceInform
     return configured
 
 
-def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Budget], Found]:
-    def solve(problem: Problem, budget: Budget) -> Found:
+def _solver(
+    make: Callable[[ob.SpaceInformation], Any],
+) -> Callable[[Problem, Budget], PlannerResult]:
+    def solve(problem: Problem, budget: Budget) -> PlannerResult:
         watch = Watch(budget)
         setup = prepare(problem)
         planner = make(setup.si)
         setup.simple.setPlanner(planner)
         setup.simple.solve(watch.condition(planner.bestCost, planner.numIterations))
         watch.note(planner.bestCost().value())
-        return Found(found_poses(setup), tuple(watch.curve), int(planner.numIterations()))
+        return PlannerResult(found_poses(setup), tuple(watch.curve), int(planner.numIterations()))
 
     return solve
 

@@ -148,7 +148,7 @@ def test_what_an_earlier_scenario_left_goes(done: Path, tmp_path: Path) -> None:
     shutil.copytree(done, out)
     plain = {**SCENARIO, "pairs": [{"name": "other", "start": [1, 1], "goal": [7, 2]}]}
     path = write(tmp_path, {**plain, "routes": ["shortest"]})
-    assert compare(path, out, "--jobs", "1", "--runs", "1").exit_code == 0
+    assert compare(path, out, "--jobs", "1", "--episodes", "1").exit_code == 0
     assert [item.name for item in (out / "routes").iterdir()] == ["01-other-shortest.csv"]
     assert len(list(out.glob("*.png"))) == 4
 
@@ -173,7 +173,7 @@ def with_file(done: Path, folder: Path, shift: float, goal: float = 0.0) -> dict
 
 def test_a_saved_route_is_driven(done: Path, tmp_path: Path) -> None:
     path = write(tmp_path, with_file(done, tmp_path, 0.0))
-    assert compare(path, tmp_path / "out", "--jobs", "1", "--runs", "2").exit_code == 0
+    assert compare(path, tmp_path / "out", "--jobs", "1", "--episodes", "2").exit_code == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [plan["route"] for plan in report["plans"]] == ["shortest", "saved.csv"]
     difference = report["rows"][1]["figures"]["error_p95"]["difference"]
@@ -217,7 +217,7 @@ def test_bad_routes(tmp_path: Path, route: dict[str, str], message: str) -> None
 
 def test_bad_calls(tmp_path: Path) -> None:
     path = write(tmp_path, SCENARIO)
-    for option in ("--runs", "--jobs"):
+    for option in ("--episodes", "--jobs"):
         check_refused(compare(path, tmp_path / "out", option, "0"), f"{option}: 0 is too few")
     check_refused(compare(tmp_path / "no.yaml", tmp_path / "out"), "the file cannot be read")
     check_refused(compare(path, tmp_path), "flat.geojson, which is not of an earlier comparison")

@@ -219,12 +219,12 @@ def test_modules_are_imported(scenario: dict[str, Any], tmp_path: Path) -> None:
     assert "modules: m.py cannot be imported (ZeroDivisionError" in found.stderr
     (tmp_path / "m.py").write_text(
         "import numpy as np\n"
-        "from ambinav_planners.registry import PLANNERS, Found, Planner\n"
+        "from ambinav_planners.registry import PLANNERS, Planner, PlannerResult\n"
         "way = np.array([[1, 1, 0], [4.5, 0.6, 0], [7, 2, 0]], dtype=float)\n"
-        "PLANNERS.register(Planner('straight-on', lambda *given: Found(way, finished=True),\n"
-        "                          'one way', uses_ompl=False))\n"
+        "PLANNERS.register(Planner('straight-on', lambda *given: PlannerResult(way,\n"
+        "                          finished=True), 'one path', uses_ompl=False))\n"
     )
-    found = compare(path, tmp_path / "out", "--runs", "1")
+    found = compare(path, tmp_path / "out", "--episodes", "1")
     try:
         assert found.exit_code == 0, found.output
         report = json.loads((tmp_path / "out" / "report.json").read_text())

@@ -20,7 +20,7 @@ from ambinav_planners.registry import PLANNERS, Planner, planners
 START, GOAL = (3.0, 3.0), (42.0, 20.0)
 # Left and right of the hall, whose middle is open.
 BEFORE_HALL, BEHIND_HALL = (7.9, 20.7), (22.3, 20.7)
-# Those that look for the cheapest way; belief-aware planners minimise something else.
+# Those that look for the cheapest path; belief-aware planners minimise something else.
 CHEAPEST = sorted(name for name in planners() if not name.startswith("belief"))
 
 
