@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ambinav.compare.scenario_schema import making
-from ambinav.config import as_number, nearest
+from ambinav.config import NonNegative, Positive, check_fields, from_mapping, nearest
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -44,21 +43,17 @@ class EkfParameters:
         InputError: a value makes no sense.
     """
 
-    alpha1: float = 0.2
-    alpha2: float = 0.2
-    alpha3: float = 0.2
-    alpha4: float = 0.2
-    alpha5: float = 0.2
-    map_std: float | None = None
-    gate: float = 3.0
+    alpha1: NonNegative = 0.2
+    alpha2: NonNegative = 0.2
+    alpha3: NonNegative = 0.2
+    alpha4: NonNegative = 0.2
+    alpha5: NonNegative = 0.2
+    map_std: NonNegative | None = None
+    gate: Positive = 3.0
 
     def __post_init__(self) -> None:
         """Check what the filter would refuse only when it is made."""
-        self.odometry  # noqa: B018 - it checks the alphas
-        if self.map_std is not None and as_number(self.map_std, "map_std") < 0.0:
-            raise InputError(f"map_std is {self.map_std:g}; give metres from 0 on.")
-        if not as_number(self.gate, "gate") > 0.0:
-            raise InputError(f"gate is {self.gate:g}; give standard deviations above 0.")
+        check_fields(self)
 
     @property
     def odometry(self) -> OdometryModel:
@@ -100,7 +95,7 @@ def guide_of(
         model = noise.modelled_every(robot.max_speed / rate, robot.max_turn_rate / rate)
     alphas = {name: getattr(model, name) for name in ALPHAS if name != "alpha5"}
     told = {**alphas, **told}
-    return making(EkfParameters)(told) if kind == "ekf" else MclParameters.from_dict(told)
+    return from_mapping(EkfParameters, told) if kind == "ekf" else MclParameters.from_dict(told)
 
 
 def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:
