@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from functools import cache
 from typing import Any, TypeVar, get_type_hints
@@ -106,7 +106,7 @@ def check_fields(parameters: Any, where: str = "") -> None:
     Raises:
         InputError: a value is of no use.
     """
-    kind: Hashable = type(parameters)
+    kind: Any = type(parameters)
     for name, check in _checks(kind).items():
         try:
             value = check(getattr(parameters, name))

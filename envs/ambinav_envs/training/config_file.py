@@ -12,7 +12,7 @@ import yaml
 
 from ambinav.config import checked, parse_yaml, read_text
 from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import write_text
 from ambinav.mistaken import TRAINING, kind_of, kind_of_path, refuse
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
@@ -129,8 +129,7 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
 
 def write_config(config: Training, path: Path) -> None:
     """Write a configuration, everything written out; `load_config` reads the same from it."""
-    with replacing(path) as fresh:
-        fresh.write_text(plain_text(config), encoding="utf-8")
+    write_text(path, plain_text(config))
 
 
 def plain_text(config: Training) -> str:
