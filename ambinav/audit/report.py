@@ -17,7 +17,7 @@ from ambinav.maps.zones import (
     UNKNOWN_COLOUR,
     UNREACHABLE_COLOUR,
 )
-from ambinav.pages import data_uri, fill
+from ambinav.reports.pages import data_uri, fill
 from ambinav.runfolder import RunFolder
 
 JSON: Final = "report.json"

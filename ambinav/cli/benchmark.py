@@ -167,7 +167,7 @@ def _show(rows: Sequence[Row], report: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav_envs.leaderboard.figures import value_text
+    from ambinav.reports.table import value_text
 
     console = Console(highlight=False)
     if not console.is_terminal:

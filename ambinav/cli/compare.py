@@ -103,7 +103,7 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.compare.tables import value_text
+    from ambinav.reports.table import value_text
 
     console = Console(highlight=False)
     for pair, said in verdicts.items():

@@ -13,16 +13,17 @@ from ambinav.compare.localizer_spec import name_of, note_on
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
-from ambinav.compare.tables import Cell, Row, judge
+from ambinav.compare.tables import RouteFigure, Row, judge
 from ambinav.compare.verdict_text import (
     baseline_sentence,
+    criterion_text,
     floor_sentence,
-    goal_text,
     headline,
     sentence,
 )
 from ambinav.config import ConfigModel
 from ambinav.drive.bootstrap import Interval
+from ambinav.reports.table import Cell
 from ambinav.routes.bad_floor import BadFloor
 
 FORMAT = "ambinav-compare/1"
@@ -123,7 +124,7 @@ class Document(ConfigModel):
     environment: dict[str, Any]
     scanner: dict[str, Any]
     localizer: LocalizerPart
-    goal: str
+    criterion: str
     verdicts: dict[str, PairPart]
     plans: tuple[PlanPart, ...]
     rows: tuple[RowPart, ...]
@@ -173,7 +174,7 @@ def document(
         localizer=LocalizerPart(
             name=name_of(scenario.guide), note=note_on(scenario.guide, loaded.scanner)
         ),
-        goal=goal_text(),
+        criterion=criterion_text(),
         verdicts={pair: _judged(rows, pair) for pair in pairs_of(rows)},
         plans=tuple(
             PlanPart(
@@ -250,7 +251,7 @@ def _judged(rows: Sequence[Row], pair: str) -> PairPart:
     )
 
 
-def _figure(cell: Cell) -> FigurePart:
+def _figure(cell: Cell[RouteFigure]) -> FigurePart:
     return FigurePart(
         unit=cell.figure.unit,
         value=_interval(cell.value),

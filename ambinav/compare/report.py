@@ -17,22 +17,13 @@ from ambinav.compare.plots import plot_errors, plot_floor, plot_spread
 from ambinav.compare.results import Results
 from ambinav.compare.runs import drive_all
 from ambinav.compare.scenario_file import Loaded
-from ambinav.compare.tables import (
-    FIGURES,
-    Row,
-    difference_text,
-    make_rows,
-    ratio_text,
-    to_csv,
-    value_text,
-)
+from ambinav.compare.tables import FIGURES, Row, make_rows, to_csv
 from ambinav.compare.verdict_text import EFFECTS, OUTCOMES
 from ambinav.compare.workers import Setup
 from ambinav.compare.worlds import make_worlds
 from ambinav.files import replacing, write_text
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.drawing import save_figure
-from ambinav.pages import data_uri, fill
 from ambinav.provenance import (
     PLANNING,
     POLICIES,
@@ -41,6 +32,8 @@ from ambinav.provenance import (
     discard_stale,
     environment_digest,
 )
+from ambinav.reports.pages import data_uri, fill
+from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
 from ambinav.runfolder import LOCK, WORK, RunFolder
@@ -150,7 +143,7 @@ def render(
         pairs=pairs_of(rows),
         rows=rows,
         figures=FIGURES,
-        ratios=[figure for figure in FIGURES if figure.ratio],
+        ratios=[figure for figure in FIGURES if figure.has_ratio],
         effects=EFFECTS,
         outcomes=OUTCOMES,
         pictures=pictures or {name: name for name in _names(report)},

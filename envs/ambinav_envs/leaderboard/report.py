@@ -5,27 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import ambinav
 from ambinav.files import replacing, write_text
 from ambinav.maps.drawing import save_figure
-from ambinav.pages import fill
 from ambinav.provenance import discard_stale
+from ambinav.reports.criterion import AcceptanceCriterion
+from ambinav.reports.pages import fill
+from ambinav.reports.table import difference_text, is_shown, value_text
 from ambinav.runfolder import LOCK, WORK, RunFolder
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
-from ambinav_envs.leaderboard.figures import (
-    FIGURES,
-    Row,
-    difference_text,
-    is_shown,
-    make_rows,
-    plain,
-    to_csv,
-    value_text,
-)
+from ambinav_envs.leaderboard.figures import FIGURES, Row, make_rows, plain, to_csv
 from ambinav_envs.leaderboard.overview import plot_board
 from ambinav_envs.leaderboard.store import computed_by
 from ambinav_envs.parameters import NavigationParameters
@@ -37,9 +31,8 @@ TABLE: Final = "table.csv"
 OVERVIEW: Final = "overview.png"
 FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, OVERVIEW, WORK))
 
-HALVED, LONGER = 0.5, 0.1
-"""The goal of a method against the shortest ways: lost at most half as often, for a way that is at
-most so much longer."""
+CRITERION: Final = AcceptanceCriterion(lost=0.5)
+"""Of a method against the shortest routes: lost rate and length count."""
 
 
 def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row, ...]:
@@ -108,7 +101,7 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
             {
                 "setting": row.setting,
                 "method": row.method,
-                "goal": goal_text(row, _base(row, rows)),
+                "criterion": criterion_text(row, _base(row, rows)),
                 "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
                 "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
                 "reward": float(found[row.setting][row.method].reward.mean()),
@@ -123,8 +116,8 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
     """The report for readers."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
-        "difference": difference_text,
-        "goal": lambda row: goal_text(row, _base(row, rows)),
+        "difference": partial(difference_text, bold=True),
+        "criterion": lambda row: criterion_text(row, _base(row, rows)),
     }
     values: dict[str, Any] = {
         "board": board,
@@ -140,7 +133,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
     return fill("ambinav_envs.leaderboard", "report.md.j2", filters, **values)
 
 
-def goal_text(row: Row, base: Row | None) -> str:
+def criterion_text(row: Row, base: Row | None) -> str:
     """Whether a method is lost at most half as often as the baseline, and not much longer.
 
     Told by the figures and the interval of their difference, so that it may be unclear.
@@ -156,12 +149,12 @@ def goal_text(row: Row, base: Row | None) -> str:
     longer = row["length"].difference
     if longer is None or longer.count == 0:
         return "no episode to compare lengths by"
-    short = longer.value <= LONGER * base["length"].value.value
     if not shown:
         return "no difference shown"
-    if after > HALVED * before:
+    if not CRITERION.lost_met(after, before):
         return "lost less often, not halved"
-    return "met" if short else "halved, but too long a way"
+    ratio = 1.0 + longer.value / base["length"].value.value
+    return "met" if CRITERION.length_met(ratio) else "halved, but too long a way"
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:
