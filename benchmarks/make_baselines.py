@@ -21,9 +21,10 @@ import yaml
 from harness import ROOT, report, table
 from stable_baselines3 import PPO
 
+from ambinav.reports.table import value_text
 from ambinav_envs.evaluation import UNSEEN, evaluate
 from ambinav_envs.leaderboard.board import CONDITIONS
-from ambinav_envs.leaderboard.figures import make_rows, value_text
+from ambinav_envs.leaderboard.figures import make_rows
 from ambinav_envs.policies import load_policy, save_policy
 from ambinav_envs.policies.file import Card, complete_card, read_members
 from ambinav_envs.policies.load import BASELINES

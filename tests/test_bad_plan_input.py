@@ -78,7 +78,7 @@ BAD = {
     "picture is a folder": (["--picture", "folder.png"], "folder.png: this is a folder"),
     "bad weights": (["-o", "new", "--pareto", "--weights", "1 x"], "--weights: '1 x'"),
     "one weight": (["-o", "new", "--pareto", "--weights", "1"], "at least two"),
-    "front in use": (["-o", "map.zarr", "--pareto"], "no folder of an earlier --pareto"),
+    "front in use": (["-o", "map.zarr", "--pareto"], "not of an earlier Pareto front"),
     "front on a file": (["-o", "notes.txt", "--pareto"], "notes.txt"),
 }
 

@@ -72,10 +72,10 @@ def audit(
         above_zero(robot_radius, "--robot-radius", "0.2")
         if places < 0:
             raise InputError(f"--places: {places} is negative; give 0 or more.")
-        from ambinav.audit.report import check_output
+        from ambinav.audit.report import FOLDER
 
         check_writable(output)
-        check_output(output)
+        FOLDER.check(output)
         if keep is not None:
             from ambinav.maps.store import check_target
 

@@ -126,16 +126,13 @@ def plan_front(
     from ambinav.files import replacing
     from ambinav.maps.drawing import save_figure
     from ambinav.routes.files import save_route
+    from ambinav.routes.pareto import FOLDER
     from ambinav.routes.plot import plot_routes
     from ambinav.routes.plot_pareto import plot_pareto
     from ambinav_planners.fronts import WEIGHTS, pareto
 
     chosen = WEIGHTS if weights is None else _weights(weights)
-    if output.exists() and not (output / "pareto.json").is_file():
-        raise InputError(
-            f"--output: {output} is there and no folder of an earlier --pareto; it is not "
-            "replaced, choose another one."
-        )
+    FOLDER.check(output)
     front = pareto(
         robot,
         start,

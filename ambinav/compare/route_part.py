@@ -7,8 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from ambinav.compare.scenario_schema import Part, check_keys
-from ambinav.config import nearest
+from ambinav.config import ConfigModel, check_keys, nearest
 from ambinav.errors import InputError
 
 KINDS = (
@@ -37,7 +36,7 @@ NEEDED: Mapping[str, str] = {"planner": "planner", "file": "file", "policy": "po
 """Keys that a kind cannot do without."""
 
 
-class RoutePart(Part):
+class RoutePart(ConfigModel):
     """A route to compare; None stands for what `planning` or the planner has."""
 
     kind: Literal[*KINDS]  # type: ignore[valid-type]
@@ -60,7 +59,7 @@ class RoutePart(Part):
             plain = {"kind": plain}
         if not isinstance(plain, Mapping):
             raise InputError("give the kind of a route, or a mapping with the key kind")
-        check_keys(plain, list(cls.model_fields))
+        check_keys(plain, cls.model_fields)
         kind = str(plain.get("kind"))
         if "kind" not in plain or kind not in KINDS:
             raise InputError(f"kind is {plain.get('kind')!r}; {nearest(kind, KINDS)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from pydantic import BeforeValidator, Field, InstanceOf, model_validator
+from pydantic import Field, InstanceOf, model_validator
 
 from ambinav.compare.route_part import RoutePart
 from ambinav.compare.scenario_schema import (
@@ -13,11 +13,9 @@ from ambinav.compare.scenario_schema import (
     MapPart,
     ObstaclesPart,
     PairPart,
-    Part,
     PlanningPart,
-    making,
 )
-from ambinav.config import nearest
+from ambinav.config import ConfigModel, nearest, of_mapping
 from ambinav.drive.localizer_spec import ChosenLocalizer, chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -30,7 +28,7 @@ ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""
 
 
-class Scenario(Part):
+class Scenario(ConfigModel):
     """All of a scenario file; docs/compare.md tells every key."""
 
     name: str = Field(min_length=1)
@@ -39,14 +37,12 @@ class Scenario(Part):
     unit: str | None = None
     scanner: str | dict[str, Any]
     map: MapPart = MapPart()
-    robot: Annotated[InstanceOf[Robot], BeforeValidator(making(Robot))] = Robot()
-    follower: Annotated[
-        InstanceOf[FollowerParameters], BeforeValidator(making(FollowerParameters))
-    ] = FollowerParameters()
-    odometry: Annotated[InstanceOf[OdometryNoise], BeforeValidator(making(OdometryNoise))] = (
-        OdometryNoise()
+    robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = Robot()
+    follower: Annotated[InstanceOf[FollowerParameters], of_mapping(FollowerParameters)] = (
+        FollowerParameters()
     )
-    people: Annotated[InstanceOf[People], BeforeValidator(making(People))] = People(0)
+    odometry: Annotated[InstanceOf[OdometryNoise], of_mapping(OdometryNoise)] = OdometryNoise()
+    people: Annotated[InstanceOf[People], of_mapping(People)] = People(0)
     obstacles: ObstaclesPart = ObstaclesPart()
     localizer: dict[str, Any] | str = Field(default_factory=dict)
     modules: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ambinav.config import nearest
+from ambinav.config import from_mapping
 from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
@@ -162,17 +162,10 @@ def chosen_localizer(
     """
     name, given = _split(plain)
     spec = LOCALIZERS.get(name)
-    known = [field.name for field in dataclasses.fields(spec.parameters)]
-    for key in given:
-        if not known:
-            raise InputError(f"{key} means nothing to the localizer {name!r}; drop it")
-        if key not in known:
-            raise InputError(
-                f"the parameter {key!r} of the localizer {name!r} is unknown; "
-                f"{nearest(str(key), known)}"
-            )
+    if given and not dataclasses.fields(spec.parameters):
+        raise InputError(f"{next(iter(given))} means nothing to the localizer {name!r}; drop it")
     values = {**spec.defaults(Motion(noise, robot, rate)), **given}
-    return ChosenLocalizer(spec, spec.parameters(**values))
+    return ChosenLocalizer(spec, from_mapping(spec.parameters, values))
 
 
 def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
-from ambinav.config import as_number
+from ambinav.config import NonNegative, Positive, check_fields
 from ambinav.drive.localizer_spec import LocalizerContext, LocalizerSpec, Motion
 from ambinav.drive.localizers import DeadReckoning, Localizer
-from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.parameters import ALPHAS, MclParameters
 from ambinav.localization.scanner_settings import settings_for, unsuited
@@ -33,25 +32,17 @@ class EkfParameters:
         InputError: a value makes no sense.
     """
 
-    alpha1: float = 0.2
-    alpha2: float = 0.2
-    alpha3: float = 0.2
-    alpha4: float = 0.2
-    alpha5: float = 0.2
-    map_std: float | None = None
-    gate: float = 3.0
+    alpha1: NonNegative = 0.2
+    alpha2: NonNegative = 0.2
+    alpha3: NonNegative = 0.2
+    alpha4: NonNegative = 0.2
+    alpha5: NonNegative = 0.2
+    map_std: NonNegative | None = None
+    gate: Positive = 3.0
 
     def __post_init__(self) -> None:
         """Check what the filter would refuse only when it is made."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None or field.name != "map_std":
-                object.__setattr__(self, field.name, as_number(value, field.name))
-        self.odometry  # noqa: B018 - it checks the alphas
-        if self.map_std is not None and self.map_std < 0.0:
-            raise InputError(f"map_std is {self.map_std:g}; give metres from 0 on.")
-        if not self.gate > 0.0:
-            raise InputError(f"gate is {self.gate:g}; give standard deviations above 0.")
+        check_fields(self)
 
     @property
     def odometry(self) -> OdometryModel:

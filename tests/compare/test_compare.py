@@ -16,8 +16,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from ambinav.cli import app
+from ambinav.compare.report import FOLDER
 from ambinav.routes.files import load_route, save_route
-from ambinav.runfolder import only_one
 from tests.compare.conftest import SCENARIO, write
 
 
@@ -138,7 +138,7 @@ def is_alive(process: str) -> bool:
 
 def test_two_at_once_are_refused(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with only_one(out / "work"):
+    with FOLDER.hold(out):
         check_refused(compare(done.parent / "flat.yaml", out), "another run is at work")
     assert [item.name for item in out.rglob("*")] == ["work", "lock"]
 

@@ -133,7 +133,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "unknown number": (lambda p: p["robot"].update(radus=1), "did you mean radius"),
     "unknown parameter": (
         lambda p: p["localizer"].update(alpha9=1),
-        "localizer: the parameter 'alpha9' of the localizer 'mcl' is unknown; did you mean alpha",
+        "localizer: the key 'alpha9' is unknown; did you mean alpha",
     ),
     "unknown kind": (
         lambda p: p["routes"].append("shortst"),
@@ -150,11 +150,11 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "unknown filter parameter": (
         lambda p: p.update(localizer={"type": "ekf", "gates": 3}),
-        "localizer: the parameter 'gates' of the localizer 'ekf' is unknown; did you mean gate",
+        "localizer: the key 'gates' is unknown; did you mean gate",
     ),
     "filter's gate": (
         lambda p: p.update(localizer={"type": "ekf", "gate": 0}),
-        "localizer: gate is 0; give standard deviations above 0",
+        "localizer: gate is 0; give a number above 0",
     ),
     "too few particles": (
         lambda p: p["localizer"].update(max_particles=50),
@@ -229,13 +229,13 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "twice": (lambda p: p["routes"].append("shortest"), "routes: 'shortest' is there twice"),
     "no pairs": (lambda p: p.pop("pairs"), "the key 'pairs' is missing; add it."),
     "empty pairs": (lambda p: p.update(pairs=[]), "pairs is []"),
-    "no goal": (lambda p: p["pairs"][0].pop("goal"), "the key 'pairs[0].goal' is missing"),
+    "no goal": (lambda p: p["pairs"][0].pop("goal"), "pairs[0]: the key 'goal' is missing"),
     "reserved": (lambda p: p["pairs"][0].update(name="all pairs"), "is the name of the rows"),
     "pair of a file": (
         lambda p: p["routes"].append({"kind": "file", "file": "a.csv", "pair": "ther"}),
         "which is not there; did you mean there",
     ),
-    "part": (lambda p: p.update(map=3), "map: give a mapping with the keys spacing"),
+    "part": (lambda p: p.update(map=3), "map is 3; give a mapping with the keys spacing"),
 }
 
 
