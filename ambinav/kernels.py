@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit, typeof
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
-from numba.core.types import BaseTuple
+from numba.core.types.containers import BaseTuple
 
 
 @overload
