@@ -31,7 +31,7 @@ PLANNERS = {
     "reference": (),
     "prmstar": ("--time", "inf", "--iterations", "400"),
     "rrtstar": ("--space", "se2", "--time", "inf", "--iterations", "2000"),
-    "bitstar": ("--time", "inf", "--iterations", "1000"),
+    "bitstar": ("--time", "inf", "--iterations", "60000"),
     "belief": (),
     "belief-roadmap": (),
 }
