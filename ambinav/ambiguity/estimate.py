@@ -12,9 +12,10 @@ from ambinav.ambiguity.build import BEAMS_PER_TURN, HEADINGS, TILE_BYTES
 from ambinav.geometry.environment import Environment
 from ambinav.sensing.scanner import RangeScanner
 
-# Seconds of one thread, between what two processors took (benchmarks/results/map.md, and the same at
-# commit 04728c3): on 2 threads the kernel compares 832 and 263 million beams a second with one
-# heading; casting 136 000 poses of 60 rays takes 0.14 and 0.35 s, turning on the spot 0.42 and 1.0 s.
+# Seconds of one thread, between what two processors took (benchmarks/results/map.md, and the same
+# at commit 04728c3): on 2 threads the kernel compares 832 and 263 million beams a second with one
+# heading; casting 136 000 poses of 60 rays takes 0.14 and 0.35 s, turning on the spot 0.42 and
+# 1.0 s.
 PER_COMPARISON: Final = 4.8e-9
 PER_RAY: Final = 55e-9
 PER_TURNED_BEAM: Final = 160e-9
