@@ -38,7 +38,8 @@ from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner

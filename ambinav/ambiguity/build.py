@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.ambiguity.dataset import Found, assemble
+from ambinav.ambiguity.dataset import LatticeSums, assemble
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
@@ -75,7 +75,7 @@ def build_map(
         max_beams: How many beams take part at the most, chosen evenly; None: 60 a turn.
         sigma_theta: How well the heading is known beforehand, radians.
         outlier_share: Share of beams that meet what is not on the map.
-        low: A radius ratio up to this counts as small when zones are told apart.
+        low: A radius ratio up to this counts as small when zones are distinguished.
         high: A radius ratio from this on counts as large.
         robot_radius: Radius of the robot's body, metres. Where it or a sensor would stand inside
             a wall, the pose is impossible: it has no value, and is no neighbour of others.
@@ -188,9 +188,9 @@ def _compute(
     model: AmbiguityModel,
     theta: NDArray[np.float64] | None,
     report: Callable[[float], None],
-) -> Found:
+) -> LatticeSums:
     table = BeamTable.of(scanner, model.map_std, model.outlier_share)
-    told = _evidence(table)
+    evidences = _evidence(table)
     angles = np.zeros(1) if theta is None else theta
     reach = math.floor(model.radius / lattice.spacing + 1e-9)
     steps = np.arange(-reach, reach + 1)
@@ -221,13 +221,13 @@ def _compute(
             sums[tile.begin : tile.end, h] = neighbourhood_sums(
                 tile.begin, tile.end, tile.first, lattice.rows_columns, lattice.index,
                 links[h][tile.first : tile.last], offsets, lattice.spacing, Returns(data[h]),
-                table, told, model.tau, cell,
+                table, evidences, model.tau, cell,
             )  # fmt: skip
             report((tile.begin + (tile.end - tile.begin) * (h + 1) / len(angles)) / len(x))
         if turning is not None and beams is not None:
             turning[tile.begin : tile.end] = turning_moments(
                 Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
-                told, model.tau, lattice.spacing,
+                evidences, model.tau, lattice.spacing,
             )  # fmt: skip
         spread = data[:, tile.begin - tile.first : tile.end - tile.first, 4, : table.beams]
         stands = possible[tile.begin : tile.end]
@@ -236,7 +236,7 @@ def _compute(
         held, first, last = data, tile.first, tile.last
     sums[~possible] = np.nan
     report(1.0)
-    return Found(sums, unknown, turning)
+    return LatticeSums(sums, unknown, turning)
 
 
 def _evidence(table: BeamTable) -> NDArray[np.float32] | None:

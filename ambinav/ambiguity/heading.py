@@ -79,7 +79,7 @@ def turning_moments(
 @kernel(fastmath=FAST)
 def least_evidence(data, p, beams, limit, icap, c0, c2):
     """Evidence that tells a turned scan from the unturned one, at the least."""
-    told = F0
+    total = F0
     half_0, half_2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
     for b in range(beams.size):
         o = beams[b]
@@ -88,8 +88,8 @@ def least_evidence(data, p, beams, limit, icap, c0, c2):
         turn = data[p, T, o] * data[p, T, o]
         room = data[p, S, b] + data[p, S, o] + half_0 * slide + half_2 * turn
         u = QUARTER * z * z / room
-        told += u / (F1 + u * icap[b])
-    return told
+        total += u / (F1 + u * icap[b])
+    return total
 
 
 @kernel(fastmath=FAST)

@@ -25,7 +25,7 @@ from ambinav.threads import run_rows
 FAST = {"reassoc", "nsz", "contract", "arcp", "nnan", "ninf"}
 _Z_COUNT = round(Z_MAX / Z_STEP)
 # Python hears of an interruption after so many beam comparisons, a second or two.
-HEARD = 400_000_000
+INTERRUPT_EVERY = 400_000_000
 
 U = np.uint64
 # Rows of `Returns.data`.
@@ -264,10 +264,11 @@ def neighbourhood_sums(
 
     Returns:
         float64, shape (end - begin, 7): mean indistinguishability; second moments xx, xy, yy of
-        the look-alikes about the pose; the same of the free neighbourhood; square metres.
+        the indistinguishable poses about the pose; the same of the free neighbourhood; square
+        metres.
     """
     sums = np.empty((end - begin, 7))
-    most = max(HEARD // (len(offsets) * len(beams.limit)), 1)
+    most = max(INTERRUPT_EVERY // (len(offsets) * len(beams.limit)), 1)
     for low in range(0, end - begin, most):
         part = sums[low : low + most]
         run_rows(

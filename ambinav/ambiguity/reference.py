@@ -126,14 +126,14 @@ def compare(
     z = seen - q[0] - moved
     silent = z <= seen - limit
     z = np.maximum(z, seen - limit)
-    told = np.array([float(evidence(v, w)) for v, w in zip(z / np.sqrt(s2), p[3], strict=True)])
+    proof = np.array([float(evidence(v, w)) for v, w in zip(z / np.sqrt(s2), p[3], strict=True)])
     near = np.maximum(np.abs(z) / np.sqrt(s2), 1e-2)
     slope = np.array([float(evidence(v, w)) for v, w in zip(near, p[3], strict=True)])
     slope /= near**2 / 4 * s2
-    t = 1 / np.sqrt(1 + (told / cap) ** 2)
+    t = 1 / np.sqrt(1 + (proof / cap) ** 2)
     w = np.where(silent, 0.0, slope * t**3)
     S, best = laplace(w, z + moved)
-    total = float(np.sum(told * t + w * ((z + moved) ** 2 - z**2) / 4))
+    total = float(np.sum(proof * t + w * ((z + moved) ** 2 - z**2) / 4))
     gain = float(best @ (J.T @ (w * (z + moved)))) / (4 * tau)
     alike = math.exp(min(gain - total / tau, 0.0)) * math.sqrt(np.linalg.det(S) / np.linalg.det(C))
     return alike, best, S

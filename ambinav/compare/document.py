@@ -8,7 +8,6 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-import ambinav
 from ambinav.compare.localizer_spec import name_of, note_on
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
@@ -24,6 +23,7 @@ from ambinav.compare.verdict_text import (
 )
 from ambinav.drive.bootstrap import Interval
 from ambinav.routes.bad_floor import BadFloor
+from ambinav.version import __version__
 
 FORMAT = "ambinav-compare/1"
 
@@ -156,7 +156,7 @@ def document(
     scenario = loaded.scenario
     return Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        ambinav_version=ambinav.__version__,
+        ambinav_version=__version__,
         name=scenario.name,
         baseline=scenario.baseline,
         environment={

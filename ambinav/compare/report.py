@@ -33,16 +33,10 @@ from ambinav.compare.worlds import make_worlds
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.content_digest import environment_digest
 from ambinav.maps.drawing import save_figure
 from ambinav.pages import data_uri, fill
-from ambinav.provenance import (
-    PLANNING,
-    POLICIES,
-    Provenance,
-    digest_of,
-    discard_stale,
-    environment_digest,
-)
+from ambinav.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
 from ambinav.runfolder import NAME as LOCK

@@ -122,7 +122,7 @@ def complaint(first: ErrorDetails, where: str) -> str:
 
 
 def _environment(scenario: Scenario, path: Path) -> Environment:
-    from ambinav.geometry.environment import load_environment
+    from ambinav.geometry.io.load import load_environment
 
     building = path.parent / scenario.environment
     if not building.exists():

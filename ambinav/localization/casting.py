@@ -228,7 +228,7 @@ def cast_rays(x, y, theta, tables, work):
 
 
 @kernel(forceinline=True)
-def cast_told(x, y, theta, reading, tables, work, picked):
+def cast_observed(x, y, theta, reading, tables, work, picked):
     """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
 
     What is written to `work` stands at the front: entry m is of ray picked[m].
@@ -278,8 +278,8 @@ def cast_told(x, y, theta, reading, tables, work, picked):
 
 
 @kernel(forceinline=True)
-def spread_told(count, work, picked):
-    """Put what `cast_told` has written to the places that it has in `cast_rays`.
+def spread_observed(count, work, picked):
+    """Put what `cast_observed` has written to the places that it has in `cast_rays`.
 
     Rays that were not cast have met nothing.
     """

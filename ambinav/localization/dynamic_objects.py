@@ -37,7 +37,7 @@ def share_of_map(z, mean, variance, far, z_hit, z_short, z_rand, decay):
 @kernel
 def weighted_information(
     x, y, theta, reading, spread, z_hit, z_short, z_rand, decay, least, cast, noise, work, ranges,
-    ray, edge, line, weight, told,
+    ray, edge, line, weight, information,
 ):  # fmt: skip
     """Information of one scan about the pose, each beam by the probability that it met the map.
 
@@ -61,10 +61,10 @@ def weighted_information(
         line: Likewise.
         weight: Written, shape (B,): the probabilities; 0 where an echo is missing, nan where
             there is no reading or the map tells of no echo.
-        told: Written, shape (3, 3).
+        information: Written, shape (3, 3).
     """
     beam_lines(x, y, theta, cast, noise, work, ranges, ray, edge, line)
-    told[:] = 0.0
+    information[:] = 0.0
     for b in range(reading.size):
         z, variance = reading[b], line[b, 4]
         weight[b] = math.nan
@@ -82,17 +82,30 @@ def weighted_information(
             continue
         for i in range(3):
             for j in range(3):
-                told[i, j] += weight[b] * line[b, 1 + i] * line[b, 1 + j] / variance
+                information[i, j] += weight[b] * line[b, 1 + i] * line[b, 1 + j] / variance
 
 
 @kernel
 def weighted_informations(
-    low, high, poses, readings, spreads, z_hit, z_short, z_rand, decay, cast, noise, weights, told
+    low,
+    high,
+    poses,
+    readings,
+    spreads,
+    z_hit,
+    z_short,
+    z_rand,
+    decay,
+    cast,
+    noise,
+    weights,
+    information,
 ):
     """`weighted_information` of some of N scans; `spreads` has the shape (N, 3, 3)."""
     work, ranges, ray, edge, line = line_space(noise.far.size, cast.cosine.size)
     for p in range(low, high):
         weighted_information(
             poses[p, 0], poses[p, 1], poses[p, 2], readings[p], spreads[p], z_hit, z_short,
-            z_rand, decay, 0.0, cast, noise, work, ranges, ray, edge, line, weights[p], told[p],
+            z_rand, decay, 0.0, cast, noise, work, ranges, ray, edge, line, weights[p],
+            information[p],
         )  # fmt: skip

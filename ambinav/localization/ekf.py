@@ -156,11 +156,11 @@ class ExtendedKalmanFilter:
                 f"covariance and seen have the shapes {first.shape} and {looks.shape}; give (3, 3) "
                 f"and ({len(rows)},)."
             )
-        told = np.empty((len(rows), 3, 3))
-        informations(rows, self.cast, self.noise, told)
-        told[~looks] = 0.0
-        out = np.empty_like(told)
-        _foretell(rows, first, told, self.odometry.array, out)
+        information = np.empty((len(rows), 3, 3))
+        informations(rows, self.cast, self.noise, information)
+        information[~looks] = 0.0
+        out = np.empty_like(information)
+        _predict_covariances(rows, first, information, self.odometry.array, out)
         return out
 
 
@@ -181,7 +181,7 @@ def _steps(mean, cov, before, now, readings, alpha, gate, cast, noise, used):
 
 
 @kernel
-def _foretell(poses, first, told, alpha, out):
+def _predict_covariances(poses, first, information, alpha, out):
     cov = first.copy()
     for k in range(poses.shape[0]):
         if k > 0:
@@ -190,5 +190,5 @@ def _foretell(poses, first, told, alpha, out):
                 poses[k, 0], poses[k, 1], poses[k, 2],
             )  # fmt: skip
             spread_motion(cov, poses[k - 1, 2], rot1, trans, rot2, alpha)
-        posterior(cov, told[k])
+        posterior(cov, information[k])
         out[k] = cov

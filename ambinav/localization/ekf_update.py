@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ambinav.geometry.raycasting.triangulation import PARALLEL
 from ambinav.kernels import kernel
 from ambinav.localization.casting import (
-    cast_told,
+    cast_observed,
     echo_normal,
     nearest_echoes,
-    spread_told,
+    spread_observed,
     work_space,
 )
 from ambinav.localization.information import gradient, sensor_line
@@ -44,7 +44,7 @@ class Scratch(NamedTuple):
         beam: Of the beams that tell something, one after the other; rows as above, shape
             (rows, B).
         noise: For who simulates the readings, shape (B,).
-        told: Information of a scan, shape (3, 3).
+        information: Of a scan, shape (3, 3).
         spread: Covariance after it, shape (3, 3).
         cast: See `casting.work_space`.
     """
@@ -55,7 +55,7 @@ class Scratch(NamedTuple):
     picked: NDArray[np.int32]
     beam: Floats
     noise: Floats
-    told: Floats
+    information: Floats
     spread: Floats
     cast: tuple[Any, ...]
 
@@ -78,14 +78,14 @@ def _over(value, pivot):
 
 
 @kernel
-def posterior(cov, told):
-    """Replace a covariance P by (P^-1 + told)^-1; P may be singular.
+def posterior(cov, information):
+    """Replace a covariance P by (P^-1 + F)^-1 with the information F of a scan; P may be singular.
 
-    With P = L L^T and R R^T = I + L^T told L it is G G^T, G = L R^-T: symmetric, without negative
-    variances, and as exact as P and told are. (30 times as fast as numpy.linalg.inv.)
+    With P = L L^T and R R^T = I + L^T F L it is G G^T, G = L R^-T: symmetric, without negative
+    variances, and as exact as P and F are. (30 times as fast as numpy.linalg.inv.)
     """
-    if told[0, 0] == 0.0 and told[1, 1] == 0.0 and told[2, 2] == 0.0:
-        # Nothing is told, and nothing is changed: not by rounding either.
+    if information[0, 0] == 0.0 and information[1, 1] == 0.0 and information[2, 2] == 0.0:
+        # Without information nothing is changed: not by rounding either.
         return
     # L, a lower triangle.
     a = math.sqrt(max(cov[0, 0], 0.0))
@@ -93,13 +93,13 @@ def posterior(cov, told):
     c = math.sqrt(max(cov[1, 1] - b * b, 0.0))
     e = _over(cov[2, 1] - d * b, c)
     f = math.sqrt(max(cov[2, 2] - d * d - e * e, 0.0))
-    # told L, then the lower triangle of I + L^T told L.
-    p0 = told[0, 0] * a + told[0, 1] * b + told[0, 2] * d
-    p1 = told[1, 0] * a + told[1, 1] * b + told[1, 2] * d
-    p2 = told[2, 0] * a + told[2, 1] * b + told[2, 2] * d
-    q1 = told[1, 1] * c + told[1, 2] * e
-    q2 = told[2, 1] * c + told[2, 2] * e
-    s22 = told[2, 2] * f
+    # F L, then the lower triangle of I + L^T F L.
+    p0 = information[0, 0] * a + information[0, 1] * b + information[0, 2] * d
+    p1 = information[1, 0] * a + information[1, 1] * b + information[1, 2] * d
+    p2 = information[2, 0] * a + information[2, 1] * b + information[2, 2] * d
+    q1 = information[1, 1] * c + information[1, 2] * e
+    q2 = information[2, 1] * c + information[2, 2] * e
+    s22 = information[2, 2] * f
     # R, a lower triangle; the matrix is at least I.
     ra = math.sqrt(1.0 + a * p0 + b * p1 + d * p2)
     rb, rd = (c * p1 + e * p2) / ra, f * p2 / ra
@@ -148,7 +148,7 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
     Returns:
         How many beams were used.
     """
-    beam, told, spread = scratch.beam, scratch.told, scratch.spread
+    beam, information, spread = scratch.beam, scratch.information, scratch.spread
     x, y, t = mean[0], mean[1], mean[2]
     ax, ay, at = x, y, t
     # Of the pose about which the ranges are linear.
@@ -162,13 +162,13 @@ def update_pose(mean, cov, reading, gate, rounds, recast, cast, noise, scratch):
             ax, ay, at, ax - x, ay - y, wrapped(at - t), xx, yy, tt, xy, xt, yt, gate,
             step == 0 or recast, beam, count,
         )  # fmt: skip
-        told[0, 0], told[1, 1], told[2, 2] = txx, tyy, ttt
-        told[0, 1], told[0, 2], told[1, 2] = txy, txt, tyt
-        told[1, 0], told[2, 0], told[2, 1] = txy, txt, tyt
+        information[0, 0], information[1, 1], information[2, 2] = txx, tyy, ttt
+        information[0, 1], information[0, 2], information[1, 2] = txy, txt, tyt
+        information[1, 0], information[2, 0], information[2, 1] = txy, txt, tyt
         for i in range(3):
             for j in range(3):
                 spread[i, j] = cov[i, j]
-        posterior(spread, told)
+        posterior(spread, information)
         ax = x + spread[0, 0] * px + spread[0, 1] * py + spread[0, 2] * pt
         ay = y + spread[1, 0] * px + spread[1, 1] * py + spread[1, 2] * pt
         at = wrapped(t + spread[2, 0] * px + spread[2, 1] * py + spread[2, 2] * pt)
@@ -191,7 +191,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
         scratch.ranges, scratch.ray, scratch.edge, scratch.picked, scratch.beam,
     )  # fmt: skip
     _, _, distance, hit, _ = scratch.cast
-    rays = cast_told(x, y, theta, reading, cast, scratch.cast, picked)
+    rays = cast_observed(x, y, theta, reading, cast, scratch.cast, picked)
     co, si = math.cos(theta), math.sin(theta)
     count = 0
     # What is looked up first, then what is worked out: of a loop without tables the compiler takes
@@ -207,7 +207,7 @@ def _meet(x, y, theta, reading, cast, noise, scratch):
             _look_up(count, b, b, k, d if met else 0.0, reading, cast, noise, beam)
             count += met & (not noise.frontier[k])
     else:
-        spread_told(rays, scratch.cast, picked)
+        spread_observed(rays, scratch.cast, picked)
         nearest_echoes(cast, scratch.cast, ranges, ray, edge)
         for n in range(ranges.size):
             b, j, k = np.uint64(n), np.uint64(max(ray[n], 0)), np.uint64(max(edge[n], 0))

@@ -2,7 +2,7 @@
 
 For monitors of localization quality, which ask whether the covariance that a localizer reports
 suits the place where it says that it is. Two answers: of the ambiguity map (docs/model.md), the
-spread of the poses nearby that cannot be told from this one by a scan, sensor noise, bins and
+spread of the poses nearby that a scan cannot distinguish from this one, sensor noise, bins and
 open neighbourhood included; of the Fisher information (Censi 2007, "On achievable accuracy for
 range-finder localization", ICRA), what a scan leaves of a given prior, the bound for an ideal
 localizer that knows where about it is.
@@ -125,12 +125,12 @@ def walls_std(place: AmbiguityMap | Environment, map_std: float | None) -> float
 
 
 def _parameter(place: AmbiguityMap, name: str) -> float:
-    told = json.loads(place.dataset.attrs["parameters"])
-    if name not in told:
+    parameters = json.loads(place.dataset.attrs["parameters"])
+    if name not in parameters:
         raise InputError(
             f"{place.source}: its parameters lack {name}; make the map again with `ambinav map`."
         )
-    return float(told[name])
+    return float(parameters[name])
 
 
 def _of_radii(amap: AmbiguityMap, rows: Floats) -> Floats:

@@ -39,7 +39,7 @@ class FilterModel(NamedTuple):
         slow: recovery_alpha_slow.
         fast: recovery_alpha_fast.
         reset: recovery_reset.
-        way: See `resampling.CODES`.
+        method: See `resampling.CODES`.
         whole: Whether the estimate is the mean of all particles.
         beam: Which of the scanner's beams are used, shape (U,).
         mount: x, y (metres), cosine and sine of the direction of each of them, shape (U, 4).
@@ -76,7 +76,7 @@ class FilterModel(NamedTuple):
     slow: float
     fast: float
     reset: bool
-    way: int
+    method: int
     whole: bool
     beam: NDArray[np.int64]
     mount: Floats
@@ -181,10 +181,10 @@ def filter_model(
     if kind >= BEAM_SUM and p.beam_table_resolution > 0.0:
         table = range_table(environment, scanner, beam, p.beam_table_resolution)
     noise = beam_noise(environment, scanner, environment.map_std)
-    heard = beam if p.localizability_weighting > 0.0 else beam[:0]
+    weighed = beam if p.localizability_weighting > 0.0 else beam[:0]
     noise = BeamNoise(
-        noise.near[heard], noise.far[heard], noise.bias[heard], noise.variance[heard],
-        noise.frontier, np.arange(len(heard)), noise.steady[heard],
+        noise.near[weighed], noise.far[weighed], noise.bias[weighed], noise.variance[weighed],
+        noise.frontier, np.arange(len(weighed)), noise.steady[weighed],
     )  # fmt: skip
     x, y, yaw = scanner.mounts[beam].T
     corner = environment.triangulation.corner

@@ -20,8 +20,9 @@ by chance matches too: unmapped furniture that looks like a mapped corner. Where
 without the scan, P grows until F P is about 1, and the scan counts again: the price is at most
 about the deviation F^(-1/2) that one scan has.
 
-F is taken at m, its readings weighed with P in their variance (`dynamic.share_of_map`): a filter
-that is off by what it expects to be off by does not distrust the scans that would bring it back.
+F is taken at m, its readings weighed with P in their variance (`dynamic_objects.share_of_map`): a
+filter that is off by what it expects to be off by does not distrust the scans that would bring it
+back.
 Readings that are rather not of the map than of it count neither in F nor in the likelihood, as
 Qian et al. leave out those that hit people; missing echoes count as ever.
 """
@@ -44,7 +45,7 @@ MOST_PLACE, MOST_HEADING = 1.0, 0.5
 # A reading counts if it is more probably of the map than not.
 LIKELY = 0.5
 # With a smaller share of the expected echoes than this it is rather the pose that is wrong than
-# the map, and a filter that heard nothing else would never find that out.
+# the map, and a filter that used nothing else would never find that out.
 LEAST_EXPLAINED = 0.2
 
 
@@ -82,7 +83,7 @@ def cloud(particles, count, mean, spread):
 
 
 @kernel
-def damped(particles, count, ranges, model, cast, out, heard):
+def localizability_filtered(particles, count, ranges, model, cast, out, inliers):
     """Write to `out` the poses at which the particles are to be weighed, and their weights.
 
     Args:
@@ -92,7 +93,7 @@ def damped(particles, count, ranges, model, cast, out, heard):
         model: See `FilterModel`; its `trust` blends between K (1) and none of this (0).
         cast: See `casting.CastTables`.
         out: Written, shape (M, 5).
-        heard: Written, as `ranges`: nan where a reading is not of the map.
+        inliers: Written, as `ranges`: nan where a reading is not of the map.
 
     Returns:
         Whether it was done: not where the particles are no single cloud (`MOST_PLACE`), nor where
@@ -112,24 +113,24 @@ def damped(particles, count, ranges, model, cast, out, heard):
         reading[b] = math.inf if z >= model.far[b] else (z if z > model.near[b] else -math.inf)
         if math.isnan(z):
             reading[b] = math.nan
-    told, line = np.empty((3, 3)), np.empty((beams, 5))
+    information, line = np.empty((3, 3)), np.empty((beams, 5))
     ray, edge = np.empty(beams, dtype=np.int32), np.empty(beams, dtype=np.int32)
     weighted_information(
         mean[0], mean[1], mean[2], reading, spread, model.z_hit, model.z_short, model.z_rand,
         model.lambda_short, LIKELY, cast, model.noise, work_space(cast.cosine.size),
-        np.empty(beams), ray, edge, line, weight, told,
+        np.empty(beams), ray, edge, line, weight, information,
     )  # fmt: skip
-    heard[:] = ranges
+    inliers[:] = ranges
     expected = explained = 0
     for b in range(beams):
         expected += not math.isnan(weight[b])
         explained += weight[b] >= LIKELY
         if weight[b] < LIKELY and reading[b] < model.noise.far[b]:
-            heard[model.beam[b]] = math.nan
+            inliers[model.beam[b]] = math.nan
     if explained < LEAST_EXPLAINED * expected:
         return False
-    posterior(spread, told)
-    gain = model.trust * (spread @ told)
+    posterior(spread, information)
+    gain = model.trust * (spread @ information)
     for k in range(3):
         gain[k, k] += 1.0 - model.trust
     for i in range(count):

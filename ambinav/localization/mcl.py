@@ -46,7 +46,7 @@ from ambinav.localization.filter_state import (
     filter_state,
 )
 from ambinav.localization.likelihood_field import LikelihoodField, field_factors
-from ambinav.localization.localizability_filter import damped
+from ambinav.localization.localizability_filter import localizability_filtered
 from ambinav.localization.odometry import (
     apply_motion,
     deviations,
@@ -244,11 +244,13 @@ def begin(r, model, state):
     state.number[r] = model.most
     state.averages[r, 0] = state.averages[r, 1] = 0.0
     state.ticks[r, 0] = state.ticks[r, 1] = 0
-    look(r, fill_bins(state.particles[r], model.most, state.keys[r], state.entry[r]), model, state)
+    update_estimate(
+        r, fill_bins(state.particles[r], model.most, state.keys[r], state.entry[r]), model, state
+    )
 
 
 @kernel
-def look(r, bins, model, state):
+def update_estimate(r, bins, model, state):
     """Work out run r's estimate from its particles, which are sorted into bins already."""
     estimate(
         state.particles[r], state.number[r], model.whole, state.keys[r], state.entry[r, :bins],
@@ -342,13 +344,15 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
     for i in range(count):
         prior += particles[i, 3] * (1.0 - particles[i, 4])
     # `spare` is free until the particles are drawn anew.
-    places, heard, damp = particles, ranges, False
+    places, inliers, filtered = particles, ranges, False
     if cast is not None and model.trust > 0.0:
-        heard = np.empty_like(ranges)
-        damp = damped(particles, count, ranges, model, cast, state.spare[r], heard)
-        places, heard = (state.spare[r], heard) if damp else (particles, ranges)
-    scale = weigh(places, count, heard, model, cast, state.sums[r])
-    if damp:
+        inliers = np.empty_like(ranges)
+        filtered = localizability_filtered(
+            particles, count, ranges, model, cast, state.spare[r], inliers
+        )
+        places, inliers = (state.spare[r], inliers) if filtered else (particles, ranges)
+    scale = weigh(places, count, inliers, model, cast, state.sums[r])
+    if filtered:
         for i in range(count):
             particles[i, 3] = places[i, 3]
     total = kept = 0.0
@@ -372,7 +376,7 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
         bins = renew(r, model, state)
     else:
         bins = fill_bins(particles, count, state.keys[r], state.entry[r])
-    look(r, bins, model, state)
+    update_estimate(r, bins, model, state)
     return True
 
 
@@ -389,7 +393,7 @@ def renew(r, model, state):
     if not model.reset:
         share = min(share, MOST_ANEW)
     drawn, bins = resample(
-        state.particles[r], state.number[r], state.spare[r], model.way, share, model.error,
+        state.particles[r], state.number[r], state.spare[r], model.method, share, model.error,
         model.quantile, model.least, model.most, model.areas, model.corner, state.random[r],
         state.sums[r], state.keys[r], state.entry[r],
     )  # fmt: skip

@@ -31,9 +31,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.dynamic_objects import weighted_informations
 from ambinav.localization.information import as_map_std, as_poses, beam_noise
@@ -134,12 +134,12 @@ def online_localizability(
     p = MclParameters() if parameters is None else parameters
     cast = cast_tables(environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(environment, scanner, as_map_std(environment, map_std))
-    weights, told = np.empty(readings.shape), np.empty((len(rows), 3, 3))
+    weights, found = np.empty(readings.shape), np.empty((len(rows), 3, 3))
     run_rows(
         weighted_informations, len(rows), rows, readings, spreads, p.z_hit, p.z_short, p.z_rand,
-        p.lambda_short, cast, noise, weights, told, least=16,
+        p.lambda_short, cast, noise, weights, found, least=16,
     )  # fmt: skip
-    return OnlineLocalizability(told, posteriors(before, told), weights)
+    return OnlineLocalizability(found, posteriors(before, found), weights)
 
 
 def as_covariances(values: ArrayLike, name: str, number: int) -> Floats:

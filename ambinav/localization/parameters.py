@@ -106,7 +106,7 @@ class MclParameters:
         localizability_weighting: How far to leave to odometry what the scan cannot tell, from 0,
             not at all, to 1; true and false stand for 1 and 0. Above 0 readings that are not of
             the map are left out, whatever the number; z_hit, z_short, z_rand and lambda_short say
-            which. See `damping`, and docs/localizability.md for where it helps.
+            which. See `localizability_filter`, and docs/localizability.md for where it helps.
 
     Raises:
         InputError: a value makes no sense; one sentence names the parameter and the remedy.

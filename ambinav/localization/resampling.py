@@ -1,6 +1,6 @@
 """Drawing the next set of particles: as many as their spread needs, some of them anew.
 
-`MclParameters.resampling` says how the three ways differ.
+`MclParameters.resampling` says how the three methods differ.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def comb_count(particles, cumulated, count, error, quantile, least, most, shift,
 
 @kernel
 def resample(
-    particles, count, out, way, share, error, quantile, least, most, areas, corner, state,
+    particles, count, out, method, share, error, quantile, least, most, areas, corner, state,
     cumulated, keys, entry,
 ):  # fmt: skip
     """Draw a new set of particles of equal weight.
@@ -93,7 +93,7 @@ def resample(
         count: How many of them there are.
         out: Written, shape (M, 5): the new set; the last column is 1 for a particle that was put
             anywhere, else 0.
-        way: One of `CODES`.
+        method: One of `CODES`.
         share: Share of particles that are put anywhere in the free space.
         error: pf_err of KLD.
         quantile: pf_z of KLD.
@@ -115,20 +115,20 @@ def resample(
         cumulated[i] = total
     shift = uniform(state)
     fixed = -1
-    if way == LOW_VARIANCE:
+    if method == LOW_VARIANCE:
         fixed = comb_count(particles, cumulated, count, error, quantile, least, most, shift, keys)
     keys[:] = -1
     drawn = bins = 0
-    enough = fixed if way == LOW_VARIANCE else most
+    enough = fixed if method == LOW_VARIANCE else most
     while drawn < enough:
         if share > 0.0 and uniform(state) < share:
             x, y, t = random_pose(areas, corner, state)
             out[drawn, 4] = 1.0
         else:
             out[drawn, 4] = 0.0
-            if way == MULTINOMIAL:
+            if method == MULTINOMIAL:
                 place = uniform(state)
-            elif way == SYSTEMATIC:
+            elif method == SYSTEMATIC:
                 place = van_der_corput(drawn) + shift
                 place -= math.floor(place)
             else:
@@ -142,7 +142,7 @@ def resample(
             keys[k] = bin_of(x, y, t)
             entry[bins] = k
             bins += 1
-            if way != LOW_VARIANCE:
+            if method != LOW_VARIANCE:
                 enough = kld_count(bins, error, quantile, least, most)
     out[:drawn, 3] = 1.0 / drawn
     return drawn, bins

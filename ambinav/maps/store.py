@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 FORMAT: Final = 2
 """Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held
-nothing but the fill value, so that a lost chunk could not be told from an empty one."""
+nothing but the fill value, so that a lost chunk could not be distinguished from an empty one."""
 FORMAT_ATTR: Final = "map_format"
 
 _TILE = 1024
@@ -147,21 +147,21 @@ def _check_format(path: Path, root: Path) -> bool:
     """
     try:
         attributes = json.loads(root.read_bytes()).get("attributes") or {}
-        told = attributes.get(FORMAT_ATTR, 1)
+        version = attributes.get(FORMAT_ATTR, 1)
     except (OSError, ValueError, AttributeError) as error:
         raise InputError(
             f"{root}: the map cannot be read, this is no metadata of zarr; make the map again."
         ) from error
-    if not isinstance(told, int) or told < 1:
-        raise InputError(f"{path}: {FORMAT_ATTR} is {told!r}; make the map again.")
-    if told > FORMAT:
+    if not isinstance(version, int) or version < 1:
+        raise InputError(f"{path}: {FORMAT_ATTR} is {version!r}; make the map again.")
+    if version > FORMAT:
         raise InputError(
-            f"{path}: the map has format {told} (of ambinav "
+            f"{path}: the map has format {version} (of ambinav "
             f"{attributes.get('ambinav_version', '?')}), and this ambinav "
             f"{importlib.metadata.version('ambinav')} reads formats up to {FORMAT}; install a "
             "newer ambinav, or make the map again."
         )
-    return told >= 2
+    return version >= 2
 
 
 def _chunk_file(path: Path, name: str, array: zarr.Array[Any], index: tuple[int, ...]) -> Path:
@@ -185,7 +185,7 @@ def _check_chunks(path: Path, group: zarr.Group) -> None:
 
 
 def _culprit(path: Path) -> Path | None:
-    """The file of a store that cannot be read, if it can be told."""
+    """The file of a store that cannot be read, if it can be found."""
     import zarr  # see `write`
 
     for metadata in sorted(path.glob("*/zarr.json")):

@@ -247,7 +247,7 @@ def test_pieces_between_interruptions_change_nothing(
     env: Environment, laser: RangeScanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = build_map(env, laser, spacing=0.3).dataset
-    monkeypatch.setattr(kernel, "HEARD", 100_000)
+    monkeypatch.setattr(kernel, "INTERRUPT_EVERY", 100_000)
     pieces = build_map(env, laser, spacing=0.3).dataset
     for name in LAYERS:
         assert np.array_equal(pieces[name].values, whole[name].values, equal_nan=True)

@@ -10,7 +10,8 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError
-from ambinav.geometry.environment import DRAWING_STD, MAPPING_STD, Environment, load_environment
+from ambinav.geometry.environment import DRAWING_STD, MAPPING_STD, Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.segments import Segments
 from tests.geometry import scenes
 

@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 
 # Metres along a degree of latitude; of longitude times the cosine of the latitude.
 DEGREE = 111_320.0

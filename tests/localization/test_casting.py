@@ -16,11 +16,11 @@ from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import (
     APART,
     CastTables,
+    cast_observed,
     cast_rays,
     cast_tables,
-    cast_told,
     expected_ranges,
-    spread_told,
+    spread_observed,
     work_space,
 )
 from ambinav.localization.information import beam_lines, beam_noise, line_space
@@ -102,12 +102,12 @@ def rays_at(pose: Any, tables: Any, work: Any) -> None:
 
 @njit
 def told_at(pose: Any, reading: Any, tables: Any, work: Any, picked: Any) -> int:
-    return cast_told(pose[0], pose[1], pose[2], reading, tables, work, picked)
+    return cast_observed(pose[0], pose[1], pose[2], reading, tables, work, picked)
 
 
 @njit
 def spread(count: int, work: Any, picked: Any) -> None:
-    spread_told(count, work, picked)
+    spread_observed(count, work, picked)
 
 
 def check_told(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.localization.information import scan_information
-from ambinav.localization.localizability_filter import damped
+from ambinav.localization.localizability_filter import localizability_filtered
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.online import OnlineLocalizability, online_localizability
 from ambinav.localization.parameters import MclParameters
@@ -228,9 +228,9 @@ def test_particles_are_weighed_where_the_gain_puts_them() -> None:
     particles[7, :3] = 10.0, 0.5, 3.0
     readings = seen(CORRIDOR, scanner, np.array([[30.0, 1.2, 0.1]]))[0].astype(np.float32)
     readings[5], readings[6] = 0.7, math.inf
-    out, heard = np.zeros_like(particles), np.zeros_like(readings)
-    assert damped(particles, 2000, readings, loc.model, loc.cast, out, heard)
-    assert np.isnan(heard[5]) and (np.delete(heard, 5) == np.delete(readings, 5)).all()
+    out, inliers = np.zeros_like(particles), np.zeros_like(readings)
+    assert localizability_filtered(particles, 2000, readings, loc.model, loc.cast, out, inliers)
+    assert np.isnan(inliers[5]) and (np.delete(inliers, 5) == np.delete(readings, 5)).all()
     kept = np.delete(particles[:2000], 7, axis=0)
     mean, spread = kept[:, :3].mean(axis=0), np.cov(kept[:, :3].T, bias=True)
     told = online_localizability(CORRIDOR, scanner, mean, readings, uncertainty=spread).information
@@ -241,9 +241,9 @@ def test_particles_are_weighed_where_the_gain_puts_them() -> None:
     assert (out[7] == particles[7]).all() and (out[:, 3:] == particles[:, 3:]).all()
     # Not where hardly a reading fits, nor where the particles are all over the place.
     readings[:55] = 0.6
-    assert not damped(particles, 2000, readings, loc.model, loc.cast, out, heard)
+    assert not localizability_filtered(particles, 2000, readings, loc.model, loc.cast, out, inliers)
     loc.start([30.0, 1.2, 0.1], np.diag([4.0, 0.01, 0.01]))
-    assert not damped(particles, 2000, readings, loc.model, loc.cast, out, heard)
+    assert not localizability_filtered(particles, 2000, readings, loc.model, loc.cast, out, inliers)
 
 
 def study(spoilt: str, model: str, power: float) -> list[tuple[np.ndarray, float]]:

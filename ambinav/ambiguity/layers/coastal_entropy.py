@@ -1,4 +1,4 @@
-"""What is left to be told of the pose when a scan has been taken: coastal navigation.
+"""What remains unknown of the pose when a scan has been taken: coastal navigation.
 
 Source: after N. Roy, W. Burgard, D. Fox and S. Thrun, "Coastal navigation: mobile robot navigation
 with uncertainty in dynamic environments", ICRA 1999: the robot keeps to where a scan is expected to
@@ -54,7 +54,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
 from ambinav.ambiguity.kernel import FAST, compare, reach
 from ambinav.ambiguity.layers.bands import bands
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BeamTable, beam_returns
 from ambinav.ambiguity.standing import can_stand
@@ -81,11 +81,13 @@ SHIFTS = np.array(
 WEIGHTS = np.array([1 / 2, *[1 / 12] * 6])
 
 
-def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDArray[np.float32]]:
+def coastal_entropy(
+    context: LayerContext, *, people: float = PEOPLE
+) -> dict[str, NDArray[np.float32]]:
     """Expected entropy of the pose after a scan, among the cells within the map's radius.
 
     Args:
-        ground: What the map was made of.
+        context: What the map was made of.
         people: How many people a beam meets in a metre in the mean, 1 / metres; 0: none.
 
     Returns:
@@ -97,26 +99,26 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
     people = as_number(people, "people")
     if people < 0.0:
         raise InputError(f"people is {people}; give at least 0 per metre.")
-    lattice, table, model = ground.lattice, ground.table, ground.model
+    lattice, table, model = context.lattice, context.table, context.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(table)
-    told = _evidence(table, share)
+    evidences = _evidence(table, share)
     # What is known before the scan is the neighbourhood.
     prior = 4.0 / model.radius**2
     offsets = _disc(steps, model.radius / lattice.spacing)
-    found = np.empty((2, len(ground.points[0]), len(ground.headings)), dtype=np.float32)
-    for h in range(len(ground.headings)):
-        links = ground.links(h)
-        for band in bands(ground, steps, 2 * (1 + len(QUARTERS))):
-            data, rows = _quarters(ground, h, band.part)
+    found = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
+    for h in range(len(context.headings)):
+        links = context.links(h)
+        for band in bands(context, steps, 2 * (1 + len(QUARTERS))):
+            data, rows = _quarters(context, h, band.part)
             run_rows(
                 _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
                 lattice.index, links[band.first : band.last], STEPS, offsets, rows,
-                _known(data, table, share, people), table.limit, inverse_cap, table.use, told,
+                _known(data, table, share, people), table.limit, inverse_cap, table.use, evidences,
                 model.tau, (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2, prior, SHIFTS,
                 WEIGHTS, found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
-    entropy, gain = (ground.spread(values) for values in found)
+    entropy, gain = (context.spread(values) for values in found)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
 
 
@@ -129,7 +131,7 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
 
 
 def _quarters(
-    ground: Ground, heading: int, part: slice
+    context: LayerContext, heading: int, part: slice
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Scans of N poses at their cells' centres, then of the middles of the cells' quarters.
 
@@ -137,20 +139,20 @@ def _quarters(
         Beam returns, shape (5 N, 5, P), and the rows of each cell's quarters, shape (N, 4): -1
         where the robot cannot stand there, and the centre's where it can stand in none.
     """
-    x, y = (axis[part] for axis in ground.points)
-    count, angle, robot = len(x), float(ground.headings[heading]), ground.model.robot_radius
-    data = np.zeros((5 * count, 5, len(ground.table.limit)), dtype=np.float32)
+    x, y = (axis[part] for axis in context.points)
+    count, angle, robot = len(x), float(context.headings[heading]), context.model.robot_radius
+    data = np.zeros((5 * count, 5, len(context.table.limit)), dtype=np.float32)
     data[:, 4] = 1.0
     rows = np.full((count, len(QUARTERS)), -1, dtype=np.int32)
-    steps = np.vstack([np.zeros((1, 2)), ground.spacing * QUARTERS])
+    steps = np.vstack([np.zeros((1, 2)), context.spacing * QUARTERS])
     for k, (dx, dy) in enumerate(steps.tolist()):
         beam_returns(
-            ground.environment, ground.scanner, ground.table, x + dx, y + dy, angle,
+            context.environment, context.scanner, context.table, x + dx, y + dy, angle,
             data[k * count : (k + 1) * count],
         )  # fmt: skip
         if k > 0:
             stands = can_stand(
-                ground.environment, ground.full_scanner, x + dx, y + dy, angle, robot
+                context.environment, context.full_scanner, x + dx, y + dy, angle, robot
             )
             rows[stands, k - 1] = k * count + np.flatnonzero(stands)
     nowhere = (rows < 0).all(axis=1)
@@ -181,11 +183,11 @@ def expected_evidence(odd: float) -> tuple[float, float]:
 def _known_pose(table: BeamTable) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Of each beam what small differences count and 1 / the most it tells, shape (P,)."""
     caps, which = np.unique(table.inverse_cap, return_inverse=True)
-    told = np.ones((len(caps), 2))
+    known = np.ones((len(caps), 2))
     for k, inverse in enumerate(caps.tolist()):
         if inverse > 0.0:  # it is 0 for padding
-            told[k] = expected_evidence(math.exp(-1.0 / inverse))
-    share, cap = told[which].T.astype(np.float32)
+            known[k] = expected_evidence(math.exp(-1.0 / inverse))
+    share, cap = known[which].T.astype(np.float32)
     return share, 1.0 / cap
 
 
@@ -201,8 +203,8 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
     # As in `evidence_table`.
     z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
     rows = []
-    for wide, told in kinds.tolist():
-        apart = z / math.sqrt(2.0 * told)
+    for wide, kept in kinds.tolist():
+        apart = z / math.sqrt(2.0 * kept)
         rows.append(evidence(apart, wide) / (apart * apart / 4.0))
     return np.array(rows, dtype=np.float32)[beam.reshape(-1)]
 
@@ -210,7 +212,7 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
 def _known(
     data: NDArray[np.float32], table: BeamTable, share: NDArray[np.float32], people: float
 ) -> NDArray[np.float32]:
-    """Beam returns with twice the evidence, as at a known pose, as far as nobody is in the way."""
+    """Beam returns with twice the evidence, as at a known pose, as far as no one is in between."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
     data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)

@@ -27,7 +27,7 @@ WHOLE = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class LayerContext:
     """An environment, the beams that take part, and the poses of a map: P free cells, K headings.
 
     Free cells are numbered row by row, as in `Lattice.index`. Casts are made when they are asked
@@ -57,7 +57,7 @@ class Ground:
     _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(cls, amap: AmbiguityMap, environment: Environment | None = None) -> Ground:
+    def of(cls, amap: AmbiguityMap, environment: Environment | None = None) -> LayerContext:
         """Take everything from a map.
 
         Args:
@@ -68,11 +68,11 @@ class Ground:
         Raises:
             InputError: the map does not say how it was made.
         """
-        told = json.loads(amap.dataset.attrs["parameters"])
+        parameters = json.loads(amap.dataset.attrs["parameters"])
         wanted = {one.name for one in fields(AmbiguityModel)}
-        # Maps made before bodies were told are of none.
-        told.setdefault("robot_radius", 0.0)
-        missing = sorted((wanted | {"beams_used"}) - told.keys())
+        # Maps of earlier versions know of no body.
+        parameters.setdefault("robot_radius", 0.0)
+        missing = sorted((wanted | {"beams_used"}) - parameters.keys())
         if missing or "scanner_yaml" not in amap.dataset.attrs:
             raise InputError(
                 f"{amap.source}: its parameters lack {', '.join(missing) or 'the scanner'}, so no "
@@ -94,11 +94,11 @@ class Ground:
         headings = amap.dataset["theta"].values if amap.has_theta else np.zeros(1)
         return cls(
             building,
-            _thinned(scanner, int(told["beams_used"]), amap.source),
+            _thinned(scanner, int(parameters["beams_used"]), amap.source),
             lattice,
             np.asarray(headings, dtype=np.float64),
             amap.has_theta,
-            AmbiguityModel(**{name: told[name] for name in wanted}),
+            AmbiguityModel(**{name: parameters[name] for name in wanted}),
             amap,
             scanner,
         )
@@ -108,7 +108,7 @@ class Ground:
         """All beams of the scanner, mounted as those of `scanner` are."""
         return self.mounted or self.scanner
 
-    def over(self, lattice: Lattice) -> Ground:
+    def over(self, lattice: Lattice) -> LayerContext:
         """The same on another lattice, less the points at which the robot cannot stand.
 
         Raises:

@@ -7,7 +7,7 @@ import importlib
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.maps import schema
+from ambinav.maps.core_layers import CORE_LAYERS, LayerRecord
 from ambinav.sensing.scanner import RangeScanner
 
 ALL: Final = "all"
@@ -42,18 +43,16 @@ def any_scanner(scanner: RangeScanner) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layer:
+class Layer(LayerRecord):
     """A measure of how well a robot is localized at a pose, computed for a whole map.
 
+    Its `worse` is one of the two ends.
+
     Attributes:
-        name: Lower-case letters, digits and underscores; the variable in the map's dataset.
-        title: What legends call it, without the unit.
-        unit: "m", "1", "bits" ...
-        source: Paper and equation, in a line.
-        worse: Which end means badly localized.
-        compute: From the `Ground` and the layer's own keyword options to arrays, the layer under
-            its name and each companion under its own; float32, shape (ny, nx), or (ny, nx, K)
-            for K headings; NaN where the lattice is not free (`Ground.spread` makes them).
+        compute: From the `LayerContext` and the layer's own keyword options to arrays, the layer
+            under its name and each companion under its own; float32, shape (ny, nx), or
+            (ny, nx, K) for K headings; NaN where the lattice is not free (`LayerContext.spread`
+            makes them).
         why_not: Why a scanner cannot have it, as a sentence, or None.
         companions: Title and unit of each further array that `compute` gives. Their names begin
             with the layer's and an underscore; one that ends in "_direction" is an axis
@@ -62,11 +61,6 @@ class Layer:
         slow: Left out of `ALL`; it has to be named.
     """
 
-    name: str
-    title: str
-    unit: str
-    source: str
-    worse: Literal["high", "low"]
     compute: Callable[..., Mapping[str, NDArray[np.float32]]]
     why_not: Callable[[RangeScanner], str | None] = any_scanner
     companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -136,7 +130,7 @@ def check_known(name: str) -> None:
     Raises:
         InputError: no map can; the nearest names are offered.
     """
-    known = {*schema.REQUIRED_LAYERS, "heading", "heading_radius", "unknown", *layers()}
+    known = {*CORE_LAYERS, *layers()}
     if schema.base_name(name) not in known:
         raise InputError(f"layer {name!r} is unknown; {nearest(name, known)}.")
 

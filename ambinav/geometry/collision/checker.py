@@ -39,7 +39,7 @@ class CollisionChecker:
 
     A pose is free if the reference point lies in the free space, in no forbidden cell, and no
     segment (a wall, a wall without thickness, or the frontier to unknown space) touches the
-    footprint. A motion is free if that holds all the way.
+    footprint. A motion is free if that holds all along it.
 
     Segments and free space are those of `Environment.collision`: in an occupancy map no footprint
     covers any part of an occupied cell. Only a simulated world, whose walls are what rays meet,
@@ -47,7 +47,7 @@ class CollisionChecker:
 
     - A disc of radius r is free at a clearance of exactly r (as `Environment.is_free`). All its
       motions are checked exactly; they may come 1e-9 m nearer.
-    - A polygon that keeps its heading is checked exactly. One that turns on its way may be called
+    - A polygon that keeps its heading is checked exactly. One that turns as it moves may be called
       blocked within 1 mm of a wall (`polygon_sweep.SKIN`), never free where it is not.
     - In the space r2 the robot turns on the spot between two motions. A pose of a polygon is free
       there only if the polygon can turn full circle; between poses only its outline counts.
@@ -206,11 +206,11 @@ class CollisionChecker:
             return f"{away}, the footprint needs {need:.3f} m to turn on the spot"
         return f"{_metres(gap, need)} from {what}, which the footprint touches at this heading"
 
-    def _is_unknown(self, way: shapely.LineString) -> bool:
-        """Whether a way to what is nearest ends at the frontier to unknown space."""
+    def _is_unknown(self, line: shapely.LineString) -> bool:
+        """Whether a line to what is nearest ends at the frontier to unknown space."""
         segments = self.environment.segments
         lines = shapely.linestrings(segments.xy.reshape(-1, 2, 2))
-        away = shapely.distance(lines, shapely.get_point(way, -1))
+        away = shapely.distance(lines, shapely.get_point(line, -1))
         k = int(away.argmin())
         return bool(away[k] <= SAME_LINE and segments.kind[k] == FRONTIER)
 

@@ -66,7 +66,7 @@ def polygon_clear(
 ):  # fmt: skip
     """Whether the footprint meets no wall along a path, given as in `disc_sweep.clear_along`.
 
-    The robot has the heading in radians at the start and turns evenly by `turn` on the way. The
+    The robot has the heading in radians at the start and turns evenly by `turn` on its motion. The
     first `share` of the path is known to be clear. `touch` metres count as touching.
     """
     # No point of the footprint is further away from where the middle heading puts it.

@@ -1,4 +1,4 @@
-"""Which floor a robot can reach: where a disc fits, and what hangs together of that.
+"""Which floor a robot can reach: where a disc fits, and what of that is connected.
 
 The centre of a disc of radius r may stand wherever every obstacle is at least r away: in the free
 space shrunk by r (its erosion, Lozano-Perez 1983: configuration space). Two places of it are

@@ -133,9 +133,9 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
             if signed == 0.0:
                 continue
             # In reverse the robot travels the other way, and what was left is right.
-            way = 1.0 if signed > 0.0 else -1.0
-            ux, uy, bend = way * math.cos(t), way * math.sin(t), way * curvature
-            length, turn = way * signed, signed * curvature
+            sign = 1.0 if signed > 0.0 else -1.0
+            ux, uy, bend = sign * math.cos(t), sign * math.sin(t), sign * curvature
+            length, turn = sign * signed, signed * curvature
             if not _piece_free(x, y, ux, uy, bend, length, t, turn, table, bound, forbidden):
                 return False
             x, y = place(x, y, ux, uy, bend, length)

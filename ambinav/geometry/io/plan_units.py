@@ -94,10 +94,10 @@ def check_frame(where: str, crs: object, unit: str | None, notes: list[str]) -> 
             f"{where}: crs {name!r} is longitude and latitude in degrees; project the plan to "
             "metres first, e.g. to the UTM zone of the place."
         )
-    told = reprlib.repr(name) if name else reprlib.repr(crs)
+    named = reprlib.repr(name) if name else reprlib.repr(crs)
     stretched = " (which web Mercator stretches by 1 / cos(latitude))" if last in _MERCATOR else ""
     note = (
-        f"{where}: crs {told} is not used; coordinates count as {unit or 'metres'} in the map "
+        f"{where}: crs {named} is not used; coordinates count as {unit or 'metres'} in the map "
         f"frame{stretched}."
     )
     warnings.warn(note, InputWarning, stacklevel=3)

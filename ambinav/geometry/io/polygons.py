@@ -42,7 +42,7 @@ DEPTH: Final = {
 }
 
 
-class _Said(NamedTuple):
+class _Tags(NamedTuple):
     """What the properties of a feature say of its geometry.
 
     Attributes:
@@ -62,7 +62,7 @@ class _Item:
 
     label: str
     geometry: BaseGeometry
-    said: _Said
+    tags: _Tags
 
 
 def load_polygons(
@@ -96,7 +96,7 @@ def load_polygons(
 
     Raises:
         InputError: The file cannot be read, is not GeoJSON or WKT, is in degrees or in a unit
-            that has to be told, there is no such level or several, or `environment_from_shapes`
+            that has to be stated, there is no such level or several, or `environment_from_shapes`
             cannot use what is in it.
 
     Warns:
@@ -120,10 +120,10 @@ def load_polygons(
         document = _json(path, text)
         check_frame(f"{path}", document.get("crs"), unit, notes)
         bbox = _box(path, document.get("bbox"))
-        items = list(_from_geojson(f"{path}", document, _Said()))
+        items = list(_from_geojson(f"{path}", document, _Tags()))
     items = _without_points(path, items, notes)
     check_size(f"{path}", _sizes(items, bbox), unit)
-    names = in_order(name for item in items for name in item.said.levels)
+    names = in_order(name for item in items for name in item.tags.levels)
     floor = chosen_level(f"{path}", names, level)
     items = _scaled(_on_floor(path, items, names, floor, notes), scale)
     shapes: dict[str, list[BaseGeometry]] = {kind: [] for kind in KINDS}
@@ -132,8 +132,8 @@ def load_polygons(
     # What is read of the file depends on both.
     checksum = sha256(path)
     if len(names) > 1 or scale != 1.0:
-        told = f"{checksum} level={floor} unit={unit}"
-        checksum = hashlib.sha256(told.encode()).hexdigest()
+        read = f"{checksum} level={floor} unit={unit}"
+        checksum = hashlib.sha256(read.encode()).hexdigest()
     return environment_from_shapes(
         shapes["room"],
         shapes["obstacle"],
@@ -181,7 +181,7 @@ def _is_number(value: object) -> bool:
         return False
 
 
-def _from_geojson(label: str, node: object, said: _Said) -> Iterator[_Item]:
+def _from_geojson(label: str, node: object, tags: _Tags) -> Iterator[_Item]:
     """All geometries below a GeoJSON object."""
     if not isinstance(node, dict):
         raise InputError(f"{label} is {reprlib.repr(node)}; it must be a GeoJSON object.")
@@ -192,15 +192,15 @@ def _from_geojson(label: str, node: object, said: _Said) -> Iterator[_Item]:
         if not isinstance(members, list):
             raise InputError(f"{label}: {key} is {reprlib.repr(members)}; it must be a list.")
         for k, member in enumerate(members):
-            yield from _from_geojson(f"{label}: {child} {k + 1}", member, said)
+            yield from _from_geojson(f"{label}: {child} {k + 1}", member, tags)
     elif what == "Feature":
         properties = node.get("properties") or {}
         if not isinstance(properties, dict):
             raise InputError(f"{label}: properties must be an object or null.")
-        said = _properties(label, properties)
+        tags = _properties(label, properties)
         if node.get("geometry") is None:
             raise InputError(f"{label} has no geometry; give it one or remove it.")
-        yield from _from_geojson(label, node["geometry"], said)
+        yield from _from_geojson(label, node["geometry"], tags)
     elif isinstance(what, str) and what in DEPTH:
         _check_coordinates(label, node.get("coordinates"), DEPTH[what])
         try:
@@ -210,7 +210,7 @@ def _from_geojson(label: str, node: object, said: _Said) -> Iterator[_Item]:
             raise InputError(
                 f"{label}: the coordinates make no {what} ({reason}); correct them."
             ) from error
-        yield _Item(label, checked(label, geometry), said)
+        yield _Item(label, checked(label, geometry), tags)
     else:
         raise InputError(
             f"{label}: type is {reprlib.repr(what)}; it must be a FeatureCollection, a Feature or "
@@ -218,7 +218,7 @@ def _from_geojson(label: str, node: object, said: _Said) -> Iterator[_Item]:
         )
 
 
-def _properties(label: str, properties: dict[str, Any]) -> _Said:
+def _properties(label: str, properties: dict[str, Any]) -> _Tags:
     """What a feature says of its geometry."""
     kind = properties.get("kind")
     if kind is not None and kind not in KINDS:
@@ -231,7 +231,7 @@ def _properties(label: str, properties: dict[str, Any]) -> _Said:
         raise InputError(
             f"{label}: thickness is {reprlib.repr(thickness)}; it must be at least 0 m."
         )
-    return _Said(kind, float(thickness), levels_of(label, properties.get("level")))
+    return _Tags(kind, float(thickness), levels_of(label, properties.get("level")))
 
 
 def _check_coordinates(label: str, node: object, depth: int) -> None:
@@ -284,7 +284,7 @@ def _leaves(label: str, geometry: BaseGeometry) -> Iterator[_Item]:
         for k, part in enumerate(geometry.geoms):
             yield from _leaves(f"{label}: geometry {k + 1}", part)
     elif geometry.geom_type in DEPTH:
-        yield _Item(label, checked(label, geometry), _Said())
+        yield _Item(label, checked(label, geometry), _Tags())
     elif geometry.is_empty:
         raise InputError(f"{label} is empty; give it points or remove it.")
     else:
@@ -308,8 +308,8 @@ def _sizes(items: list[_Item], bbox: list[float] | None) -> Sizes:
     drawn = [item.geometry for item in items]
     if bbox is not None and all(g.geom_type in LINES for g in drawn):
         drawn.append(shapely.box(*bbox))  # it is the room
-    openings = [item.geometry.length for item in items if item.said.kind == "opening"]
-    return Sizes(drawn, [item.said.thickness for item in items], openings)
+    openings = [item.geometry.length for item in items if item.tags.kind == "opening"]
+    return Sizes(drawn, [item.tags.thickness for item in items], openings)
 
 
 def _on_floor(
@@ -318,8 +318,8 @@ def _on_floor(
     """The items of a floor, those without a level included."""
     if floor is None:
         return items
-    kept = [item for item in items if not item.said.levels or floor in item.said.levels]
-    shared = sum(not item.said.levels for item in kept)
+    kept = [item for item in items if not item.tags.levels or floor in item.tags.levels]
+    shared = sum(not item.tags.levels for item in kept)
     if shared and len(names) > 1:
         note = (
             f"{path}: {shared} of {len(kept)} features on level {floor} have no level of their own "
@@ -338,7 +338,7 @@ def _scaled(items: list[_Item], scale: float) -> list[_Item]:
         _Item(
             item.label,
             shapely.transform(item.geometry, lambda points: points * scale),
-            item.said._replace(thickness=item.said.thickness * scale),
+            item.tags._replace(thickness=item.tags.thickness * scale),
         )
         for item in items
     ]
@@ -348,7 +348,7 @@ def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[str, BaseGeo
     """Each item's kind and geometry, its polygons sound; thick walls become obstacles."""
     sound = []
     for item in items:
-        kind = item.said.kind
+        kind = item.tags.kind
         wanted = LINES if kind in ("wall", "opening") else POLYGONS
         if kind is not None and item.geometry.geom_type not in wanted:
             raise InputError(
@@ -360,20 +360,20 @@ def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[str, BaseGeo
             geometry = sound_polygon(item.label, geometry, notes)
         sound.append((item, geometry))
     around = [
-        g for item, g in sound if g.geom_type in POLYGONS and item.said.kind in (None, "room")
+        g for item, g in sound if g.geom_type in POLYGONS and item.tags.kind in (None, "room")
     ]
     tree = shapely.STRtree(around)
     for item, geometry in sound:
-        kind = item.said.kind
+        kind = item.tags.kind
         if kind is None and geometry.geom_type in POLYGONS:
             # Twice the same polygon is one room, not a room filled by an obstacle.
             covering = tree.query(geometry, predicate="covered_by")
             inside = any(around[k].area > geometry.area for k in covering)
             kind = "obstacle" if inside else "room"
-        if kind in (None, "wall") and item.said.thickness > 0.0:
+        if kind in (None, "wall") and item.tags.thickness > 0.0:
             kind = "obstacle"
             geometry = shapely.buffer(
-                geometry, 0.5 * item.said.thickness, cap_style="flat", join_style="mitre"
+                geometry, 0.5 * item.tags.thickness, cap_style="flat", join_style="mitre"
             )
             if geometry.is_empty:
                 raise InputError(f"{item.label} has no length; give it two different points.")

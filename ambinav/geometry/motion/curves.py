@@ -13,8 +13,8 @@ from ambinav.geometry.motion.dubins import shortest_dubins
 from ambinav.geometry.motion.reeds_shepp import reeds_shepp_pieces, shortest_reeds_shepp
 from ambinav.kernels import kernel
 
-# Kinds of motion. FACING: straight, looking along the way. STRAIGHT: straight, the heading turns
-# evenly from one end's to the other's, the short way round.
+# Kinds of motion. FACING: straight, heading in the direction of travel. STRAIGHT: straight, the
+# heading turns evenly from one end's to the other's, the short way round.
 FACING, STRAIGHT, DUBINS, REEDS_SHEPP = range(4)
 
 

@@ -115,10 +115,10 @@ class Steering:
             raise InputError(f"step is {step}; give a positive number of metres.")
         if len(route) < 2:
             return route, np.zeros(len(route), dtype=np.int32), np.zeros(len(route))
-        told = self.kind, self.kernel_radius, route, float(step)
-        count = _trace_all(*told, *_nothing())
+        motions = self.kind, self.kernel_radius, route, float(step)
+        count = _trace_all(*motions, *_nothing())
         out, leg, along = np.empty((count, 3)), np.empty(count, dtype=np.int32), np.empty(count)
-        _trace_all(*told, out, leg, along)
+        _trace_all(*motions, out, leg, along)
         return out, leg, along
 
     def oriented(self, poses: ArrayLike) -> Floats:

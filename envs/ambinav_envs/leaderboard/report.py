@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-import ambinav
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.drawing import save_figure
@@ -17,6 +16,7 @@ from ambinav.pages import fill
 from ambinav.provenance import discard_stale
 from ambinav.runfolder import NAME as LOCK
 from ambinav.runfolder import only_one
+from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
 from ambinav_envs.leaderboard.figures import (
@@ -110,7 +110,7 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
     """All figures with intervals and differences, and how they came about."""
     told = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "ambinav": ambinav.__version__,
+        "ambinav": __version__,
         "episodes": board.episodes,
         "seed": board.seed,
         "options": dict(board.options),

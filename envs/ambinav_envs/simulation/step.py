@@ -16,7 +16,7 @@ from ambinav.kernels import kernel
 from ambinav.localization.ekf_update import scratch_for, update_pose
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.random import ziggurat
-from ambinav.service.field import integral_straight
+from ambinav.service.motion import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
 from ambinav_envs.simulation.fixed import eyes_at, memory_at
 from ambinav_envs.simulation.ground import (

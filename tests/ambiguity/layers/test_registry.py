@@ -13,14 +13,14 @@ import pytest
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import registry
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer, chosen_layers, layer, layers, register
 from ambinav.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 
 
-def to_the_right(ground: Ground) -> dict[str, np.ndarray]:
+def to_the_right(ground: LayerContext) -> dict[str, np.ndarray]:
     x, _ = ground.points
     return {"to_the_right": ground.spread(x)}
 

@@ -16,26 +16,26 @@ q's cell, so the sums are integrals over poses.) In a building that repeats n ti
 however sharply a scan tells the position, up to what the linear model of a cell loses at twins
 between lattice points (docs/layers.md).
 `aliasing_area` is the literal answer, far(p) times the area of a cell: how many square metres
-beyond R give the same scan. It is small where scans are sharp, for then a look-alike is a point.
+beyond R give the same scan. It is small where scans are sharp, for then an aliased pose is a point.
 
 * **Turns.** A scanner that looks all around (`RangeScanner.turns_in_place`) is turned in
   the n steps that give the same beams again, its scan shifted; each stands for the turns half a
   step to both sides, as a cell stands for its poses. Other scanners are compared at the map's
-  headings, each within its `sigma_theta`; a look-alike at a heading between them is missed.
+  headings, each within its `sigma_theta`; an aliased pose at a heading between them is missed.
 * **Within a cell** I is the two-step Laplace integral of `kernel.compare`. All of it is
   needed: without the offset, twin rooms that are no multiple of the spacing apart would not be
   twins; with each beam moved on its own instead of all together, every fifth pair of poses in an
   office would be alike.
 * **Least likeness.** A pair counts if its scans, at the best offset, are alike to at least 1 in
-  100, the offset's own improbability included (Phi <= ln 100, see `aliasing_signature`); less is
+  100, the offset's own improbability included (Phi <= ln 100, see `aliasing.signature`); less is
   0. Otherwise the many poses that are very unlike would weigh as much as the few that are alike.
 * **Unknown space.** A pose with half of its beams or more ending there (the map's `unexplored`)
-  takes no part: as a look-alike it would be like everything. Its own `aliasing` is 1, for nothing
-  is told there. Nor does a pose that is impossible (`standing`), which has no value.
+  takes no part: as an aliased pose it would be like everything. Its own `aliasing` is 1, for
+  nothing is known there. Nor does a pose that is impossible (`standing`), which has no value.
 
-Look-alikes are listed by likeness, exp(- capped evidence / tau) at the best offset, 1 for the same
-scan, each farther than R from p and from those before it. The search is exact; what makes it fast
-is in `aliasing_signature`, with proofs.
+Aliased poses are listed by likeness, exp(- capped evidence / tau) at the best offset, 1 for the
+same scan, each farther than R from p and from those before it. The search is exact; what makes it
+fast is in `aliasing.signature`, with proofs.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from ambinav.ambiguity.layers.aliasing.kernel import COMPARED, orbit_rows, searc
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.aliasing.tree import Tree
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.errors import InputError
 
@@ -65,14 +65,14 @@ SIDE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class LookAlikes:
+class AliasedPoses:
     """What looks like each of N poses: P free cells, times K headings where these matter.
 
     Attributes:
         share: `aliasing`, shape (P, K); NaN at impossible poses.
         area: `aliasing_area`, square metres, shape (P, K); NaN at these and in unexplored cells.
-        found: Up to `count` look-alikes, float64, shape (P, K, count, 4): x and y (metres), turn
-            from the pose's heading to that of the look-alike (radians, in (-pi, pi]), likeness.
+        found: Up to `count` aliased poses, float64, shape (P, K, count, 4): x and y (metres), turn
+            from the pose's heading to that of the aliased pose (radians, in (-pi, pi]), likeness.
             NaN where there are no more.
         left: How many pairs of poses and turns each step left: signature and count of the bundle,
             count, gap, and, of these compared in full, the alike ones; int64, shape (4,).
@@ -89,24 +89,24 @@ class LookAlikes:
         return int(self.left[COMPARED])
 
 
-def look_alikes(
-    ground: Ground,
+def aliased_poses(
+    context: LayerContext,
     count: int = 1,
     *,
     least: float = LEAST_LIKENESS,
     place: NDArray[np.int32] | None = None,
     sought: NDArray[np.bool_] | None = None,
     report: Callable[[float], None] | None = None,
-) -> LookAlikes:
+) -> AliasedPoses:
     """Find what looks like each pose of a map.
 
     Args:
-        ground: The map's ground.
-        count: How many look-alikes to list of each pose, at least 1.
+        context: The map's context.
+        count: How many aliased poses to list of each pose, at least 1.
         least: Likeness from which a pair counts, in (0, 1).
-        place: Number of the place that each cell lies in, shape (P,); look-alikes in the pose's
+        place: Number of the place that each cell lies in, shape (P,); aliased poses in the pose's
             own place are not listed where the number is above 0. They count all the same.
-        sought: Cells whose look-alikes are sought, on all the map, shape (P,); None: all. The
+        sought: Cells whose aliased poses are sought, on all the map, shape (P,); None: all. The
             share and the area of others are NaN, and nothing is listed.
         report: Called with the share done.
 
@@ -115,9 +115,9 @@ def look_alikes(
     """
     if not 0.0 < least < 1.0:
         raise InputError(f"least is {least}; give a likeness between 0 and 1, such as 0.01.")
-    scans = Scans.of(ground)
+    scans = Scans.of(context)
     threshold = -math.log(least)
-    poses, cells = len(scans.x), len(ground.points[0])
+    poses, cells = len(scans.x), len(context.points[0])
     mass = np.zeros((poses, 2))
     found = np.full((poses, count, 4), np.nan)
     explored = np.flatnonzero(scans.explored)
@@ -139,7 +139,7 @@ def look_alikes(
             poses_of = np.concatenate(some).astype(np.int32)
             begins = np.cumsum([0, *(len(bundle) for bundle in some)])
             mass[poses_of], found[poses_of], steps = search(
-                poses_of, begins, scans, rows, signatures, tree, places[scans.cell], ground.radius,
+                poses_of, begins, scans, rows, signatures, tree, places[scans.cell], context.radius,
                 threshold, count,
             )  # fmt: skip
             left += steps.sum(axis=0)
@@ -148,14 +148,14 @@ def look_alikes(
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
     share[~scans.possible] = np.nan
-    area = np.where(scans.explored, mass[:, 1] * ground.spacing**2, np.nan)
+    area = np.where(scans.explored, mass[:, 1] * context.spacing**2, np.nan)
     if sought is not None:
         share[~sought[scans.cell]] = area[~sought[scans.cell]] = np.nan
     found[:, :, 2] = math.pi - np.mod(math.pi - found[:, :, 2], 2.0 * math.pi)
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
-    wide = (cells, len(ground.headings))
-    return LookAlikes(
+    wide = (cells, len(context.headings))
+    return AliasedPoses(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
         np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
@@ -178,20 +178,20 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
     return np.floor(y / side + 1e-6), np.floor(x / side + 1e-6)
 
 
-def compute(ground: Ground, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
-    """The layer and its companions; `least` as in `look_alikes`."""
-    alike = look_alikes(ground, least=least)
+def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
+    """The layer and its companions; `least` as in `aliased_poses`."""
+    alike = aliased_poses(context, least=least)
     best = alike.found[:, :, 0]
-    x, y = ground.points
+    x, y = context.points
     apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
     return {
-        "aliasing": ground.spread(alike.share),
-        "aliasing_area": ground.spread(alike.area),
-        "aliasing_x": ground.spread(best[..., 0]),
-        "aliasing_y": ground.spread(best[..., 1]),
-        "aliasing_turn": ground.spread(best[..., 2]),
-        "aliasing_likeness": ground.spread(best[..., 3]),
-        "aliasing_distance": ground.spread(apart),
+        "aliasing": context.spread(alike.share),
+        "aliasing_area": context.spread(alike.area),
+        "aliasing_x": context.spread(best[..., 0]),
+        "aliasing_y": context.spread(best[..., 1]),
+        "aliasing_turn": context.spread(best[..., 2]),
+        "aliasing_likeness": context.spread(best[..., 3]),
+        "aliasing_distance": context.spread(apart),
     }
 
 

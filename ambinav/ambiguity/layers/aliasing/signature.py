@@ -1,4 +1,4 @@
-"""What is told of a scan before it is compared beam by beam, and why that loses no look-alike.
+"""What is known of a scan before it is compared beam by beam, and why that loses no aliased pose.
 
 Let p and q be poses, k a turn of q, and o the offset within q's cell that `compare` finds. The pair
 counts as alike if
