@@ -39,7 +39,7 @@ demo: $(VENV)/.installed-core  ## audit the bundled building, plan through it, d
 	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
 
 demo-routes: $(VENV)/.installed-core
-	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) --map "$(OUT)/map.zarr" \
+	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) --save-map "$(OUT)/map.zarr" \
 		-o "$(OUT)/report"
 	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --shortest \
 		-o "$(OUT)/route.csv" --picture "$(OUT)/routes.png"

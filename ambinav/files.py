@@ -77,6 +77,12 @@ def replacing(path: Path) -> Iterator[Path]:
         _put(fresh, path, scratch / ".old")
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8, whole or not at all; raises as `replacing` does."""
+    with replacing(path) as fresh:
+        fresh.write_text(text, encoding="utf-8")
+
+
 @contextlib.contextmanager
 def holding_interrupts() -> Iterator[None]:
     """Let Ctrl-C and termination wait until the block is done.

@@ -8,15 +8,15 @@ machine code. Here the stored code is also stamped with a digest of all that wen
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
 import numpy as np
-from numba import njit
+from numba import njit, typeof
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
-from numba.extending import _Intrinsic
+from numba.core.types import BaseTuple
 
 
 @overload
@@ -34,7 +34,10 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
     """
 
     def decorate(plain: Callable[..., Any]) -> Any:
-        compiled = njit(**{"nogil": True, "error_model": "numpy", **options})(plain)
+        # `_nrt` (count references to arrays) is given explicitly: else a callee would inherit it
+        # from whichever caller is compiled first.
+        defaults = {"nogil": True, "error_model": "numpy", "_nrt": True}
+        compiled = njit(**{**defaults, **options})(plain)
         compiled._cache = _CalleeCache(plain)
         return compiled
 
@@ -56,14 +59,12 @@ def digest(function: FunctionType) -> str:
             # How a callee is compiled shows in its callers: inlining, fastmath.
             options, found = found.targetoptions, found.py_func
             parts[f"{_name(found)}: options"] = _constant(options)
-        elif isinstance(found, _Intrinsic):
-            found = found._defn
         if _name(found) in parts:
             continue
         parts[_name(found)] = _code(found.__code__) + _constant(found.__defaults__)
         for key, value in _values(found):
             called = isinstance(value, FunctionType) and _is_ours(value, function)
-            if called or isinstance(value, Dispatcher | _Intrinsic):
+            if called or isinstance(value, Dispatcher):
                 todo.append(value)
             elif isinstance(value, type):
                 # Of a named tuple the order of the fields counts.
@@ -74,6 +75,23 @@ def digest(function: FunctionType) -> str:
     for name in sorted(parts):
         whole.update(name.encode() + b"\0" + parts[name] + b"\0")
     return whole.hexdigest()
+
+
+def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
+    """The machine code of a kernel for arguments of these types, to be called directly.
+
+    Called from Python, a kernel first looks at the types of all its arguments to find the code
+    compiled for them; for a short motion that takes as long as integrating its cost. What is
+    returned skips that, so it must only be called with arguments of exactly these types.
+
+    Args:
+        compiled: A kernel.
+        arguments: Some with which it will be called.
+    """
+    types = tuple(typeof(argument) for argument in arguments)
+    compiled.compile(types)
+    entry: Callable[..., Any] = compiled.overloads[types].entry_point
+    return entry
 
 
 class _CalleeCache(FunctionCache):  # type: ignore[misc]
@@ -93,9 +111,22 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
         self._stamp()
         return super()._load_overload(sig, target_context)
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        # To numba all named tuples of a class are of one type, whatever the order of their fields.
+        return *super()._index_key(sig, codegen), _fields(getattr(sig, "args", sig))
+
     def _save_overload(self, sig: Any, data: Any) -> None:
         self._stamp()
         super()._save_overload(sig, data)
+
+
+def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
+    """Names of the fields of all named tuples among types, and of those within."""
+    return tuple(
+        (getattr(kind, "fields", ()), _fields(kind.types))
+        for kind in kinds
+        if isinstance(kind, BaseTuple)
+    )
 
 
 def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:

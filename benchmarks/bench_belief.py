@@ -33,9 +33,9 @@ from numpy.typing import NDArray
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
-from ambinav.compare.localizer_spec import guide_of, localizer_of
 from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive
+from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
@@ -46,7 +46,8 @@ from ambinav.sensing.scanner import RangeScanner
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import BeliefModel, Growth, std_along
+from ambinav_planners.belief.lattice_search import Growth, std_along
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.search.graph import MotionGraph
 
@@ -162,9 +163,9 @@ def errors_at(
 ) -> Floats:
     """Errors of the estimates where the drives pass the nodes of a route, shape (R, N, 3)."""
     args, number = case
-    guide = localizer_of(guide_of(parameters, noise, ROBOT, RATE), environment, scanner, args.runs)
+    localizer = chosen_localizer(parameters, noise, ROBOT, RATE)
     drives = drive(
-        environment, scanner, ROBOT, route, guide, np.random.default_rng([args.seed, number]),
+        environment, scanner, ROBOT, route, localizer, np.random.default_rng([args.seed, number]),
         args.runs, noise=noise, open_loop=True, rate=RATE, start_std=START_STD,
     )  # fmt: skip
     nodes, truth = cut(route), drives.truth[0]

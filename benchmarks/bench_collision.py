@@ -38,7 +38,7 @@ from ambinav_planners.ompl_setup import prepare
 from ambinav_planners.planning import NotFoundError
 from ambinav_planners.registry import planner
 from ambinav_planners.search.lattice_graph import lattice_of
-from ambinav_planners.search.reachability import NoWayError
+from ambinav_planners.search.reachability import NoPathError
 
 sys.path.insert(0, str(ROOT))
 from tests.geometry.raw_intrusion import ROUNDING, route_intrusion
@@ -146,7 +146,7 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
 
 def reason(error: InputError) -> str:
     """Why there is no route: the robot does not fit at its ends, or no way leads there."""
-    if isinstance(error, NoWayError):
+    if isinstance(error, NoPathError):
         return "no way"
     return "no way over the lattice" if isinstance(error, NotFoundError) else "no place"
 

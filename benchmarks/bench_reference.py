@@ -26,7 +26,7 @@ from plan_case import RADIUS, pairs, service
 
 import ambinav as an
 from ambinav.errors import InputError
-from ambinav_planners import NotFoundError, NoWayError, RoutePlanner
+from ambinav_planners import NoPathError, NotFoundError, RoutePlanner
 from ambinav_planners.search.limit import longest_bad
 
 BAD_LEVEL = 0.4
@@ -167,7 +167,7 @@ def cost_of(robot: RoutePlanner, start: Any, goal: Any, name: str, **budget: Any
     """Cost of the route that a planner finds; None for none."""
     try:
         return robot.plan(start, goal, planner_name=name, **budget).cost
-    except (NotFoundError, NoWayError, InputError):
+    except (NotFoundError, NoPathError, InputError):
         return None
 
 

@@ -260,13 +260,14 @@ CASES = {
     "a sensor over a folder": case((*CALIBRATE, "0.01", "-o", "."), nothing, "folder"),
     "spacing larger than the building": case((*FROM_MAP, "--spacing", "40"), nothing,
                                              "--spacing", "40", "map.yaml"),
-    "spacing larger than the plan": case((*FROM_PLAN, "--spacing", "2.9", "--radius", "3"),
+    "spacing larger than the plan": case((*FROM_PLAN, "--spacing", "2.9",
+                                          "--ambiguity-radius", "3"),
                                          lambda f: text("plan.geojson", plan(polygon(
                                              [[0.1, 0.1], [2, 0.1], [2, 0.3], [0.1, 0.1]])))(f),
                                          "--spacing", "2.9", "plan.geojson"),
     "radius below spacing": case((*FROM_PLAN, "--spacing", "1"), nothing, "radius", "0.5", "1"),
-    "radius of too many cells": case((*FROM_PLAN, "--radius", "1000"), nothing, "radius is 1000 m",
-                                     "at most 100 cells, 50 m"),
+    "radius of too many cells": case((*FROM_PLAN, "--ambiguity-radius", "1000"), nothing,
+                                     "radius is 1000 m", "at most 100 cells, 50 m"),
 }  # fmt: skip
 
 

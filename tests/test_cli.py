@@ -81,7 +81,7 @@ def test_audit_writes_a_report(runner, folder):
 
 
 def test_audit_counts_what_the_robot_reaches(runner, folder):
-    result = runner.invoke(app, [*AUDIT, "--robot-radius", "0.25", "--from", "1", "1", "--json"])
+    result = runner.invoke(app, [*AUDIT, "--robot-radius", "0.25", "--start", "1", "1", "--json"])
     assert result.exit_code == 0, result.output
     floor = json.loads(result.stdout)["floor"]
     assert (floor["robot_radius_m"], floor["from_m"]) == (0.25, [1.0, 1.0])
@@ -106,11 +106,11 @@ def test_the_scanner_says_how_large_its_robot_is(runner, folder):
         (["--robot-radius", "0"], "--robot-radius: 0 is not above zero"),
         (["--robot-radius", "nan"], "--robot-radius: nan is not above zero"),
         (["--robot-radius", "3"], "fits nowhere, the widest place takes 1.5 m"),
-        (["--from", "0.1", "1.5"], "0.10 m from a wall, the footprint needs 0.2 m; the nearest"),
-        (["--from", "5", "2.8"], "the nearest place that fits is (5.00, 2.29), 0.51 m away"),
-        (["--from", "-40", "2"], "outside of the map"),
-        (["--from", "nan", "2"], "two finite numbers"),
-        (["--robot-radius", "1", "--from", "8", "1.7"], "the footprint needs 1 m"),
+        (["--start", "0.1", "1.5"], "0.10 m from a wall, the footprint needs 0.2 m; the nearest"),
+        (["--start", "5", "2.8"], "the nearest place that fits is (5.00, 2.29), 0.51 m away"),
+        (["--start", "-40", "2"], "outside of the map"),
+        (["--start", "nan", "2"], "two finite numbers"),
+        (["--robot-radius", "1", "--start", "8", "1.7"], "the footprint needs 1 m"),
     ],
 )
 def test_what_no_robot_can_do_is_refused(runner, folder, options, told):
@@ -129,20 +129,20 @@ def test_map_says_what_its_shares_are_of(runner, folder):
 
 
 def test_audit_stores_the_map_that_map_makes(runner, folder):
-    result = runner.invoke(app, [*AUDIT, "--map", "audit.zarr"])
+    result = runner.invoke(app, [*AUDIT, "--save-map", "audit.zarr"])
     assert result.exit_code == 0 and "map: audit.zarr" in result.output
     runner.invoke(app, ["map", *AUDIT[1:4], "-o", "map.zarr", "--spacing", "0.2"])
     one, other = AmbiguityMap.open("audit.zarr"), AmbiguityMap.open("map.zarr")
     assert one.dataset.equals(other.dataset)
     (folder / "notes").mkdir()
     (folder / "notes" / "a.txt").write_text("mine")
-    result = runner.invoke(app, [*AUDIT, "--map", "notes"])
+    result = runner.invoke(app, [*AUDIT, "--save-map", "notes"])
     assert result.exit_code == 2 and "not an ambiguity map" in result.output
 
 
 def test_audit_keeps_map_and_report_apart(runner, folder):
     for place in ("out", "out/map.zarr"):
-        result = runner.invoke(app, [*AUDIT, "--map", place])
+        result = runner.invoke(app, [*AUDIT, "--save-map", place])
         assert result.exit_code == 2 and "lie one in the other" in result.output
     assert files(folder) == {"plan.geojson", "scanner.yaml"}
 
@@ -186,8 +186,8 @@ BAD = {
     "spacing 0": ([*AUDIT, "--spacing", "0"], "--spacing: 0"),
     "spacing nan": ([*AUDIT, "--spacing", "nan"], "--spacing: nan"),
     "spacing too large": ([*AUDIT, "--spacing", "50"], "larger than the building"),
-    "radius negative": ([*MAP, "--radius", "-1"], "--radius: -1"),
-    "radius inf": ([*MAP, "--radius", "inf"], "--radius: inf"),
+    "radius negative": ([*MAP, "--ambiguity-radius", "-1"], "--ambiguity-radius: -1"),
+    "radius inf": ([*MAP, "--ambiguity-radius", "inf"], "--ambiguity-radius: inf"),
     "map-std negative": ([*MAP, "--map-std", "-0.1"], "--map-std: -0.1"),
     "no headings": ([*MAP, "--headings", "0"], "--headings: 0"),
     "robot radius negative": ([*MAP, "--robot-radius", "-0.2"], "--robot-radius: -0.2"),

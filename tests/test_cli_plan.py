@@ -16,7 +16,7 @@ from ambinav_planners import planners
 
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
 PLAN = ("plan", "map.zarr", *ENDS, "--time", "0.3")
-NO_WAY = ("plan", "map.zarr", "--start", "1", "1", "--goal", "14", "1", "--time", "0.2")
+NO_PATH = ("plan", "map.zarr", "--start", "1", "1", "--goal", "14", "1", "--time", "0.2")
 
 
 @pytest.fixture
@@ -109,8 +109,8 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
         app,
         [
             *PLAN, "-o", "r.json", "--space", "reeds-shepp", "--turning-radius", "0.3",
-            "--headings", "90", "180", "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2",
-            "--time", "1", "--clearance-weight", "1",
+            "--start-heading", "90", "--goal-heading", "180", "--time", "1",
+            "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2", "--clearance-weight", "1",
         ],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
@@ -132,32 +132,32 @@ def test_seeds_and_iterations(runner: CliRunner, plan_folder: Path) -> None:
 
 
 @pytest.mark.parametrize("more", [[], ["-p", "reference"], ["--pareto", "-p", "reference"]])
-def test_no_way_is_drawn(runner: CliRunner, plan_folder: Path, more: list[str]) -> None:
+def test_no_path_is_drawn(runner: CliRunner, plan_folder: Path, more: list[str]) -> None:
     output = "front" if "--pareto" in more else "route.csv"
-    result = runner.invoke(app, [*NO_WAY, "-o", output, *more])
+    result = runner.invoke(app, [*NO_PATH, "-o", output, *more])
     assert result.exit_code == 2, result.output
     (error,) = result.stderr.splitlines()
     assert error.startswith(
-        "ambinav: error: no way leads from the start (1, 1) to the goal (14, 1)"
+        "ambinav: error: no path leads from the start (1, 1) to the goal (14, 1)"
     )
-    picture = f"{Path(output).stem}-no-way.png"
+    picture = f"{Path(output).stem}-no-path.png"
     assert f"The parts are drawn in {picture}." in error
     assert is_picture(plan_folder / picture)
     assert files(plan_folder) == {"map.zarr", "notes.txt", picture}
 
 
-def test_no_way_in_the_picture_asked_for(runner: CliRunner, plan_folder: Path) -> None:
-    result = runner.invoke(app, [*NO_WAY, "-o", "new/route.csv", "--picture", "parts.pdf"])
+def test_no_path_in_the_picture_asked_for(runner: CliRunner, plan_folder: Path) -> None:
+    result = runner.invoke(app, [*NO_PATH, "-o", "new/route.csv", "--picture", "parts.pdf"])
     assert result.exit_code == 2
     assert "drawn in parts.pdf." in result.stderr
     assert files(plan_folder) == {"map.zarr", "notes.txt", "parts.pdf"}
 
 
-def test_no_way_beside_an_output_in_a_new_folder(runner: CliRunner, plan_folder: Path) -> None:
-    result = runner.invoke(app, [*NO_WAY, "-o", "new/route.csv"])
+def test_no_path_beside_an_output_in_a_new_folder(runner: CliRunner, plan_folder: Path) -> None:
+    result = runner.invoke(app, [*NO_PATH, "-o", "new/route.csv"])
     assert result.exit_code == 2, result.output
-    assert "drawn in new/route-no-way.png." in result.stderr
-    assert files(plan_folder / "new") == {"route-no-way.png"}
+    assert "drawn in new/route-no-path.png." in result.stderr
+    assert files(plan_folder / "new") == {"route-no-path.png"}
 
 
 def test_planners_are_listed(runner: CliRunner) -> None:

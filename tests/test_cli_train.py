@@ -60,7 +60,7 @@ def test_json_is_one_line_and_nothing_else(runner: CliRunner, folder: Path) -> N
     [
         (["none.yaml", "-o", "out"], "none.yaml: the file cannot be read"),
         (["bad.yaml", "-o", "out"], "bad.yaml: the key 'stepz' is unknown; did you mean steps"),
-        (["tiny.yaml", "-o", "tiny.yaml"], "a file is there"),
+        (["tiny.yaml", "-o", "tiny.yaml"], "this is a file, not a folder"),
         (["tiny.yaml", "-o", "tiny.yaml/out"], "is a file, not a folder"),
         (["tiny.yaml", "-o", "out", "--resume"], "no training is there to be resumed"),
         (["tiny.yaml", "-o", "out", "--steps", "0"], "--steps: 0 is not above zero"),

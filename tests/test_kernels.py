@@ -9,7 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from ambinav.kernels import kernel
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (ROOT / "ambinav", ROOT / "planners", ROOT / "envs")
@@ -45,6 +48,23 @@ def innermost(x):
 @kernel
 def inner(x):
     return innermost(x)
+"""
+
+
+READER = """
+from typing import NamedTuple
+from ambinav.kernels import kernel
+
+class Pair(NamedTuple):
+    one: float
+    two: float
+
+@kernel
+def first(pair):
+    return pair.one
+
+if __name__ == "__main__":
+    print(first(Pair(one=1.0, two=2.0)), sum(first.stats.cache_hits.values()))
 """
 
 
@@ -115,3 +135,35 @@ def test_every_kernel_knows_its_callees() -> None:
     for package in PACKAGES:
         for path in package.rglob("*.py"):
             assert not plain.search(path.read_text()), f"{path}: use ambinav.kernels.kernel"
+
+
+def test_fields_of_an_argument_may_change_places(tmp_path: Path) -> None:
+    reader, caller = tmp_path / "pairs.py", tmp_path / "reader.py"
+    head, tail = READER.split("@kernel\n")
+    reader.write_text(head)
+    caller.write_text(f"from pairs import Pair, kernel\n\n@kernel\n{tail}")
+    assert run(tmp_path, "reader.py") == [1.0, 0.0]
+    assert run(tmp_path, "reader.py") == [1.0, 1.0]
+    swapped = head.replace("one: float\n    two: float", "two: float\n    one: float")
+    assert swapped != head
+    reader.write_text(swapped)
+    assert run(tmp_path, "reader.py") == [1.0, 0.0]
+
+
+def test_references_are_counted_where_nothing_else_is_said() -> None:
+    @kernel
+    def part(values):
+        return values[1:]
+
+    @kernel(_nrt=False)
+    def outer(values):
+        return part(values)[0]
+
+    values = np.arange(3.0)
+    before = sys.getrefcount(values)
+    assert outer(values) == 1.0
+    # Compiled by a caller that counts nothing; who takes its arrays along needs the count.
+    kept = part(values)
+    assert sys.getrefcount(values) == before + 1
+    del values
+    assert kept.tolist() == [1.0, 2.0]

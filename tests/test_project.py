@@ -88,6 +88,14 @@ def test_public_names():
         assert getattr(ambinav, name).__module__ == module
 
 
+@pytest.mark.parametrize("package", ["ambinav", "ambinav_planners", "ambinav_envs"])
+def test_dir_shows_what_is_public_and_no_more(package):
+    if package == "ambinav_envs":
+        pytest.importorskip("gymnasium")
+    module = importlib.import_module(package)
+    assert dir(module) == sorted(module.__all__)
+
+
 def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'build_mop'"):
         _ = ambinav.build_mop

@@ -25,7 +25,7 @@ from tests.compare.conftest import SCENARIO, write
 ROOT = Path(__file__).parents[1]
 PLACES = {"ambinav": ".", "ambinav_envs": "envs", "ambinav_planners": "planners"}
 UNLISTED = (
-    "ambinav/pages.py",
+    "ambinav/reports/pages.py",
     "ambinav/compare/plans.py",
     "ambinav/geometry/__init__.py",
     "ambinav/sensing/presets/sick-lms111.yaml",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ MOST_CELLS = 100
 
 def build_map(
     env: Environment,
-    scanner: RangeScanner,
+    scanner: RangeScanner | str | Path,
     spacing: float = 0.1,
     radius: float = 0.5,
     headings: int | None = None,
@@ -60,7 +61,7 @@ def build_map(
 
     Args:
         env: The environment.
-        scanner: The scanner.
+        scanner: The scanner, a preset's name (`ambinav presets`), or the path of a scanner file.
         spacing: Distance of the lattice's points, metres.
         radius: Radius of the neighbourhood that a pose is compared with, metres.
         headings: Number of headings, evenly from 0; None: one if the scanner looks all around
@@ -86,9 +87,11 @@ def build_map(
         The map; its dataset's layers are named in `AmbiguityMap`.
 
     Raises:
-        InputError: an argument is out of its range, the scanner cannot have a layer, or the robot
-            can stand nowhere.
+        InputError: an argument is out of its range, there is no such scanner, the scanner cannot
+            have a layer, or the robot can stand nowhere.
     """
+    if not isinstance(scanner, RangeScanner):
+        scanner = RangeScanner.load(scanner)
     names = (layers,) if isinstance(layers, str) else tuple(layers)
     names += tuple({cost_layer(scanner)} - schema.CORE)
     if names:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -10,7 +9,6 @@ from typing import Final
 from ambinav.audit.audit import Audit, axis_degrees, metres2, percent, places_text
 from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.pictures import save_pictures
-from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.floor_parts import unreachable_label
 from ambinav.maps.zones import (
@@ -19,35 +17,18 @@ from ambinav.maps.zones import (
     UNKNOWN_COLOUR,
     UNREACHABLE_COLOUR,
 )
-from ambinav.pages import data_uri, fill
+from ambinav.reports.pages import data_uri, fill
+from ambinav.runfolder import RunFolder
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
-
-
-def check_output(folder: str | Path) -> Path:
-    """Check that a report may be written to `folder`: that nothing else would be lost.
-
-    Returns:
-        The absolute path.
-
-    Raises:
-        InputError: it is a file, or a folder that holds something else than an earlier report.
-    """
-    path = Path(folder).absolute()
-    if not path.exists():
-        return path
-    if not path.is_dir():
-        raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
-    foreign = sorted(item.name for item in path.iterdir() if not _is_ours(item.name))
-    if foreign or (any(path.iterdir()) and not _is_report(path / JSON)):
-        what = f"{foreign[0]} and perhaps more" if foreign else "files"
-        raise InputError(
-            f"{folder}: this folder holds {what}, which is not of an earlier report and would be "
-            "lost; choose a new folder."
-        )
-    return path
+FOLDER: Final = RunFolder(
+    "audit",
+    (JSON, HTML, MARKDOWN, "floor-*.png", "place-*.png"),
+    proof=JSON,
+    format=FORMAT.split("/")[0],
+)
 
 
 def write_report(
@@ -64,9 +45,9 @@ def write_report(
         What report.json holds.
 
     Raises:
-        InputError: see `check_output`; or the place is not writable.
+        InputError: see `RunFolder.check`; or the place is not writable.
     """
-    path = check_output(folder)
+    path = FOLDER.check(folder).absolute()
     report = document(audit)
     with replacing(path) as fresh:
         fresh.mkdir()
@@ -118,19 +99,3 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
 
 def _pictures(report: Document) -> list[str]:
     return [*report.pictures, *(place.picture for place in report.places)]
-
-
-def _is_ours(name: str) -> bool:
-    if name.endswith(".png"):
-        return name.startswith(("floor-", "place-"))
-    return name in (JSON, HTML, MARKDOWN)
-
-
-def _is_report(path: Path) -> bool:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    # Of whichever version: an older report may be replaced.
-    kind = FORMAT.split("/")[0]
-    return isinstance(content, dict) and str(content.get("format")).split("/")[0] == kind

@@ -23,9 +23,7 @@ from ambinav.cli.train import train
 
 app = typer.Typer(
     name="ambinav",
-    help="Perceptual ambiguity maps: where a building leaves a range scanner lost.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -58,7 +56,10 @@ def _main(
         ),
     ] = False,
 ) -> None:
-    """Perceptual ambiguity maps: where a building leaves a range scanner lost."""
+    """Perceptual ambiguity maps: where a building leaves a range scanner lost.
+
+    `ambinav --install-completion` lets the shell complete commands, options, presets and planners.
+    """
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ def audit(
     keep: Annotated[
         Path | None,
         typer.Option(
-            "--map",
+            "--save-map",
             metavar="OUT.zarr",
             help="Store the map too, as `ambinav map` does; an older map there is replaced.",
             show_default="not stored",
@@ -48,7 +48,7 @@ def audit(
         int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
     ] = 10,
     robot_radius: options.RobotRadius = None,
-    start: options.From = None,
+    start: options.Start = None,
     aliasing: Annotated[
         bool | None,
         typer.Option(
@@ -72,10 +72,10 @@ def audit(
         above_zero(robot_radius, "--robot-radius", "0.2")
         if places < 0:
             raise InputError(f"--places: {places} is negative; give 0 or more.")
-        from ambinav.audit.report import check_output
+        from ambinav.audit.report import FOLDER
 
         check_writable(output)
-        check_output(output)
+        FOLDER.check(output)
         if keep is not None:
             from ambinav.maps.store import check_target
 
@@ -84,8 +84,8 @@ def audit(
             map_path, report_path = keep.absolute(), output.absolute()
             if map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path):
                 raise InputError(
-                    f"--map: {keep} and the report's folder {output} lie one in the other; choose "
-                    "another place for the map."
+                    f"--save-map: {keep} and the report's folder {output} lie one in the other; "
+                    "choose another place for the map."
                 )
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing, level, unit)

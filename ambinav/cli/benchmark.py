@@ -129,12 +129,13 @@ def benchmark(
         check_writable(output)
         # The shipped policies, which take part, are trained ones.
         need("the leaderboard", TRAINED)
+        from ambinav.runfolder import WORK
         from ambinav_envs.leaderboard.board import Board, settings_for
         from ambinav_envs.leaderboard.methods import all_methods
-        from ambinav_envs.leaderboard.report import JSON, MARKDOWN, WORK, check_output
+        from ambinav_envs.leaderboard.report import FOLDER, JSON, MARKDOWN
         from ambinav_envs.leaderboard.report import benchmark as run
 
-        check_output(output)
+        FOLDER.check(output)
         count = episodes or (QUICK_EPISODES if quick else EPISODES)
         buildings = QUICK_BUILDINGS if quick else BUILDINGS
         board = Board(
@@ -166,7 +167,7 @@ def _show(rows: Sequence[Row], report: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav_envs.leaderboard.figures import value_text
+    from ambinav.reports.table import value_text
 
     console = Console(highlight=False)
     if not console.is_terminal:

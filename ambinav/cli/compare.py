@@ -52,10 +52,14 @@ def compare(
             "--jobs", "-j", metavar="N", help="Processes that drive.", show_default="all cores"
         ),
     ] = None,
-    runs: Annotated[
+    episodes: Annotated[
         int | None,
         typer.Option(
-            "--runs", metavar="N", help="Drives of each route.", show_default="the scenario's"
+            "--episodes",
+            "-n",
+            metavar="N",
+            help="Drives of each route.",
+            show_default="the scenario's `runs`",
         ),
     ] = None,
     force: options.Force = False,
@@ -70,16 +74,17 @@ def compare(
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """
     with reporting():
-        for option, number in (("--jobs", jobs), ("--runs", runs)):
+        for option, number in (("--jobs", jobs), ("--episodes", episodes)):
             if number is not None and number < 1:
                 raise InputError(f"{option}: {number} is too few; give 1 or more.")
-        from ambinav.compare.report import HTML, WORK, check_output
+        from ambinav.compare.report import FOLDER, HTML
         from ambinav.compare.report import compare as run
         from ambinav.compare.scenario_file import load_scenario
+        from ambinav.runfolder import WORK
 
-        loaded = load_scenario(scenario_file, runs=runs, force=force)
+        loaded = load_scenario(scenario_file, runs=episodes, force=force)
         check_writable(output)
-        check_output(output)
+        FOLDER.check(output)
         try:
             with progress_bars(as_json) as bars:
                 report, rows = run(loaded, output, jobs=jobs or os.cpu_count() or 1, bars=bars)
@@ -102,7 +107,7 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.compare.tables import value_text
+    from ambinav.reports.table import value_text
 
     console = Console(highlight=False)
     for pair, said in verdicts.items():

@@ -132,7 +132,7 @@ def _show(found: Evaluation, output: Path | None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav_envs.leaderboard.figures import value_text
+    from ambinav.reports.table import value_text
 
     row = found.row
     table = Table(box=None, pad_edge=False, show_header=False)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
@@ -20,6 +24,14 @@ LONG_SECONDS = 60.0
 """A map that takes longer is announced."""
 LARGE_BYTES = 4e9
 """A map that takes more memory is announced."""
+
+
+def _complete_preset(begun: str) -> list[str]:
+    """Presets that the shell offers to complete what was begun with."""
+    from ambinav.sensing.presets import preset_names
+
+    return [name for name in preset_names() if name.startswith(begun)]
+
 
 MapFile = Annotated[
     Path,
@@ -37,6 +49,7 @@ Scanner = Annotated[
         metavar="PRESET|FILE",
         help="A preset (see `ambinav presets`) or a scanner .yaml file.",
         show_default=False,
+        autocompletion=_complete_preset,
     ),
 ]
 Level = Annotated[
@@ -63,7 +76,9 @@ Spacing = Annotated[
 Radius = Annotated[
     float,
     typer.Option(
-        "--radius", metavar="M", help="How far around a pose look-alikes are sought, metres."
+        "--ambiguity-radius",
+        metavar="M",
+        help="How far around a pose its scan is compared with others, metres.",
     ),
 ]
 Headings = Annotated[
@@ -71,7 +86,7 @@ Headings = Annotated[
     typer.Option(
         "--headings",
         metavar="N",
-        help="Number of headings of the robot.",
+        help="Number of headings that the map has.",
         show_default="the scanner decides",
     ),
 ]
@@ -103,12 +118,12 @@ RobotRadius = Annotated[
         show_default="the scanner's robot_radius, or 0.2",
     ),
 ]
-From = Annotated[
+Start = Annotated[
     tuple[float, float] | None,
     typer.Option(
-        "--from",
+        "--start",
         metavar="X Y",
-        help="A place that the robot sets out from, metres.",
+        help="Where the robot starts, map frame, metres.",
         show_default="the largest piece of floor",
     ),
 ]
@@ -125,6 +140,47 @@ Force = Annotated[
         "is said.",
     ),
 ]
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose parameters may be groups of options: dataclasses with typer's annotations.
+
+    The command line has the fields of a group as options, in a panel of the help with the title
+    that its `PANEL` gives; the command gets the group.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {}
+    parameters = []
+    for parameter in inspect.signature(command).parameters.values():
+        kind: Any = hints[parameter.name]
+        if not dataclasses.is_dataclass(kind):
+            parameters.append(
+                parameter.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY)
+            )
+            continue
+        groups[parameter.name] = kind
+        types = get_type_hints(kind, include_extras=True)
+        for field in dataclasses.fields(kind):
+            get_args(types[field.name])[1].rich_help_panel = vars(kind)["PANEL"]
+            parameters.append(
+                inspect.Parameter(
+                    field.name,
+                    inspect.Parameter.KEYWORD_ONLY,
+                    default=field.default,
+                    annotation=types[field.name],
+                )
+            )
+
+    @functools.wraps(command)
+    def expanded(**given: Any) -> None:
+        for name, kind in groups.items():
+            own = {field.name: given.pop(field.name) for field in dataclasses.fields(kind)}
+            given[name] = kind(**own)
+        command(**given)
+
+    expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    expanded.__annotations__ = {each.name: each.annotation for each in parameters}
+    return expanded
 
 
 def check_plan_options(map_file: object, level: str | None, unit: str | None) -> None:
@@ -147,7 +203,7 @@ def check_numbers(
         InputError: an option has a value that cannot be used.
     """
     above_zero(spacing, "--spacing", "0.1")
-    above_zero(radius, "--radius", "0.5")
+    above_zero(radius, "--ambiguity-radius", "0.5")
     not_negative(map_std, "--map-std", "0.05")
     if headings is not None and headings < 1:
         raise InputError(f"--headings: {headings} is not a number of headings; give 1 or more.")

@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from ambinav.routes.pareto import ParetoFront
     from ambinav.routes.route import Route
     from ambinav_planners.planning import RoutePlanner
-    from ambinav_planners.search.reachability import NoWayError
+    from ambinav_planners.search.reachability import NoPathError
 
 Pose = tuple[float, float, float]
 
 # Routes that stay this near to each other, metres, are drawn as one in the picture of a front.
-SAME_WAY = 0.5
+SAME_ROUTE = 0.5
 
 
 @dataclass(frozen=True)
-class Asked:
+class PlanRequest:
     """How routes are to be planned; see `RoutePlanner.plan`."""
 
     planner: str | None
@@ -64,8 +64,8 @@ def write_routes(
     save_route(next(iter(routes.values())), output)
 
 
-def draw_no_way(
-    robot: RoutePlanner, error: NoWayError, start: Pose, goal: Pose, picture: Path
+def draw_no_path(
+    robot: RoutePlanner, error: NoPathError, start: Pose, goal: Pose, picture: Path
 ) -> None:
     """Draw the part of the floor that the start reaches, and the one of the goal."""
     from ambinav.files import replacing
@@ -80,21 +80,25 @@ def draw_no_way(
 
 
 def show_routes(
-    routes: Mapping[str, Route], asked: Asked, as_json: bool, output: Path, picture: Path | None
+    routes: Mapping[str, Route],
+    request: PlanRequest,
+    as_json: bool,
+    output: Path,
+    picture: Path | None,
 ) -> None:
     """Print the routes' figures as a table, or as JSON."""
     if as_json:
-        told: dict[str, Any] = {"output": str(output)}
+        document: dict[str, Any] = {"output": str(output)}
         if picture is not None:
-            told["picture"] = str(picture)
-        told["routes"] = {name: _figures(route) for name, route in routes.items()}
-        typer.echo(json.dumps(told, indent=2))
+            document["picture"] = str(picture)
+        document["routes"] = {name: _figures(route) for name, route in routes.items()}
+        typer.echo(json.dumps(document, indent=2))
         return
     _print_table(routes)
     for route in routes.values():
-        if route.seed is not None and (route.iterations or 0) < (asked.iterations or 0):
+        if route.seed is not None and (route.iterations or 0) < (request.iterations or 0):
             typer.echo(
-                f"\nThe time ended after {route.iterations} of {asked.iterations} iterations: "
+                f"\nThe time ended after {route.iterations} of {request.iterations} iterations: "
                 "with this seed the route may differ next time."
             )
             break
@@ -108,7 +112,7 @@ def plan_front(
     robot: RoutePlanner,
     start: Pose,
     goal: Pose,
-    asked: Asked,
+    request: PlanRequest,
     weights: str | None,
     output: Path,
     as_json: bool,
@@ -122,26 +126,23 @@ def plan_front(
     from ambinav.files import replacing
     from ambinav.maps.drawing import save_figure
     from ambinav.routes.files import save_route
+    from ambinav.routes.pareto import FOLDER
     from ambinav.routes.plot import plot_routes
     from ambinav.routes.plot_pareto import plot_pareto
     from ambinav_planners.fronts import WEIGHTS, pareto
 
     chosen = WEIGHTS if weights is None else _weights(weights)
-    if output.exists() and not (output / "pareto.json").is_file():
-        raise InputError(
-            f"--output: {output} is there and no folder of an earlier --pareto; it is not "
-            "replaced, choose another one."
-        )
+    FOLDER.check(output)
     front = pareto(
         robot,
         start,
         goal,
         weights=chosen,
-        planner_name=asked.planner,
-        seconds=asked.seconds,
-        iterations=asked.iterations,
-        seed=asked.seed,
-        improved=asked.improved,
+        planner_name=request.planner,
+        seconds=request.seconds,
+        iterations=request.iterations,
+        seed=request.seed,
+        improved=request.improved,
     )
     routes = {_name(point.weight): point.route for point in front.points}
     with replacing(output) as folder:
@@ -151,7 +152,7 @@ def plan_front(
         for point in front.points:
             save_route(point.route, folder / f"route-{point.weight:.12g}.csv")
         save_figure(plot_pareto(front), folder / "pareto.png")
-        save_figure(plot_routes(robot.service.map, _different_ways(front)), folder / "routes.png")
+        save_figure(plot_routes(robot.service.map, _distinct_routes(front)), folder / "routes.png")
     if as_json:
         typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
         return
@@ -160,19 +161,19 @@ def plan_front(
     typer.echo(f"front: {output}")
 
 
-def _different_ways(front: ParetoFront) -> dict[str, Route]:
+def _distinct_routes(front: ParetoFront) -> dict[str, Route]:
     """Routes of the front by weight, without those that hardly leave one of a lower weight."""
     import shapely
 
-    ways: dict[str, Route] = {}
+    distinct: dict[str, Route] = {}
     lines: list[shapely.LineString] = []
     for point in front.points:
         route = point.route
-        line = shapely.LineString(route.steering.dense(route.poses, SAME_WAY / 2)[0][:, :2])
-        if all(shapely.hausdorff_distance(line, other) > SAME_WAY for other in lines):
-            ways[_name(point.weight)] = route
+        line = shapely.LineString(route.steering.dense(route.poses, SAME_ROUTE / 2)[0][:, :2])
+        if all(shapely.hausdorff_distance(line, other) > SAME_ROUTE for other in lines):
+            distinct[_name(point.weight)] = route
             lines.append(line)
-    return ways
+    return distinct
 
 
 def _name(weight: float) -> str:

@@ -29,10 +29,10 @@ def presets(
     """
     with reporting():
         from ambinav.sensing.preset_summary import preset_summaries
-        from ambinav.sensing.presets import preset_path
+        from ambinav.sensing.presets import PRESETS
 
         if name is not None:
-            text = preset_path(name).read_text(encoding="utf-8")
+            text = PRESETS.get(name).yaml
             if as_json:
                 import yaml
 

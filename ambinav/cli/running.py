@@ -6,6 +6,7 @@ import contextlib
 import math
 import sys
 import tempfile
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -21,6 +22,10 @@ Progress = Callable[[float], None]
 BAD_INPUT = 2
 OUR_FAULT = 1
 INTERRUPTED = 130
+
+
+LINE_SECONDS = 20.0
+"""Seconds between two lines of progress where there is no terminal."""
 
 
 @contextlib.contextmanager
@@ -77,10 +82,13 @@ class _Notes:
 def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
     """Yield what starts a progress bar: given its text, it returns what takes the fraction done.
 
-    Bars are drawn on stderr, and only on a terminal.
+    Bars are drawn on stderr; where that is no terminal, a line is printed there now and then.
     """
-    if quiet or not sys.stderr.isatty():
+    if quiet:
         yield lambda text: lambda fraction: None
+        return
+    if not sys.stderr.isatty():
+        yield _ProgressLines
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -96,6 +104,20 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
             return lambda fraction: bars.update(task, completed=fraction)
 
         yield start
+
+
+class _ProgressLines:
+    """Prints how far something is, at most once in `LINE_SECONDS`."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._started = self._last = time.monotonic()
+
+    def __call__(self, fraction: float) -> None:
+        now = time.monotonic()
+        if now - self._last >= LINE_SECONDS:
+            self._last = now
+            _say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {now - self._started:.0f} s")
 
 
 def check_writable(output: Path) -> None:

@@ -1,6 +1,6 @@
 """When a route counts as better than the shortest one: the criterion, written before any result.
 
-Goal of a route against the shortest of its pair, all of it at once:
+What a route is to reach against the shortest of its pair, all of it at once:
 
 - robots are lost on it at most a third as often,
 - the 95th percentile of its error is at most half,
@@ -10,7 +10,7 @@ Goal of a route against the shortest of its pair, all of it at once:
 
 The verdict on it is "easy" where there was nothing to gain (on the shortest route no robot was
 lost or met a wall, and the 95th percentile of the error is below 0.15 m), else "met" or "not met".
-Apart from the goal, the effect says what the paired runs show: a difference is shown where its
+Apart from the criterion, the effect says what the paired runs show: a difference is shown where its
 interval of 95 % lies on one side of 0.
 
 Figures are means over the runs: the share of runs that were lost, and the 95th percentile over the
@@ -28,32 +28,12 @@ from numpy.typing import NDArray
 from ambinav.drive.bootstrap import Interval, bootstrap, paired
 from ambinav.drive.metrics import Metrics
 from ambinav.errors import InputError
+from ambinav.reports.criterion import AcceptanceCriterion
 
 Outcome = Literal["met", "not met", "easy"]
 Effect = Literal["better", "worse", "mixed", "none"]
 
-# Two shares of the same count may differ by rounding.
-ROUNDING: Final = 1e-9
-
-
-@dataclass(frozen=True)
-class Goal:
-    """What a route is to reach against the shortest one.
-
-    Attributes:
-        lost: Share of the shortest route's lost rate that may be left.
-        error: Share of its 95th percentile of the error that may be left.
-        extra: Share of its length that the route may be longer.
-        easy: Metres: below this error, with none lost or at a wall, there is nothing to gain.
-    """
-
-    lost: float = 1.0 / 3.0
-    error: float = 0.5
-    extra: float = 0.1
-    easy: float = 0.15
-
-
-GOAL: Final = Goal()
+CRITERION: Final = AcceptanceCriterion()
 
 
 @dataclass(frozen=True)
@@ -93,7 +73,7 @@ class Verdict:
         error: 95th percentile of the position's error, metres.
         collided: Share of runs that met a wall.
         length: Planned length by that of the shortest route.
-        goal: What was to be reached.
+        criterion: What was to be reached.
     """
 
     runs: int
@@ -101,28 +81,28 @@ class Verdict:
     error: Change
     collided: Change
     length: float
-    goal: Goal = GOAL
+    criterion: AcceptanceCriterion = CRITERION
 
     @property
     def easy(self) -> bool:
         """Whether the shortest route leaves nothing to gain."""
         safe = self.lost.theirs.value == 0.0 and self.collided.theirs.value == 0.0
-        return safe and self.error.theirs.value < self.goal.easy
+        return safe and self.error.theirs.value < self.criterion.easy
 
     @property
     def lost_met(self) -> bool:
         """Whether few enough are lost; where none was, none may be."""
-        return self.lost.ours.value <= self.goal.lost * self.lost.theirs.value + ROUNDING
+        return self.criterion.lost_met(self.lost.ours.value, self.lost.theirs.value)
 
     @property
     def error_met(self) -> bool:
         """Whether the error is small enough."""
-        return self.error.ours.value <= self.goal.error * self.error.theirs.value + ROUNDING
+        return self.criterion.error_met(self.error.ours.value, self.error.theirs.value)
 
     @property
     def length_met(self) -> bool:
         """Whether the way is short enough."""
-        return self.length <= 1.0 + self.goal.extra + ROUNDING
+        return self.criterion.length_met(self.length)
 
     @property
     def walls_met(self) -> bool:
@@ -131,7 +111,7 @@ class Verdict:
 
     @property
     def outcome(self) -> Outcome:
-        """What has become of the goal."""
+        """Whether the criterion is met."""
         if self.easy:
             return "easy"
         met = self.lost_met and self.error_met and self.length_met and self.walls_met
@@ -169,7 +149,7 @@ def verdict(
     shortest: Metrics,
     lengths: tuple[float, float],
     rng: np.random.Generator,
-    goal: Goal = GOAL,
+    criterion: AcceptanceCriterion = CRITERION,
 ) -> Verdict:
     """Judge a route by its runs and those along the shortest one, with the same seeds.
 
@@ -178,7 +158,7 @@ def verdict(
         shortest: Of R runs along the shortest route, the same seeds in the same order.
         lengths: Planned length of the route and of the shortest one, metres.
         rng: The source of randomness of the bootstrap.
-        goal: What is to be reached.
+        criterion: What is to be reached.
 
     Raises:
         InputError: not equally many runs, none at all, or a length that is not above 0.
@@ -193,7 +173,7 @@ def verdict(
         _change(ours.position_p95, shortest.position_p95, rng),
         _change(ours.collided, shortest.collided, rng),
         lengths[0] / lengths[1],
-        goal,
+        criterion,
     )
 
 

@@ -8,27 +8,27 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-from ambinav.compare.localizer_spec import name_of, note_on
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
-from ambinav.compare.scenario_schema import Part
-from ambinav.compare.tables import Cell, Row, judge
+from ambinav.compare.tables import RouteFigure, Row, judge
 from ambinav.compare.verdict_text import (
     baseline_sentence,
+    criterion_text,
     floor_sentence,
-    goal_text,
     headline,
     sentence,
 )
+from ambinav.config import ConfigModel
 from ambinav.drive.bootstrap import Interval
+from ambinav.reports.table import Cell
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.version import __version__
 
 FORMAT = "ambinav-compare/1"
 
 
-class IntervalPart(Part):
+class IntervalPart(ConfigModel):
     """A figure with its interval of 95 %; null where there is none, or where it is infinite."""
 
     value: float | None
@@ -37,7 +37,7 @@ class IntervalPart(Part):
     runs: int
 
 
-class FigurePart(Part):
+class FigurePart(ConfigModel):
     """A figure of a route."""
 
     unit: str
@@ -46,7 +46,7 @@ class FigurePart(Part):
     ratio: IntervalPart | None
 
 
-class PlannedPart(Part):
+class PlannedPart(ConfigModel):
     """Figures of a route as planned, metres; over all pairs sums, and the longest stretches."""
 
     length_m: float
@@ -56,7 +56,7 @@ class PlannedPart(Part):
     longest_open_m: float | None
 
 
-class RowPart(Part):
+class RowPart(ConfigModel):
     """A route of a pair."""
 
     pair: str
@@ -66,7 +66,7 @@ class RowPart(Part):
     planned: PlannedPart
 
 
-class VerdictPart(Part):
+class VerdictPart(ConfigModel):
     """What a route is worth against the baseline of its pair; see `criterion`."""
 
     route: str
@@ -77,7 +77,7 @@ class VerdictPart(Part):
     text: str
 
 
-class PairPart(Part):
+class PairPart(ConfigModel):
     """A pair in words: what its routes come to, and each of them."""
 
     headline: str
@@ -86,7 +86,7 @@ class PairPart(Part):
     routes: tuple[VerdictPart, ...]
 
 
-class PlanPart(Part):
+class PlanPart(ConfigModel):
     """A route as it was planned."""
 
     pair: str
@@ -105,14 +105,14 @@ class PlanPart(Part):
     """How a policy's scanner and robot differ from those that it was trained with."""
 
 
-class LocalizerPart(Part):
+class LocalizerPart(ConfigModel):
     """What localized the robots: its name in words, and what speaks against it with the scanner."""
 
     name: str
     note: str | None
 
 
-class Document(Part):
+class Document(ConfigModel):
     """The whole comparison."""
 
     format: Literal["ambinav-compare/1"] = "ambinav-compare/1"
@@ -123,7 +123,7 @@ class Document(Part):
     environment: dict[str, Any]
     scanner: dict[str, Any]
     localizer: LocalizerPart
-    goal: str
+    criterion: str
     verdicts: dict[str, PairPart]
     plans: tuple[PlanPart, ...]
     rows: tuple[RowPart, ...]
@@ -171,9 +171,10 @@ def document(
             "yaml": loaded.scanner.to_yaml(),
         },
         localizer=LocalizerPart(
-            name=name_of(scenario.guide), note=note_on(scenario.guide, loaded.scanner)
+            name=scenario.chosen_localizer.title,
+            note=scenario.chosen_localizer.note(loaded.scanner),
         ),
-        goal=goal_text(),
+        criterion=criterion_text(),
         verdicts={pair: _judged(rows, pair) for pair in pairs_of(rows)},
         plans=tuple(
             PlanPart(
@@ -250,7 +251,7 @@ def _judged(rows: Sequence[Row], pair: str) -> PairPart:
     )
 
 
-def _figure(cell: Cell) -> FigurePart:
+def _figure(cell: Cell[RouteFigure]) -> FigurePart:
     return FigurePart(
         unit=cell.figure.unit,
         value=_interval(cell.value),
@@ -274,7 +275,6 @@ def _interval(interval: Interval) -> IntervalPart:
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
     """All that the figures depend on, defaults written out."""
-    guide = scenario.guide
     return {
         "map": scenario.map.model_dump(),
         "robot": asdict(scenario.robot),
@@ -285,6 +285,6 @@ def _parameters(scenario: Scenario) -> dict[str, Any]:
         "odometry": asdict(scenario.odometry),
         "people": asdict(scenario.people),
         "obstacles": scenario.obstacles.model_dump(),
-        "localizer": guide if isinstance(guide, str) else asdict(guide),
+        "localizer": scenario.chosen_localizer.plain,
         "follower": asdict(scenario.follower),
     }

@@ -44,8 +44,9 @@ def check_plans(loaded: Loaded) -> None:
     """Find out what is wrong with the routes as far as that needs no map, which takes a while.
 
     Raises:
-        InputError: OMPL is missing, a layer is unknown, a planner is unknown or does not plan in
-            the space, a start or goal is not free, or a file's route or a policy is of no use.
+        InputError: a layer is unknown, a planner is unknown, needs OMPL where that is missing or
+            does not plan in the space, a start or goal is not free, or a file's route or a policy
+            is of no use.
     """
     for name in loaded.scenario.modules:
         try:
@@ -60,7 +61,6 @@ def check_plans(loaded: Loaded) -> None:
             raise InputError(f"map: {error}") from error
     checker = None
     if any(part.kind not in GIVEN for part in loaded.scenario.routes):
-        _need_ompl()
         robot, planning = loaded.scenario.robot, loaded.scenario.planning
         footprint = Footprint.disc(robot.radius + planning.margin)
         checker = CollisionChecker(loaded.environment, footprint, planning.steering)
@@ -133,13 +133,6 @@ def _plan(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -
     return Plan(pair.name, part.name, route, driver)
 
 
-def _need_ompl() -> None:
-    from importlib.util import find_spec
-
-    if find_spec("ompl") is None:
-        raise InputError('planning needs OMPL; run: pip install "ambinav[planners]"')
-
-
 def _planner(loaded: Loaded, part: RoutePart) -> str:
     """Name of the planner of a route."""
     common = loaded.scenario.planning
@@ -168,9 +161,8 @@ def _check_planned(
 
 def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
     """Plan a route; without a limit of time, so that it is the same every time."""
-    _need_ompl()
     from ambinav_planners import RoutePlanner
-    from ambinav_planners.belief.place_search import BeliefModel
+    from ambinav_planners.belief.model import BeliefModel
 
     common = loaded.scenario.planning
     service = AmbiguityService(
@@ -194,5 +186,5 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
         planner_name=_planner(loaded, part),
         seconds=math.inf,
         iterations=part.iterations or common.iterations,
-        seed=part.seed or common.seed,
+        seed=common.seed if part.seed is None else part.seed,
     )

@@ -15,15 +15,16 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ambinav.compare.plot_rows import label_rows, stacked
-from ambinav.compare.tables import Cell, Row, judge
+from ambinav.compare.tables import RouteFigure, Row, judge
 from ambinav.compare.verdict_text import ERROR
 from ambinav.maps import drawing
 from ambinav.maps.zones import COLOURS, CORRIDOR, OPEN, ZONES
+from ambinav.reports.table import Cell
 from ambinav.routes.bad_floor import BadFloor
 
 LOOKS: Final[dict[str, tuple[str, str, bool, str]]] = {
     "baseline": ("#000000", "D", True, "what the others are compared with"),
-    "met": ("#0072B2", "o", True, "better, goal met"),
+    "met": ("#0072B2", "o", True, "better, criterion met"),
     "better": ("#0072B2", "o", False, "better"),
     "none": ("#777777", "s", False, "no difference shown"),
     "mixed": ("#CC79A7", "P", False, "better and worse"),
@@ -114,7 +115,7 @@ def _mark(look: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _point(axes: Axes, at: float, cell: Cell, look: str) -> None:
+def _point(axes: Axes, at: float, cell: Cell[RouteFigure], look: str) -> None:
     value = cell.value
     if math.isnan(value.value):
         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -18,65 +17,43 @@ from ambinav.compare.plots import plot_errors, plot_floor, plot_spread
 from ambinav.compare.results import Results
 from ambinav.compare.runs import drive_all
 from ambinav.compare.scenario_file import Loaded
-from ambinav.compare.tables import (
-    FIGURES,
-    Row,
-    difference_text,
-    make_rows,
-    ratio_text,
-    to_csv,
-    value_text,
-)
+from ambinav.compare.tables import FIGURES, Row, make_rows, to_csv
 from ambinav.compare.verdict_text import EFFECTS, OUTCOMES
 from ambinav.compare.workers import Setup
 from ambinav.compare.worlds import make_worlds
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import replacing, write_text
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
 from ambinav.maps.drawing import save_figure
-from ambinav.pages import data_uri, fill
-from ambinav.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
+from ambinav.provenance import (
+    PLANNING,
+    POLICIES,
+    Provenance,
+    digest_of,
+    discard_stale,
+)
+from ambinav.reports.pages import data_uri, fill
+from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
-from ambinav.runfolder import NAME as LOCK
-from ambinav.runfolder import only_one
+from ambinav.runfolder import LOCK, WORK, RunFolder
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
-WORK: Final = "work"
-"""Folder of what is kept to go on after a break: the map, and a file for each piece of work."""
 ROUTES: Final = "routes"
 DRIVES: Final = "drives"
 """Folder of the drives for other programs."""
 OVERVIEW: Final = "overview.png"
 PICTURES: Final = ("floor-", "spread-", "errors-")
-OURS: Final = (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, OVERVIEW)
+FOLDER: Final = RunFolder(
+    "comparison",
+    (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, OVERVIEW, *(f"{p}*.png" for p in PICTURES)),
+)
+"""Its folder `work` has the map, and a file for each piece of work."""
 
 Bars = Callable[[str], Callable[[float], None]]
-
-
-def check_output(folder: str | Path) -> Path:
-    """Check that a comparison may be written to `folder`.
-
-    Raises:
-        InputError: it is a file, or a folder that holds something else than an earlier comparison.
-    """
-    path = Path(folder)
-    if not path.exists():
-        return path
-    if not path.is_dir():
-        raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
-    for item in sorted(path.iterdir()):
-        name = item.name
-        if not (name in OURS or _is_picture(name) or _is_left_over(item)):
-            raise InputError(
-                f"{folder}: this folder holds {name}, which is not of an earlier comparison; "
-                "choose a new folder."
-            )
-    return path
 
 
 def compare(
@@ -97,19 +74,16 @@ def compare(
         What report.json holds, and the rows of the table.
 
     Raises:
-        InputError: see `check_output`, `check_plans`, `make_plans`, `make_worlds` and
+        InputError: see `RunFolder.check`, `check_plans`, `make_plans`, `make_worlds` and
             `drive_all`; or another call is at work in `folder`.
     """
-    out = check_output(folder)
+    out = FOLDER.check(folder)
     check_plans(loaded)
-    with only_one(out / WORK):
+    with FOLDER.hold(out):
         return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None))
 
 
 def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Document, tuple[Row, ...]]:
-    for left in (*out.iterdir(), *(out / WORK).iterdir()):
-        if _is_left_over(left):
-            shutil.rmtree(left)
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
@@ -131,13 +105,13 @@ def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Documen
     drives = [f"{DRIVES}/{name}" for name in written]
     report = document(loaded, plans, files, rows, pictures, OVERVIEW, drives)
     inlined = {name: data_uri(out / name) for name in _names(report)}
-    _write(out / TABLE, to_csv(rows))
-    _write(out / MARKDOWN, render("report.md.j2", report, rows))
-    _write(out / HTML, render("report.html.j2", report, rows, inlined))
-    _write(out / JSON, report.model_dump_json(indent=2) + "\n")
+    write_text(out / TABLE, to_csv(rows))
+    write_text(out / MARKDOWN, render("report.md.j2", report, rows))
+    write_text(out / HTML, render("report.html.j2", report, rows, inlined))
+    write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
     for path in out.iterdir():
         # Of an earlier scenario with other pairs.
-        if _is_picture(path.name) and path.name not in inlined:
+        if path.name.startswith(PICTURES) and path.name not in inlined:
             path.unlink()
     return report, rows
 
@@ -169,7 +143,7 @@ def render(
         pairs=pairs_of(rows),
         rows=rows,
         figures=FIGURES,
-        ratios=[figure for figure in FIGURES if figure.ratio],
+        ratios=[figure for figure in FIGURES if figure.has_ratio],
         effects=EFFECTS,
         outcomes=OUTCOMES,
         pictures=pictures or {name: name for name in _names(report)},
@@ -244,22 +218,6 @@ def _draw(
     return named
 
 
-def _is_picture(name: str) -> bool:
-    return name.startswith(PICTURES) and name.endswith(".png")
-
-
-def _is_left_over(path: Path) -> bool:
-    """Whether `replacing` made this folder and was killed before it could remove it."""
-    name, _, rest = path.name.removeprefix(".").rpartition(".")
-    ours = name in OURS or _is_picture(name) or path.parent.name == WORK
-    return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
-
-
 def _slug(name: str) -> str:
     """A name as part of a file's name."""
     return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")

@@ -7,8 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from ambinav.compare.scenario_schema import Part, check_keys
-from ambinav.config import nearest
+from ambinav.config import ConfigModel, check_keys, nearest
 from ambinav.errors import InputError
 
 KINDS = (
@@ -20,7 +19,7 @@ KINDS = (
 GIVEN = ("file", "policy")
 """Kinds of routes that are not planned here, but come from elsewhere."""
 
-HEARD: Mapping[str, tuple[str, ...]] = {
+ALLOWED_KEYS: Mapping[str, tuple[str, ...]] = {
     "shortest": ("planner", "iterations", "seed"),
     "clearance": ("planner", "iterations", "seed", "clearance_weight", "comfort"),
     "ambiguity": ("planner", "iterations", "seed", "weight"),
@@ -37,7 +36,7 @@ NEEDED: Mapping[str, str] = {"planner": "planner", "file": "file", "policy": "po
 """Keys that a kind cannot do without."""
 
 
-class RoutePart(Part):
+class RoutePart(ConfigModel):
     """A route to compare; None stands for what `planning` or the planner has."""
 
     kind: Literal[*KINDS]  # type: ignore[valid-type]
@@ -47,7 +46,7 @@ class RoutePart(Part):
     comfort: float = Field(default=1.0, gt=0.0)
     planner: str | None = None
     iterations: int | None = Field(default=None, ge=1)
-    seed: int | None = Field(default=None, ge=1, lt=2**32)
+    seed: int | None = Field(default=None, ge=0, lt=2**32 - 1)
     file: str | None = None
     pair: str | None = None
     policy: str | None = None
@@ -60,12 +59,12 @@ class RoutePart(Part):
             plain = {"kind": plain}
         if not isinstance(plain, Mapping):
             raise InputError("give the kind of a route, or a mapping with the key kind")
-        check_keys(plain, list(cls.model_fields))
+        check_keys(plain, cls.model_fields)
         kind = str(plain.get("kind"))
         if "kind" not in plain or kind not in KINDS:
             raise InputError(f"kind is {plain.get('kind')!r}; {nearest(kind, KINDS)}")
         for key in plain:
-            if key not in ("kind", "name", *HEARD[kind]):
+            if key not in ("kind", "name", *ALLOWED_KEYS[kind]):
                 raise InputError(f"{key} means nothing to a route of the kind {kind!r}; drop it")
         if kind in NEEDED and NEEDED[kind] not in plain:
             raise InputError(f"a route of the kind {kind!r} needs the key {NEEDED[kind]!r}; add it")

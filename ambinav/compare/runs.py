@@ -106,7 +106,7 @@ def _common(setup: Setup) -> str:
         map_digest(setup.amap),
         environment_digest(setup.environment),
         scenario.map.layer,
-        scenario.guide,
+        scenario.chosen_localizer.identity,
         scenario.drive.model_dump(exclude={"runs"}),
         [getattr(scenario, name) for name in PARTS],
     )

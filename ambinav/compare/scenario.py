@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from pydantic import BeforeValidator, Field, InstanceOf, model_validator
+from pydantic import Field, InstanceOf, model_validator
 
-from ambinav.compare.localizer_spec import Guide, guide_of
 from ambinav.compare.route_part import RoutePart
 from ambinav.compare.scenario_schema import (
     DrivePart,
@@ -14,22 +13,22 @@ from ambinav.compare.scenario_schema import (
     MapPart,
     ObstaclesPart,
     PairPart,
-    Part,
     PlanningPart,
-    making,
 )
-from ambinav.config import nearest
+from ambinav.config import ConfigModel, nearest, of_mapping
+from ambinav.drive.localizer_spec import ChosenLocalizer, chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
+from ambinav.export.registry import EXPORTERS
 
 ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""
 
 
-class Scenario(Part):
+class Scenario(ConfigModel):
     """All of a scenario file; docs/compare.md tells every key."""
 
     name: str = Field(min_length=1)
@@ -38,14 +37,12 @@ class Scenario(Part):
     unit: str | None = None
     scanner: str | dict[str, Any]
     map: MapPart = MapPart()
-    robot: Annotated[InstanceOf[Robot], BeforeValidator(making(Robot))] = Robot()
-    follower: Annotated[
-        InstanceOf[FollowerParameters], BeforeValidator(making(FollowerParameters))
-    ] = FollowerParameters()
-    odometry: Annotated[InstanceOf[OdometryNoise], BeforeValidator(making(OdometryNoise))] = (
-        OdometryNoise()
+    robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = Robot()
+    follower: Annotated[InstanceOf[FollowerParameters], of_mapping(FollowerParameters)] = (
+        FollowerParameters()
     )
-    people: Annotated[InstanceOf[People], BeforeValidator(making(People))] = People(0)
+    odometry: Annotated[InstanceOf[OdometryNoise], of_mapping(OdometryNoise)] = OdometryNoise()
+    people: Annotated[InstanceOf[People], of_mapping(People)] = People(0)
     obstacles: ObstaclesPart = ObstaclesPart()
     localizer: dict[str, Any] | str = Field(default_factory=dict)
     modules: tuple[str, ...] = ()
@@ -65,7 +62,7 @@ class Scenario(Part):
                     raise InputError(f"{name}: {one!r} is there twice; give each a name of its own")
         self._check_pairs()
         try:
-            self.guide  # noqa: B018 - it checks the parameters
+            self.chosen_localizer  # noqa: B018 - it checks the parameters
         except InputError as error:
             raise InputError(f"localizer: {str(error).removeprefix('localizer: ')}") from error
         self._check_exports()
@@ -104,15 +101,17 @@ class Scenario(Part):
                     f"exports: there is no run {number + 1}; runs are counted from 1 to "
                     f"{self.drive.runs}"
                 )
+        for name in self.exports.formats or ():
+            EXPORTERS.get(f"drive-{name}")
         names = [route.name for route in self.routes]
         for name in self.exports.routes or ():
             if name not in names:
                 raise InputError(f"exports: there is no route {name!r}; {nearest(name, names)}")
 
     @property
-    def guide(self) -> Guide:
+    def chosen_localizer(self) -> ChosenLocalizer:
         """The localizer; alphas that the file leaves out are those of the simulated odometry."""
-        return guide_of(self.localizer, self.odometry, self.robot, self.drive.rate)
+        return chosen_localizer(self.localizer, self.odometry, self.robot, self.drive.rate)
 
     @property
     def baseline(self) -> str:

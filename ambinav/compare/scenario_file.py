@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,13 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.compare.localizer_spec import note_on, suited
 from ambinav.compare.scenario import Scenario
-from ambinav.config import parse_yaml, read_text
+from ambinav.config import checked, parse_yaml, read_text
+from ambinav.drive.localizer_spec import suited
 from ambinav.errors import InputError, InputWarning
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 
@@ -69,7 +65,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
         read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
         scenario = scenario.model_copy(update={"map": read})
     scenario = scenario.model_copy(update={"localizer": suited(scenario.localizer, scanner)})
-    note = note_on(scenario.guide, scanner)
+    note = scenario.chosen_localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
     return Loaded(scenario, path.parent, _environment(scenario, path), scanner, force)
@@ -93,32 +89,7 @@ def parse_scenario(
         ]
     if runs is not None and isinstance(whole.get("drive", {}), Mapping):
         whole["drive"] = {**whole.get("drive", {}), "runs": runs}
-    try:
-        return Scenario.model_validate(whole)
-    except ValidationError as error:
-        told = complaint(error.errors(include_url=False)[0], where)
-        raise InputError(told) from error
-
-
-def complaint(first: ErrorDetails, where: str) -> str:
-    """The first complaint as one sentence with place, value and remedy."""
-    place = ""
-    for part in first["loc"]:
-        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
-    place = re.sub(r"\.(tuple|dict|str|literal|lax-or-strict|function-)[^.]*.*$", "", place)
-    at = f"{where}: {place}" if place else where
-    cause = first.get("ctx", {}).get("error")
-    if isinstance(cause, ValueError):
-        # The parts name themselves.
-        said = str(cause).removeprefix(f"{place}: ").rstrip(".")
-        return f"{at}: {said}."
-    if first["type"] == "missing":
-        return f"{where}: the key {place!r} is missing; add it."
-    value = json.dumps(first["input"], default=str)
-    value = value if len(value) <= 60 else f"{value[:57]}..."
-    wish = re.sub(r"^(Input|Value|Tuple|List) should", "it should", first["msg"])
-    wish = re.sub(r" after validation, not \d+$", "", wish)
-    return f"{at} is {value}; {wish}."
+    return checked(Scenario, whole, where)
 
 
 def _environment(scenario: Scenario, path: Path) -> Environment:

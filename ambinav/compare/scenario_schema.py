@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
-from typing import Annotated, Any, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, PlainSerializer, model_validator
 
-from ambinav.config import as_degrees, nearest
+from ambinav.config import ConfigModel, as_degrees, nearest
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import KINDS, Steering
 
-Made = TypeVar("Made")
 Metres = Annotated[float, Field(gt=0.0)]
 
 
@@ -39,60 +30,7 @@ Point = Annotated[tuple[float, ...], AfterValidator(_point), PlainSerializer(_wr
 """x and y in metres, perhaps a heading: degrees in files and reports, radians in the program."""
 
 
-class Part(BaseModel):
-    """A mapping of a scenario file whose keys are all known."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known(cls, plain: Any) -> Any:
-        if isinstance(plain, cls):
-            return plain
-        if not isinstance(plain, Mapping):
-            raise InputError(f"give a mapping with the keys {', '.join(cls.model_fields)}")
-        check_keys(plain, list(cls.model_fields))
-        return plain
-
-
-def check_keys(plain: Mapping[str, Any], known: list[str]) -> None:
-    """Refuse keys that are not known.
-
-    Raises:
-        InputError: there is one; the nearest known ones are offered.
-    """
-    for key in plain:
-        if key not in known:
-            raise InputError(f"the key {key!r} is unknown; {nearest(str(key), known)}")
-
-
-def making(kind: type[Made]) -> Callable[[Any], Made]:
-    """What makes a dataclass of numbers from a mapping, for pydantic.
-
-    Args:
-        kind: A dataclass that checks its values itself.
-    """
-
-    def make(plain: Any) -> Made:
-        if isinstance(plain, kind):
-            return plain
-        known = fields(kind)  # type: ignore[arg-type]
-        names = [field.name for field in known]
-        if not isinstance(plain, Mapping):
-            raise InputError(f"give a mapping with the keys {', '.join(names)}")
-        check_keys(plain, names)
-        for key, value in plain.items():
-            if not isinstance(value, bool | int | float):
-                raise InputError(f"{key} is {value!r}; give a number")
-        for field in known:
-            if field.default is MISSING and field.name not in plain:
-                raise InputError(f"the key {field.name!r} is missing; add it")
-        return kind(**plain)
-
-    return make
-
-
-class MapPart(Part):
+class MapPart(ConfigModel):
     """How the ambiguity map is built; see `ambinav map`."""
 
     spacing: float = Field(default=0.1, gt=0.0)
@@ -102,7 +40,7 @@ class MapPart(Part):
     layer: str | None = None
 
 
-class PlanningPart(Part):
+class PlanningPart(ConfigModel):
     """What all planned routes have in common.
 
     Attributes:
@@ -120,7 +58,7 @@ class PlanningPart(Part):
     turning_radius: float = Field(default=0.0, ge=0.0)
     planner: str = "prmstar"
     iterations: int = Field(default=1000, ge=1)
-    seed: int = Field(default=1, ge=1, lt=2**32)
+    seed: int = Field(default=1, ge=0, lt=2**32 - 1)
     margin: float = Field(default=0.1, ge=0.0)
 
     @model_validator(mode="after")
@@ -149,7 +87,7 @@ CURVED = ("dubins", "reeds-shepp")
 """Spaces that need a turning radius."""
 
 
-class PairPart(Part):
+class PairPart(ConfigModel):
     """A start and a goal: x, y in metres and, if it matters, a heading.
 
     The heading is in radians; in a scenario file and in reports it is in degrees.
@@ -166,7 +104,7 @@ class PairPart(Part):
         return self
 
 
-class ObstaclesPart(Part):
+class ObstaclesPart(ConfigModel):
     """Boxes that stand in the building but not in the map; see `ambinav.drive.clutter`.
 
     Attributes:
@@ -188,7 +126,7 @@ class ObstaclesPart(Part):
         return self
 
 
-class DrivePart(Part):
+class DrivePart(ConfigModel):
     """How often and how the routes are driven; see `ambinav.drive.drive`.
 
     Attributes:
@@ -222,16 +160,18 @@ class DrivePart(Part):
         return (*self.start_std, math.radians(self.start_heading_std_deg))
 
 
-class ExportsPart(Part):
+class ExportsPart(ConfigModel):
     """Which drives are written for other programs.
 
     Attributes:
         runs: How many of each route, from the first on; or their numbers, counted from 1.
         routes: Names of the routes; None: all.
+        formats: Names of formats (`export.registry.formats("drive")`); None: our own three.
     """
 
     runs: int | tuple[int, ...] = 0
     routes: tuple[str, ...] | None = None
+    formats: tuple[str, ...] | None = None
 
     @property
     def numbers(self) -> tuple[int, ...]:

@@ -18,76 +18,51 @@ from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined_metrics
 from ambinav.compare.scenario import ALL_PAIRS
 from ambinav.drive.bootstrap import Interval, Statistic, bootstrap, paired
-from ambinav.drive.intervals import csv_cells, interval_text
 from ambinav.drive.metrics import Metrics
+from ambinav.reports.table import Cell, Cells, Figure, csv_cells
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.route import Route
 
 
 @dataclass(frozen=True)
-class Figure:
+class RouteFigure(Figure):
     """A figure of a route.
 
     Attributes:
-        key: Name in files.
-        title: Heading of a column.
-        unit: Of what is shown: %, m, °, s or nothing.
         source: Field of `Metrics`.
         scale: The field times this is what is shown.
-        digits: After the point, for readers.
         statistic: Over the runs.
-        ratio: Whether the ratio to the baseline is told as well.
+        has_ratio: Whether the ratio to the baseline is told as well.
     """
 
-    key: str
-    title: str
-    unit: str
     source: str
     scale: float = 1.0
-    digits: int = 2
     statistic: Statistic = "mean"
-    ratio: bool = False
+    has_ratio: bool = False
 
 
 FIGURES: Final = (
-    Figure("lost", "lost", "%", "lost", 100.0, 0, ratio=True),
-    Figure("collided", "collided", "%", "collided", 100.0, 0, ratio=True),
-    Figure("arrived", "arrived", "%", "arrived", 100.0, 0),
-    Figure("error_p95", "95th percentile of the error", "m", "position_p95", ratio=True),
-    Figure(
+    RouteFigure("lost", "lost", "%", "lost", 100.0, digits=0, has_ratio=True),
+    RouteFigure("collided", "collided", "%", "collided", 100.0, digits=0, has_ratio=True),
+    RouteFigure("arrived", "arrived", "%", "arrived", 100.0, digits=0),
+    RouteFigure("error_p95", "95th percentile of the error", "m", "position_p95", has_ratio=True),
+    RouteFigure(
         "error_p95_median", "the same, median run", "m", "position_p95", statistic="median",
-        ratio=True,
+        has_ratio=True,
     ),
-    Figure("error_rmse", "RMSE", "m", "position_rmse", ratio=True),
-    Figure("error_along", "RMSE along", "m", "weak_rmse"),
-    Figure("error_across", "RMSE across", "m", "strong_rmse"),
-    Figure("heading_rmse", "heading RMSE", "°", "heading_rmse", 180.0 / math.pi, 1),
-    Figure("nees", "NEES", "", "nees", 1.0, 1),
-    Figure("exposure", "exposure", "m", "exposure", 1.0, 1, ratio=True),
-    Figure("length", "length", "m", "length", 1.0, 1, ratio=True),
-    Figure("seconds", "time", "s", "seconds", 1.0, 0),
+    RouteFigure("error_rmse", "RMSE", "m", "position_rmse", has_ratio=True),
+    RouteFigure("error_along", "RMSE along", "m", "weak_rmse"),
+    RouteFigure("error_across", "RMSE across", "m", "strong_rmse"),
+    RouteFigure("heading_rmse", "heading RMSE", "°", "heading_rmse", 180.0 / math.pi, digits=1),
+    RouteFigure("nees", "NEES", "", "nees", 1.0, digits=1),
+    RouteFigure("exposure", "exposure", "m", "exposure", 1.0, digits=1, has_ratio=True),
+    RouteFigure("length", "length", "m", "length", 1.0, digits=1, has_ratio=True),
+    RouteFigure("seconds", "time", "s", "seconds", 1.0, digits=0),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One figure of one route.
-
-    Attributes:
-        figure: Which.
-        value: Over the route's runs, in the figure's unit.
-        difference: To the baseline with the same seeds; None for the baseline itself.
-        ratio: To the baseline; None likewise, and where it says nothing.
-    """
-
-    figure: Figure
-    value: Interval
-    difference: Interval | None
-    ratio: Interval | None
-
-
-@dataclass(frozen=True)
-class Row:
+class Row(Cells[RouteFigure]):
     """All figures of a route.
 
     Attributes:
@@ -105,16 +80,7 @@ class Row:
     runs: int
     planned: float
     floor: BadFloor
-    cells: tuple[Cell, ...]
-
-    @property
-    def is_baseline(self) -> bool:
-        """Whether it is what the others of its pair are compared with."""
-        return self.cells[0].difference is None
-
-    def __getitem__(self, key: str) -> Cell:
-        """The figure with a key."""
-        return next(cell for cell in self.cells if cell.figure.key == key)
+    cells: tuple[Cell[RouteFigure], ...]
 
 
 def make_rows(
@@ -161,21 +127,23 @@ def make_rows(
     return tuple(rows)
 
 
-def _cell(figure: Figure, ours: Metrics, theirs: Metrics | None, key: list[int]) -> Cell:
+def _cell(
+    figure: RouteFigure, ours: Metrics, theirs: Metrics | None, key: list[int]
+) -> Cell[RouteFigure]:
     rng = np.random.default_rng(key)
     values = _values(figure, ours)
     value = bootstrap(values, rng, statistic=figure.statistic)
     if theirs is None:
-        return Cell(figure, value, None, None)
+        return Cell(figure, value, None)
     other = _values(figure, theirs)
     difference = paired(values, other, rng, statistic=figure.statistic)
     ratio = None
-    if figure.ratio:
+    if figure.has_ratio:
         ratio = paired(values, other, rng, compare="ratio", statistic=figure.statistic)
     return Cell(figure, value, difference, ratio)
 
 
-def _values(figure: Figure, measured: Metrics) -> NDArray[np.float64]:
+def _values(figure: RouteFigure, measured: Metrics) -> NDArray[np.float64]:
     return figure.scale * np.asarray(getattr(measured, figure.source), dtype=np.float64)
 
 
@@ -211,23 +179,6 @@ def to_csv(rows: Sequence[Row]) -> str:
     return out.getvalue()
 
 
-def value_text(cell: Cell) -> str:
-    """The figure with its interval, for readers."""
-    return interval_text(cell.value, cell.figure.digits)
-
-
-def difference_text(cell: Cell) -> str:
-    """The difference to the baseline with its interval and signs."""
-    return (
-        "" if cell.difference is None else interval_text(cell.difference, cell.figure.digits, "+")
-    )
-
-
-def ratio_text(cell: Cell) -> str:
-    """The ratio to the baseline with its interval."""
-    return "" if cell.ratio is None else interval_text(cell.ratio, 2)
-
-
 def judge(row: Row, baseline: Row) -> Verdict:
     """The verdict on a route against the baseline of its pair, by the table's own intervals.
 
@@ -243,7 +194,7 @@ def judge(row: Row, baseline: Row) -> Verdict:
     )
 
 
-def _judged(ours: Cell, theirs: Cell) -> Change:
+def _judged(ours: Cell[RouteFigure], theirs: Cell[RouteFigure]) -> Change:
     if ours.difference is None or ours.ratio is None:
         raise ValueError("the baseline changes nothing")
     return Change(
@@ -254,7 +205,7 @@ def _judged(ours: Cell, theirs: Cell) -> Change:
     )
 
 
-def _unscaled(cell: Cell, interval: Interval) -> Interval:
+def _unscaled(cell: Cell[RouteFigure], interval: Interval) -> Interval:
     scale = cell.figure.scale
     return Interval(
         interval.value / scale, interval.low / scale, interval.high / scale, interval.count

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from ambinav.compare.criterion import GOAL, Change, Effect, Goal, Outcome, Verdict
+from ambinav.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
 from ambinav.drive.bootstrap import Interval
+from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.routes.bad_floor import BadFloor
 
 ERROR: Final = "95th percentile of the error"
@@ -26,14 +27,15 @@ OUTCOMES: Final[dict[Outcome, str]] = {
 """What readers are told of the verdicts."""
 
 
-def goal_text(goal: Goal = GOAL) -> str:
-    """The goal in a sentence."""
+def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
+    """The criterion in a sentence."""
     return (
-        f"Goal against the shortest route, all at once: robots are lost at most "
-        f"{_percent(goal.lost)} as often, the {ERROR} is at most {_percent(goal.error)}, the way "
-        f"is planned at most {_percent(goal.extra)} longer, and robots are not shown to meet "
-        f"walls more often. Where on the shortest route no robot was lost or met a wall and the "
-        f"{ERROR} is below {goal.easy:g} m, there is nothing to gain."
+        f"Criterion against the shortest route, all at once: robots are lost at most "
+        f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
+        f"{_percent(criterion.error)}, the way is planned at most {_percent(criterion.extra)} "
+        f"longer, and robots are not shown to meet walls more often. Where on the shortest route "
+        f"no robot was lost or met a wall and the {ERROR} is below {criterion.easy:g} m, there is "
+        f"nothing to gain."
     )
 
 
@@ -71,7 +73,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
     if verdict.collided.ours.value or verdict.collided.theirs.value:
         parts.append(f"met a wall {_share(verdict.collided)}")
     parts.append(f"the way is {length_text(verdict.length)}")
-    return f"{opening}: {'; '.join(parts)}. {_goal(verdict, baseline)}"
+    return f"{opening}: {'; '.join(parts)}. {_judged(verdict, baseline)}"
 
 
 def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
@@ -123,11 +125,15 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
             f"{error:.2f} m"
         )
     if met:
-        said.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the goal")
+        said.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the criterion")
     if short:
         said.append(
             f"{_list(short)} {_verb(short, 'is', 'are')} better than {baseline}"
-            + ("" if verdicts[short[0]].easy else f" but {_verb(short, 'misses', 'miss')} the goal")
+            + (
+                ""
+                if verdicts[short[0]].easy
+                else f" but {_verb(short, 'misses', 'miss')} the criterion"
+            )
         )
     for kind, single, several, rest in (
         ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
@@ -189,23 +195,23 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def _goal(verdict: Verdict, baseline: str) -> str:
+def _judged(verdict: Verdict, baseline: str) -> str:
     if verdict.easy:
         return f"There was nothing to gain: {baseline} is easy."
     if verdict.outcome == "met":
-        return "The goal is met."
-    goal = verdict.goal
+        return "The criterion is met."
+    criterion = verdict.criterion
     missed = [
         text
         for met, text in (
-            (verdict.lost_met, f"lost more than {_percent(goal.lost)} as often"),
-            (verdict.error_met, f"error above {_percent(goal.error)}"),
-            (verdict.length_met, f"more than {_percent(goal.extra)} longer"),
+            (verdict.lost_met, f"lost more than {_percent(criterion.lost)} as often"),
+            (verdict.error_met, f"error above {_percent(criterion.error)}"),
+            (verdict.length_met, f"more than {_percent(criterion.extra)} longer"),
             (verdict.walls_met, "meets walls more often"),
         )
         if not met
     ]
-    return f"The goal is not met ({', '.join(missed)})."
+    return f"The criterion is not met ({', '.join(missed)})."
 
 
 def _list(names: Sequence[str]) -> str:

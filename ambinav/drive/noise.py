@@ -20,20 +20,18 @@ told of it are the alphas of AMCL's own model, an `OdometryModel`, which `modell
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import as_number
-from ambinav.errors import InputError
+from ambinav.config import NonNegative, Number, check_fields
 from ambinav.kernels import kernel
 from ambinav.localization.odometry import OdometryModel, wrapped
 from ambinav.localization.random import normals
 
 Floats = NDArray[np.float64]
-EITHER_SIGN = ("bias_distance", "bias_turn")
 
 
 class PackedNoise(NamedTuple):
@@ -78,22 +76,18 @@ class OdometryNoise:
         InputError: a number is not finite; or negative, the biases aside.
     """
 
-    alpha1: float = 0.2
-    alpha2: float = 0.2
-    alpha3: float = 0.2
-    alpha4: float = 0.2
-    scale: float = 0.25
-    distance: float = 0.25
-    angle: float = 0.2
-    bias_distance: float = 0.0
-    bias_turn: float = 0.0
+    alpha1: NonNegative = 0.2
+    alpha2: NonNegative = 0.2
+    alpha3: NonNegative = 0.2
+    alpha4: NonNegative = 0.2
+    scale: NonNegative = 0.25
+    distance: NonNegative = 0.25
+    angle: NonNegative = 0.2
+    bias_distance: Number = 0.0
+    bias_turn: Number = 0.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = as_number(getattr(self, field.name), f"odometry: {field.name}")
-            if value < 0.0 and field.name not in EITHER_SIGN:
-                raise InputError(f"odometry: {field.name} is {value}; give at least 0.")
-            object.__setattr__(self, field.name, value)
+        check_fields(self, "odometry")
 
     @property
     def packed(self) -> PackedNoise:

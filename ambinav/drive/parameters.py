@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from ambinav.config import nearest
+from ambinav.config import Positive, Switch, check_fields
 from ambinav.errors import InputError
-
-SWITCHES = (
-    "use_velocity_scaled_lookahead_dist",
-    "use_regulated_linear_velocity_scaling",
-    "use_rotate_to_heading",
-)
 
 
 class Packed(NamedTuple):
@@ -75,60 +67,34 @@ class FollowerParameters:
             are the wrong way round.
     """
 
-    desired_linear_vel: float = 0.5
-    lookahead_dist: float = 0.3
-    use_velocity_scaled_lookahead_dist: bool = False
-    min_lookahead_dist: float = 0.3
-    max_lookahead_dist: float = 0.9
-    lookahead_time: float = 1.5
-    use_regulated_linear_velocity_scaling: bool = True
-    regulated_linear_scaling_min_radius: float = 0.9
-    regulated_linear_scaling_min_speed: float = 0.25
-    approach_velocity_scaling_dist: float = 0.6
-    min_approach_linear_velocity: float = 0.05
-    use_rotate_to_heading: bool = True
-    rotate_to_heading_min_angle: float = 0.785
-    rotate_to_heading_angular_vel: float = 1.8
-    max_robot_pose_search_dist: float = 2.0
-    inversion_xy_tolerance: float = 0.1
-    xy_goal_tolerance: float = 0.25
-    yaw_goal_tolerance: float = 0.25
+    desired_linear_vel: Positive = 0.5
+    lookahead_dist: Positive = 0.3
+    use_velocity_scaled_lookahead_dist: Switch = False
+    min_lookahead_dist: Positive = 0.3
+    max_lookahead_dist: Positive = 0.9
+    lookahead_time: Positive = 1.5
+    use_regulated_linear_velocity_scaling: Switch = True
+    regulated_linear_scaling_min_radius: Positive = 0.9
+    regulated_linear_scaling_min_speed: Positive = 0.25
+    approach_velocity_scaling_dist: Positive = 0.6
+    min_approach_linear_velocity: Positive = 0.05
+    use_rotate_to_heading: Switch = True
+    rotate_to_heading_min_angle: Positive = 0.785
+    rotate_to_heading_angular_vel: Positive = 1.8
+    max_robot_pose_search_dist: Positive = 2.0
+    inversion_xy_tolerance: Positive = 0.1
+    xy_goal_tolerance: Positive = 0.25
+    yaw_goal_tolerance: Positive = 0.25
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in SWITCHES:
-                if not isinstance(value, bool):
-                    raise InputError(f"follower: {field.name} is {value!r}; give true or false.")
-            elif isinstance(value, bool) or not isinstance(value, int | float):
-                raise InputError(f"follower: {field.name} is {value!r}; give a number.")
-            elif not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"follower: {field.name} is {value}; give a number above 0.")
+        check_fields(self, "follower")
         if self.min_lookahead_dist > self.max_lookahead_dist:
             raise InputError(
                 f"follower: min_lookahead_dist is {self.min_lookahead_dist}; give at most "
                 f"max_lookahead_dist, {self.max_lookahead_dist}."
             )
 
-    @classmethod
-    def of(cls, values: Mapping[str, float | bool]) -> FollowerParameters:
-        """The parameters from a mapping; what it leaves out is as by default.
-
-        Raises:
-            InputError: a name is unknown, or a value of no use.
-        """
-        known = [field.name for field in fields(cls)]
-        for name in values:
-            if name not in known:
-                raise InputError(f"follower: {name!r} is unknown; {nearest(str(name), known)}.")
-        given: dict[str, Any] = dict(values)
-        return cls(**given)
-
     @property
     def packed(self) -> Packed:
         """The same for the kernels."""
-        values: dict[str, Any] = {
-            name: value if isinstance(value, bool) else float(value)
-            for name, value in vars(self).items()
-        }
-        return Packed(**values)
+        return Packed(**vars(self))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import as_number
+from ambinav.config import NonNegative, Positive, check_fields, whole
 from ambinav.drive.world import ROUNDING
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -48,17 +49,12 @@ class People:
             number.
     """
 
-    count: int
-    radius: float = 0.25
-    speed: float = 1.0
+    count: Annotated[int, whole(least=0)]
+    radius: Positive = 0.25
+    speed: NonNegative = 1.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 0:
-            raise InputError(f"people: count is {self.count!r}; give a whole number from 0 on.")
-        if not as_number(self.radius, "people: radius") > 0.0:
-            raise InputError(f"people: radius is {self.radius}; give metres above 0.")
-        if as_number(self.speed, "people: speed") < 0.0:
-            raise InputError(f"people: speed is {self.speed}; give at least 0 metres per second.")
+        check_fields(self, "people")
 
 
 class Crowd:

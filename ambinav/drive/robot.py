@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from ambinav.config import as_number
-from ambinav.errors import InputError
+from ambinav.config import NonNegative, Positive, check_fields
 from ambinav.geometry.footprint import Footprint
 
 
@@ -27,19 +26,14 @@ class Robot:
         InputError: a number is not finite or not above 0 (the radius: below 0).
     """
 
-    radius: float = 0.22
-    max_speed: float = 0.5
-    max_turn_rate: float = 2.0
-    acceleration: float = 2.5
-    turn_acceleration: float = 3.2
+    radius: NonNegative = 0.22
+    max_speed: Positive = 0.5
+    max_turn_rate: Positive = 2.0
+    acceleration: Positive = 2.5
+    turn_acceleration: Positive = 3.2
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = as_number(getattr(self, field.name), f"robot: {field.name}")
-            least = "at least" if field.name == "radius" else "above"
-            if value < 0.0 or (value == 0.0 and least == "above"):
-                raise InputError(f"robot: {field.name} is {value:g}; give a number {least} 0.")
-            object.__setattr__(self, field.name, value)
+        check_fields(self, "robot")
 
     @property
     def footprint(self) -> Footprint:

@@ -21,13 +21,12 @@ odometry truly errs, and what planners predict with, is `ambinav.drive.noise.Odo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_number
-from ambinav.errors import InputError
+from ambinav.config import NonNegative, check_fields
 from ambinav.kernels import kernel
 from ambinav.localization.random import normals
 
@@ -53,19 +52,15 @@ class OdometryModel:
         InputError: one of them is negative or not a number.
     """
 
-    alpha1: float = 0.2
-    alpha2: float = 0.2
-    alpha3: float = 0.2
-    alpha4: float = 0.2
-    alpha5: float = 0.2
+    alpha1: NonNegative = 0.2
+    alpha2: NonNegative = 0.2
+    alpha3: NonNegative = 0.2
+    alpha4: NonNegative = 0.2
+    alpha5: NonNegative = 0.2
 
     def __post_init__(self) -> None:
         """Check that each is a share."""
-        for field in fields(self):
-            value = as_number(getattr(self, field.name), field.name)
-            if value < 0.0:
-                raise InputError(f"{field.name} is {value}; give at least 0.")
-            object.__setattr__(self, field.name, value)
+        check_fields(self)
 
     @property
     def array(self) -> Floats:

@@ -4,10 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
-from ambinav.config import as_count, as_number, nearest
+from ambinav.config import (
+    Count,
+    NonNegative,
+    Number,
+    Positive,
+    Share,
+    Switch,
+    check_fields,
+    choice,
+    from_mapping,
+    whole,
+)
 from ambinav.errors import InputError
 from ambinav.localization.odometry import OdometryModel
 from ambinav.localization.scanner_settings import FIELDS, settings_for
@@ -19,26 +30,6 @@ LASER_MODELS = ("likelihood_field", "likelihood_field_prob", "beam", "beam_prob"
 RESAMPLING = ("systematic", "low_variance", "multinomial")
 ESTIMATES = ("cluster", "mean")
 INTERPOLATIONS = ("nearest", "bilinear")
-CHOICES = {
-    "laser_model_type": LASER_MODELS,
-    "resampling": RESAMPLING,
-    "estimate": ESTIMATES,
-    "likelihood_interpolation": INTERPOLATIONS,
-}
-COUNTS = ("max_beams", "min_particles", "max_particles", "resample_interval")
-# Lowest value of each number, and whether it may be taken.
-POSITIVE = (
-    "pf_err", "sigma_hit", "lambda_short", "laser_likelihood_max_dist", "likelihood_resolution",
-    "importance_factor",
-)  # fmt: skip
-SHARES = (
-    "z_hit", "z_short", "z_max", "z_rand", "recovery_alpha_slow", "recovery_alpha_fast",
-    "localizability_weighting",
-)  # fmt: skip
-AT_LEAST_ZERO = (
-    "pf_z", "update_min_d", "update_min_a", "initial_cov_xx", "initial_cov_yy", "initial_cov_aa",
-    "beam_table_resolution",
-)  # fmt: skip
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4", "alpha5")
 
 
@@ -112,68 +103,51 @@ class MclParameters:
         InputError: a value makes no sense; one sentence names the parameter and the remedy.
     """
 
-    alpha1: float = 0.2
-    alpha2: float = 0.2
-    alpha3: float = 0.2
-    alpha4: float = 0.2
-    alpha5: float = 0.2
-    laser_model_type: str = "likelihood_field"
-    max_beams: int = 60
-    laser_max_range: float = 100.0
-    laser_min_range: float = -1.0
-    laser_likelihood_max_dist: float = 2.0
-    z_hit: float = 0.5
-    z_short: float = 0.05
-    z_max: float = 0.05
-    z_rand: float = 0.5
-    sigma_hit: float = 0.2
-    lambda_short: float = 0.1
-    min_particles: int = 500
-    max_particles: int = 2000
-    pf_err: float = 0.05
-    pf_z: float = 0.99
-    update_min_d: float = 0.25
-    update_min_a: float = 0.2
-    resample_interval: int = 1
-    recovery_alpha_slow: float = 0.0
-    recovery_alpha_fast: float = 0.0
-    initial_cov_xx: float = 0.25
-    initial_cov_yy: float = 0.25
-    initial_cov_aa: float = (math.pi / 12.0) ** 2
+    alpha1: NonNegative = 0.2
+    alpha2: NonNegative = 0.2
+    alpha3: NonNegative = 0.2
+    alpha4: NonNegative = 0.2
+    alpha5: NonNegative = 0.2
+    laser_model_type: Annotated[str, choice(LASER_MODELS)] = "likelihood_field"
+    max_beams: Annotated[int, whole(least=2)] = 60
+    laser_max_range: Number = 100.0
+    laser_min_range: Number = -1.0
+    laser_likelihood_max_dist: Positive = 2.0
+    z_hit: Share = 0.5
+    z_short: Share = 0.05
+    z_max: Share = 0.05
+    z_rand: Share = 0.5
+    sigma_hit: Positive = 0.2
+    lambda_short: Positive = 0.1
+    min_particles: Count = 500
+    max_particles: Count = 2000
+    pf_err: Positive = 0.05
+    pf_z: NonNegative = 0.99
+    update_min_d: NonNegative = 0.25
+    update_min_a: NonNegative = 0.2
+    resample_interval: Count = 1
+    recovery_alpha_slow: Share = 0.0
+    recovery_alpha_fast: Share = 0.0
+    initial_cov_xx: NonNegative = 0.25
+    initial_cov_yy: NonNegative = 0.25
+    initial_cov_aa: NonNegative = (math.pi / 12.0) ** 2
 
-    importance_factor: float = 0.1
-    resampling: str = "systematic"
-    estimate: str = "cluster"
-    recovery_reset: bool = False
-    likelihood_resolution: float = 0.025
-    likelihood_interpolation: str = "nearest"
-    beam_table_resolution: float = 0.0
-    localizability_weighting: float = 0.0
+    importance_factor: Positive = 0.1
+    resampling: Annotated[str, choice(RESAMPLING)] = "systematic"
+    estimate: Annotated[str, choice(ESTIMATES)] = "cluster"
+    recovery_reset: Switch = False
+    likelihood_resolution: Positive = 0.025
+    likelihood_interpolation: Annotated[str, choice(INTERPOLATIONS)] = "nearest"
+    beam_table_resolution: NonNegative = 0.0
+    localizability_weighting: Share = 0.0
 
     def __post_init__(self) -> None:
         """Check every parameter and bring it to its type."""
-        for key, choices in CHOICES.items():
-            value = getattr(self, key)
-            if value not in choices:
-                raise InputError(f"{key} is {value!r}; {nearest(str(value), choices)}.")
-        if not isinstance(self.recovery_reset, bool):
-            raise InputError(f"recovery_reset is {self.recovery_reset!r}; give true or false.")
         if isinstance(self.localizability_weighting, bool):
             object.__setattr__(
                 self, "localizability_weighting", float(self.localizability_weighting)
             )
-        for key in COUNTS:
-            object.__setattr__(self, key, as_count(getattr(self, key), key))
-        numbers = ("laser_max_range", "laser_min_range")
-        for key in (*POSITIVE, *SHARES, *AT_LEAST_ZERO, *numbers, *ALPHAS):
-            object.__setattr__(self, key, as_number(getattr(self, key), key))
-        for key in POSITIVE:
-            self._require(key, getattr(self, key) > 0.0, "more than 0")
-        for key in AT_LEAST_ZERO:
-            self._require(key, getattr(self, key) >= 0.0, "at least 0")
-        for key in SHARES:
-            self._require(key, 0.0 <= getattr(self, key) <= 1.0, "0 to 1")
-        self._require("max_beams", self.max_beams >= 2, "at least 2 beams")
+        check_fields(self)
         most = f"at least min_particles ({self.min_particles})"
         self._require("max_particles", self.max_particles >= self.min_particles, most)
         # Else one reading that a model holds impossible takes the whole scan away.
@@ -183,7 +157,6 @@ class MclParameters:
         slow, fast = self.recovery_alpha_slow, self.recovery_alpha_fast
         low = "at most recovery_alpha_fast, or 0 for both"
         self._require("recovery_alpha_slow", slow <= fast, low)
-        self.odometry  # noqa: B018 - it checks the alphas
 
     def _require(self, key: str, good: bool, what: str) -> None:
         if not good:
@@ -220,10 +193,4 @@ class MclParameters:
             InputError: a name is unknown (the nearest ones are offered), or a value makes no
                 sense.
         """
-        known = [field.name for field in fields(cls)]
-        for key in values:
-            if key not in known:
-                raise InputError(
-                    f"localizer: the parameter {key!r} is unknown; {nearest(str(key), known)}."
-                )
-        return cls(**values)
+        return from_mapping(cls, values)

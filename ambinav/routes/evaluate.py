@@ -17,7 +17,7 @@ from ambinav.service.field import Field
 from ambinav.service.service import AmbiguityService
 
 PER_CELL = 4
-"""Samples of the zone on a way of one cell."""
+"""Samples of the zone in the length of one cell."""
 
 
 def evaluate_route(

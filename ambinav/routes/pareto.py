@@ -7,15 +7,22 @@ import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import write_text
 from ambinav.routes.record import known
 from ambinav.routes.route import Route
+from ambinav.runfolder import RunFolder
 
 SLACK = 1e-9
 """Relative difference below which two lengths or exposures count as equal."""
+FOLDER: Final = RunFolder(
+    "Pareto front",
+    ("pareto.csv", "pareto.json", "pareto.png", "route-*.csv", "routes.png"),
+    proof="pareto.json",
+)
+"""What `ambinav plan --pareto` writes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +118,7 @@ class ParetoFront:
             raise InputError(
                 f"{path}: the ending {path.suffix!r} names no format of fronts; choose .csv, .json."
             )
-        with replacing(path) as scratch:
-            scratch.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
 
 def _dominates(a: Route, b: Route) -> bool:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
+from ambinav.config import ConfigModel, NonNegative, Number
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import ZONES
@@ -19,17 +18,10 @@ from ambinav.routes.route import Route
 
 FORMAT: Final = "ambinav-route/1"
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Amount = Annotated[float, Field(allow_inf_nan=False, ge=0.0)]
-Model = TypeVar("Model", bound=BaseModel)
 Zone = Literal["localizable", "transition", "corridor", "open"]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Figures(_Part):
+class Figures(ConfigModel):
     """What a route is and costs; every field of a file but the poses. See `Route` for meanings."""
 
     format: Literal["ambinav-route/1"] = FORMAT
@@ -40,36 +32,36 @@ class Figures(_Part):
     space: str
     turning_radius_m: Number
     layer: str
-    weight: Amount
-    power: Amount
-    clearance_weight: Amount
-    comfort_m: Amount
-    length_m: Amount
-    cost: Amount
-    exposure_m: Amount
-    localizable_m: Amount
-    transition_m: Amount
-    corridor_m: Amount
-    open_m: Amount
-    longest_bad_m: Amount
-    longest_corridor_m: Amount | None = None
-    longest_open_m: Amount | None = None
-    turn_rad: Amount
-    seconds: Amount
-    first_seconds: Amount | None
+    weight: NonNegative
+    power: NonNegative
+    clearance_weight: NonNegative
+    comfort_m: NonNegative
+    length_m: NonNegative
+    cost: NonNegative
+    exposure_m: NonNegative
+    localizable_m: NonNegative
+    transition_m: NonNegative
+    corridor_m: NonNegative
+    open_m: NonNegative
+    longest_bad_m: NonNegative
+    longest_corridor_m: NonNegative | None = None
+    longest_open_m: NonNegative | None = None
+    turn_rad: NonNegative
+    seconds: NonNegative
+    first_seconds: NonNegative | None
     iterations: int | None
-    curve: tuple[tuple[Amount, Amount], ...]
+    curve: tuple[tuple[NonNegative, NonNegative], ...]
 
 
-class Waypoint(_Part):
+class Waypoint(ConfigModel):
     """One pose of a route."""
 
     x: Number
     y: Number
     theta: Number
-    distance: Amount
-    cost: Amount
-    level: Amount
+    distance: NonNegative
+    cost: NonNegative
+    level: NonNegative
     zone: Zone
     covariance: tuple[Number, Number, Number, Number, Number, Number] | None = Field(
         default=None, description="xx, xy, x theta, yy, y theta, theta theta"
@@ -176,7 +168,7 @@ def _longest(told: Figures, longest: float | None, own: float, other: float) -> 
     """The longest stretch in one of the two bad zones, metres; nan if it cannot be known.
 
     Files of older versions tell only the longest one over both. It is that of the zone where the
-    route has no way in the other.
+    route does not touch the other.
 
     Args:
         told: The figures of a file.
@@ -194,31 +186,3 @@ def _longest(told: Figures, longest: float | None, own: float, other: float) -> 
 def known(metres: float) -> float | None:
     """A figure as files hold it: None where it is nan, which says that it is not known."""
     return None if math.isnan(metres) else metres
-
-
-def checked(model: type[Model], plain: Any, where: str) -> Model:
-    """Plain data as a model.
-
-    Args:
-        model: Which.
-        plain: As a parser gave it.
-        where: Named in messages: the file, and the line or member.
-
-    Raises:
-        InputError: a field is missing, unknown or holds something else; the message names it.
-    """
-    try:
-        return model.model_validate(plain)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        name = ".".join(str(part) for part in first["loc"]) or "content"
-        if first["type"] == "missing":
-            raise InputError(
-                f"{where}: the field {name!r} is missing; save the route again."
-            ) from error
-        if first["type"] == "extra_forbidden":
-            raise InputError(f"{where}: the field {name!r} is unknown; leave it out.") from error
-        value = json.dumps(first["input"], default=str)
-        value = value if len(value) <= 60 else f"{value[:57]}..."
-        wish = re.sub(r"^(Input|Value) should be", "it should be", first["msg"])
-        raise InputError(f"{where}: {name} is {value}; {wish}.") from error

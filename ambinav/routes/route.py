@@ -41,11 +41,11 @@ class Route:
         zone_metres: Metres travelled in each zone of the map, by name; they sum to `length`.
         longest_bad: The longest stretch in a row in `BAD_ZONES`, metres; it goes on where one of
             them borders on the other. Any piece of another zone ends a stretch, however short;
-            what takes no way, such as a turn on the spot, does not.
+            what covers no distance, such as a turn on the spot, does not.
         longest_corridor: The same in corridor alone; an open zone ends it as any other does. nan
             where the route was read from a file of an older version that does not tell.
         longest_open: The same in open zones alone.
-        turn: Sum of all turns, on the spot or on the way, radians.
+        turn: Sum of all turns, on the spot or on the path, radians.
         distance: Shape (N,): metres travelled up to each pose.
         spent: Shape (N,): cost up to each pose, metres-equivalent.
         levels: Shape (N,): the layer at each pose.

@@ -7,8 +7,9 @@ import io
 import json
 from typing import Any, Final
 
+from ambinav.config import checked
 from ambinav.errors import InputError
-from ambinav.routes.record import Figures, Waypoint, checked, figures, route_of, waypoints
+from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
 from ambinav.routes.route import Route
 
 COLUMNS: Final = ("x", "y", "theta", "distance", "cost", "level", "zone")

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import Fields, as_number, as_numbers
+from ambinav.config import ConfigModel, Numbers, as_number, as_numbers, checked
 from ambinav.errors import InputError
 
 
@@ -93,6 +93,16 @@ class Table:
 Curve: TypeAlias = float | Polynomial | Table
 
 
+class _TableModel(ConfigModel):
+    range: Numbers
+    value: Numbers
+
+
+class _CurveModel(ConfigModel):
+    polynomial: Numbers | None = None
+    table: _TableModel | None = None
+
+
 def as_curve(value: object, where: str) -> Curve:
     """Return a curve from a number, a curve or its YAML form; constants become floats.
 
@@ -100,23 +110,20 @@ def as_curve(value: object, where: str) -> Curve:
         InputError: it is none of these or holds a value that is not finite.
     """
     if isinstance(value, dict):
-        return _from_mapping(value, where)
+        value = _from_mapping(value, where)
     if isinstance(value, Polynomial):
         return value.coefficients[0] if len(value.coefficients) == 1 else value
     return value if isinstance(value, Table) else as_number(value, where)
 
 
-def _from_mapping(value: dict[object, object], where: str) -> Curve:
-    fields = Fields(value, where, ("polynomial", "table"))
-    if len(value) != 1:
+def _from_mapping(value: dict[object, object], where: str) -> Polynomial | Table:
+    told = checked(_CurveModel, value, where)
+    if told.polynomial is not None and told.table is None:
+        return Polynomial(told.polynomial)
+    if told.table is None or told.polynomial is not None:
         raise InputError(f"{where} is {value!r}; give either 'polynomial' or 'table'.")
-    if "polynomial" in fields:
-        place = fields.place("polynomial")
-        return as_curve(Polynomial(as_numbers(fields.raw("polynomial"), place)), where)
-    table = Fields(fields.raw("table"), fields.place("table"), ("range", "value"))
-    columns = [as_numbers(table.raw(key), table.place(key)) for key in ("range", "value")]
     try:
-        return Table(*columns)
+        return Table(told.table.range, told.table.value)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 

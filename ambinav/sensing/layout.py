@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import Fields, as_count, as_degrees, as_mount, as_number, as_numbers
+from ambinav.config import as_count, as_degrees, as_number, as_numbers
 from ambinav.errors import InputError
 from ambinav.sensing.sensor import RangeSensor
 
@@ -199,7 +199,6 @@ class Mounts:
 
 
 Layout: TypeAlias = Planar | Ring | Mounts
-KINDS = ("planar", "ring", "mounts")
 
 
 @dataclass(frozen=True)
@@ -208,35 +207,6 @@ class Part:
 
     sensor: RangeSensor
     layout: Layout
-
-
-def layout_from_plain(fields: Fields) -> Layout:
-    """Read the one layout among the fields of a part of a scanner file.
-
-    Raises:
-        InputError: there is none or more than one, or a field cannot be used.
-    """
-    given = [kind for kind in KINDS if kind in fields]
-    if len(given) != 1:
-        raise InputError(
-            f"{fields.where}: the part has {' and '.join(given) or 'no layout'}; give exactly one "
-            f"of {', '.join(KINDS)}."
-        )
-    kind = given[0]
-    plain, where = fields.raw(kind), fields.place(kind)
-    try:
-        if kind == "planar":
-            fan = Fields(plain, where, ("beams", "aperture_deg", "mount"))
-            return Planar(fan.count("beams"), fan.angle("aperture_deg"), fan.mount("mount", CENTRE))
-        if kind == "ring":
-            ring = Fields(plain, where, ("count", "radius", "start_deg"))
-            return Ring(ring.count("count"), ring.number("radius"), ring.angle("start_deg", 0.0))
-        if not isinstance(plain, list):
-            raise InputError(f"{where} is {plain!r}; give a list of [x, y, yaw_deg].")
-        return Mounts(tuple(as_mount(row, f"{where}[{i}]") for i, row in enumerate(plain)))
-    except InputError as error:
-        named = str(error).startswith(where)
-        raise error if named else InputError(f"{where}: {error}") from error
 
 
 def _mount(value: object) -> Mount:

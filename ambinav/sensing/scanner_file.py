@@ -14,16 +14,29 @@ parts:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
 
 import yaml
+from pydantic import BeforeValidator, InstanceOf, TypeAdapter, model_validator
 
-from ambinav.config import Fields, parse_yaml, read_text
+from ambinav.config import (
+    ConfigModel,
+    Count,
+    Degrees,
+    MountDegrees,
+    Number,
+    Text,
+    check_keys,
+    checked,
+    fault,
+    number,
+    parse_yaml,
+)
 from ambinav.errors import InputError
 from ambinav.mistaken import SCANNER, kind_of, refuse
-from ambinav.sensing.layout import KINDS, Part, layout_from_plain
-from ambinav.sensing.presets import preset_path
+from ambinav.sensing.layout import CENTRE, Mounts, Part, Planar, Ring
+from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
 
 EXAMPLE = "`ambinav presets NAME` prints one as an example"
@@ -39,6 +52,89 @@ class ScannerText(NamedTuple):
     robot_radius: float | None
 
 
+class _PlanarModel(ConfigModel):
+    beams: Count
+    aperture_deg: Degrees
+    mount: MountDegrees = CENTRE
+
+
+class _RingModel(ConfigModel):
+    count: Count
+    radius: Number
+    start_deg: Degrees = 0.0
+
+
+def _planar(plain: object) -> Planar:
+    told = _PlanarModel.model_validate(plain)
+    return Planar(told.beams, told.aperture_deg, told.mount)
+
+
+def _ring(plain: object) -> Ring:
+    told = _RingModel.model_validate(plain)
+    return Ring(told.count, told.radius, told.start_deg)
+
+
+def _mounts(plain: object) -> Mounts:
+    if not isinstance(plain, list):
+        raise fault(plain, "give a list of [x, y, yaw_deg]")
+    return Mounts(TypeAdapter(tuple[MountDegrees, ...]).validate_python(plain))
+
+
+def _sensor(plain: object) -> RangeSensor:
+    """A sensor from its fields, or that of a preset."""
+    if not isinstance(plain, str):
+        return RangeSensor.from_plain(plain, "sensor")
+    preset = PRESETS.get(plain)
+    kinds = {part.sensor for part in parse_scanner(preset.yaml, preset.origin, plain).parts}
+    if len(kinds) != 1:
+        raise InputError(
+            f"the preset {plain!r} has {len(kinds)} kinds of sensor; name one that has a single "
+            "kind."
+        )
+    return kinds.pop()
+
+
+class _PartModel(ConfigModel):
+    sensor: Annotated[InstanceOf[RangeSensor], BeforeValidator(_sensor)]
+    planar: Annotated[InstanceOf[Planar] | None, BeforeValidator(_planar)] = None
+    ring: Annotated[InstanceOf[Ring] | None, BeforeValidator(_ring)] = None
+    mounts: Annotated[InstanceOf[Mounts] | None, BeforeValidator(_mounts)] = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_layout(cls, plain: Any) -> Any:
+        if isinstance(plain, Mapping):
+            check_keys(plain, cls.model_fields)
+            given = [kind for kind in ("planar", "ring", "mounts") if kind in plain]
+            if "sensor" in plain and len(given) != 1:
+                raise InputError(
+                    f"the part has {' and '.join(given) or 'no layout'}; give exactly one of "
+                    "planar, ring, mounts."
+                )
+        return plain
+
+    @property
+    def part(self) -> Part:
+        """The part."""
+        layout = self.planar or self.ring or self.mounts
+        assert layout is not None  # one of them is given, and null is none of them
+        return Part(self.sensor, layout)
+
+
+def _listed(parts: object) -> object:
+    if not isinstance(parts, list) or not parts:
+        raise fault(parts, "give a list of parts, each with a sensor and a layout")
+    return parts
+
+
+class _ScannerModel(ConfigModel):
+    name: Text = ""
+    description: Text = ""
+    source: Text = ""
+    robot_radius: Annotated[float | None, number(above=0)] = None
+    parts: Annotated[tuple[_PartModel, ...], BeforeValidator(_listed)]
+
+
 def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
     """Read a scanner from YAML text; `where` names it in messages.
 
@@ -47,50 +143,14 @@ def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
     """
     plain = parse_yaml(text, where, EXAMPLE)
     refuse(where, kind_of(plain), "a scanner", SCANNER)
-    given = Fields(plain, where, ScannerText._fields)
-    parts = given.raw("parts")
-    if not isinstance(parts, list) or not parts:
-        raise InputError(
-            f"{given.place('parts')} is {parts!r}; give a list of parts, each with a sensor and a "
-            "layout."
-        )
+    told = checked(_ScannerModel, plain, where)
     return ScannerText(
-        name=given.text("name", default_name) or default_name,
-        description=given.text("description", ""),
-        source=given.text("source", ""),
-        parts=tuple(_part(plain, f"{where}: parts[{i}]") for i, plain in enumerate(parts)),
-        robot_radius=_robot_radius(given),
+        told.name or default_name,
+        told.description,
+        told.source,
+        tuple(part.part for part in told.parts),
+        told.robot_radius,
     )
-
-
-def _robot_radius(given: Fields) -> float | None:
-    if "robot_radius" not in given:
-        return None
-    radius = given.number("robot_radius")
-    if radius <= 0.0:
-        raise InputError(
-            f"{given.place('robot_radius')} is {radius:g}; give metres above zero, e.g. 0.2."
-        )
-    return radius
-
-
-def _part(plain: object, where: str) -> Part:
-    given = Fields(plain, where, ("sensor", *KINDS))
-    sensor = given.raw("sensor")
-    if not isinstance(sensor, str):
-        made = RangeSensor.from_plain(sensor, given.place("sensor"))
-        return Part(made, layout_from_plain(given))
-    try:
-        path = preset_path(sensor)
-    except InputError as error:
-        raise InputError(f"{given.place('sensor')}: {error}") from error
-    kinds = {part.sensor for part in parse_scanner(read_text(path), str(path), sensor).parts}
-    if len(kinds) != 1:
-        raise InputError(
-            f"{given.place('sensor')}: the preset {sensor!r} has {len(kinds)} kinds of sensor; "
-            "name one that has a single kind."
-        )
-    return Part(kinds.pop(), layout_from_plain(given))
 
 
 def render_scanner(

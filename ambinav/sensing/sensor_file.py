@@ -18,13 +18,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ambinav.config import Fields, as_degrees
+from ambinav.config import ConfigModel, Degrees, Number, Text, as_degrees, checked
 from ambinav.sensing import curves
 
-FIELDS = (
-    *("name", "source", "aperture_deg", "min_range", "max_range", "resolution", "bias", "std"),
-    *("max_incidence_deg", "random_share", "lost_share"),
-)
+
+class _SensorModel(ConfigModel):
+    """What a sensor's file may hold; `RangeSensor` checks the limits and the curves."""
+
+    name: Text = ""
+    source: Text = ""
+    aperture_deg: Degrees = 0.0
+    min_range: Number = 0.0
+    max_range: Number
+    resolution: Number
+    bias: Any = 0.0
+    std: Any
+    max_incidence_deg: Degrees | None = None
+    random_share: Number = 0.01
+    lost_share: Number = 0.0
 
 
 def parse_sensor(plain: object, where: str) -> dict[str, Any]:
@@ -33,22 +44,8 @@ def parse_sensor(plain: object, where: str) -> dict[str, Any]:
     Raises:
         InputError: a field is unknown, missing or of the wrong type.
     """
-    given = Fields(plain, where, FIELDS)
-    bias = given.raw("bias") if "bias" in given else 0.0
-    limited = "max_incidence_deg" in given and given.raw("max_incidence_deg") is not None
-    return {
-        "name": given.text("name", ""),
-        "source": given.text("source", ""),
-        "aperture": given.angle("aperture_deg", 0.0),
-        "min_range": given.number("min_range", 0.0),
-        "max_range": given.number("max_range"),
-        "resolution": given.number("resolution"),
-        "bias": curves.as_curve(bias, given.place("bias")),
-        "std": curves.as_curve(given.raw("std"), given.place("std")),
-        "max_incidence": given.angle("max_incidence_deg") if limited else None,
-        "random_share": given.number("random_share", 0.01),
-        "lost_share": given.number("lost_share", 0.0),
-    }
+    told = checked(_SensorModel, plain, where)
+    return {key.removesuffix("_deg"): value for key, value in told}
 
 
 def render_sensor(fields: Mapping[str, Any]) -> dict[str, object]:

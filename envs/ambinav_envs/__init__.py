@@ -9,7 +9,23 @@ Importing it makes the ids known::
     env = gym.make("ambinav/Office-v0")
 """
 
-from ambinav_envs.registration import IDS as IDS
-from ambinav_envs.registration import register_envs as register_envs
+try:
+    import gymnasium as _gymnasium  # noqa: F401
+except ModuleNotFoundError as error:
+    if error.name != "gymnasium":
+        raise
+    raise ImportError(
+        "ambinav_envs needs the package gymnasium, which is not installed; run "
+        '`pip install "ambinav[envs]"`.'
+    ) from None
+
+from ambinav_envs.registration import IDS, register_envs
+
+__all__ = ["IDS", "register_envs"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 register_envs()

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from ambinav_planners.planning import NotFoundError, RoutePlanner, plan
     from ambinav_planners.registry import Planner, planners
     from ambinav_planners.roadmap import Roadmap
-    from ambinav_planners.search.reachability import NoWayError
+    from ambinav_planners.search.reachability import NoPathError
     from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
 
 __all__ = [
     "AmbiguityObjective",
     "FootprintMotionValidator",
     "FootprintStateValidity",
-    "NoWayError",
+    "NoPathError",
     "NotFoundError",
     "Planner",
     "PoseGoal",
@@ -39,7 +39,7 @@ _HOME = {
     "AmbiguityObjective": "objective",
     "FootprintMotionValidator": "validator",
     "FootprintStateValidity": "validator",
-    "NoWayError": "search.reachability",
+    "NoPathError": "search.reachability",
     "NotFoundError": "planning",
     "Planner": "registry",
     "PoseGoal": "goal",
@@ -56,10 +56,16 @@ def __getattr__(name: str) -> Any:
     """Load a public name from its module on first use (PEP 562)."""
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    try:
+        value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "ompl":
+            raise
+        reason = f'{name} needs OMPL; run: pip install "ambinav[planners]".'
+        raise ImportError(reason, name=error.name) from error
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

@@ -10,14 +10,16 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Watch, found_poses, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner, register
+from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Planner, PlannerResult
 
 FIRST_SAMPLES = 500
 
 
-def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Budget], Found]:
-    def solve(problem: Problem, budget: Budget) -> Found:
-        """Solve with 500 samples, then twice as many, and so on; the best way counts.
+def _solver(
+    make: Callable[[ob.SpaceInformation], Any],
+) -> Callable[[Problem, Budget], PlannerResult]:
+    def solve(problem: Problem, budget: Budget) -> PlannerResult:
+        """Solve with 500 samples, then twice as many, and so on; the best path counts.
 
         A budget of iterations is the number of samples of one single run.
         """
@@ -43,16 +45,16 @@ def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Bu
             if budget.iterations is not None:
                 break
             samples *= 2
-        return Found(best, tuple(watch.curve), most)
+        return PlannerResult(best, tuple(watch.curve), most)
 
     return solve
 
 
-def _add(name: str, make: Callable[[Any], Any], text: str) -> None:
-    register(
-        Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
-    )
+def _fmt(name: str, make: Callable[[Any], Any], text: str) -> Planner:
+    return Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
 
 
-_add("fmt", og.FMT, "FMT*, with doubled numbers of samples (Janson et al. 2015)")
-_add("bfmt", og.BFMT, "FMT* from both ends, with doubled numbers of samples (Starek et al. 2015)")
+FMT = _fmt("fmt", og.FMT, "FMT*, with doubled numbers of samples (Janson et al. 2015)")
+BFMT = _fmt(
+    "bfmt", og.BFMT, "FMT* from both ends, with doubled numbers of samples (Starek et al. 2015)"
+)

@@ -15,11 +15,11 @@ from ambinav.routes.route import Route
 from ambinav_planners.improve.finishing import finish, not_found
 from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, check_suits, planner
+from ambinav_planners.reference import found_on, reference_graph
+from ambinav_planners.registry import Budget, Planner, PlannerResult, check_suits, planner
 from ambinav_planners.search.cheapest import cheapest_on
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.reachability import check_reachable
-from ambinav_planners.search.reference import found_on, reference_graph
 from ambinav_planners.seeded import call_seeded
 
 WEIGHTS = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)
@@ -116,13 +116,13 @@ def _cheapest_route(
     return finish(chosen, problem, found, budget.seed, improved=improved)
 
 
-def _found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
+def _found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:
     """The cheapest path over a roadmap, as what a planner found."""
     poses = cheapest_on(graph, problem)
     if poses is None:
-        return Found(None)
+        return PlannerResult(None)
     cost = problem.service.route_cost(poses, problem.steering)
-    return Found(poses, ((time.perf_counter() - started, cost),))
+    return PlannerResult(poses, ((time.perf_counter() - started, cost),))
 
 
 def _cheapest_of(routes: list[Route], own: Route, problem: Problem) -> Route:

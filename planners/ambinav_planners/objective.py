@@ -12,11 +12,11 @@ from ompl import base as ob
 
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import FACING, Steering
+from ambinav.kernels import machine_code
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.motion import line_integral, motion_integral
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.along_space import PoseOf, SpaceMotions
-from ambinav_planners.direct import direct
 from ambinav_planners.steering_check import check_steering, steering_of
 
 Cost = ob.Cost
@@ -92,8 +92,10 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         self._with_heading = steering.kind != FACING
         self._kind, self._radius = steering.kind, steering.kernel_radius
         zeros = (0.0,) * 6
-        self._integral = direct(motion_integral, self._kind, self._radius, *zeros, *self._field)
-        self._line = direct(line_integral, *zeros[:4], *self._field)
+        self._integral = machine_code(
+            motion_integral, self._kind, self._radius, *zeros, *self._field
+        )
+        self._line = machine_code(line_integral, *zeros[:4], *self._field)
 
     @property
     def symmetric(self) -> bool:

@@ -1,4 +1,4 @@
-"""OMPL set up for a problem: space, validity, objective, random numbers, the way found."""
+"""OMPL set up for a problem: space, validity, objective, random numbers, the path found."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ambinav_planners.registry import Budget
 from ambinav_planners.spaces import make_space, new_state, pose_reader
 from ambinav_planners.validator import FootprintMotionValidator, FootprintStateValidity
 
-# How near to the goal a way must end, metres: the goal itself, OMPL samples it.
+# How near to the goal a path must end, metres: the goal itself, OMPL samples it.
 GOAL_TOLERANCE = 1e-6
 # Motions are checked by the validator; this only bounds what else OMPL might want to sample.
 CHECK_STEP = 0.05
@@ -66,7 +66,7 @@ def prepare(problem: Problem, validator: type[ob.MotionValidator] | None = None)
 
 
 def found_poses(setup: Setup) -> NDArray[np.float64] | None:
-    """The way that OMPL found as poses, shape (N, 3), or None without an exact solution."""
+    """The path that OMPL found as poses, shape (N, 3), or None without an exact solution."""
     if not setup.simple.haveExactSolutionPath():
         return None
     # A copy at once: the path that OMPL returns dies with the next change of the setup.

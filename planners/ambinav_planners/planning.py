@@ -17,14 +17,13 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief.place_search import BeliefModel
-from ambinav_planners.improve.finishing import finish, is_free, not_found
+from ambinav_planners.belief.model import BeliefModel
+from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
 from ambinav_planners.problem import Problem, check_pose, make_checker
-from ambinav_planners.registry import Budget, Found, check_suits, planner
+from ambinav_planners.registry import Budget, PlannerResult, check_suits, planner
 from ambinav_planners.search.limit import BadStretchLimit
 from ambinav_planners.search.reachability import check_reachable
 from ambinav_planners.seeded import call_seeded
-from ambinav_planners.warmth import warm_up
 
 DEFAULT_RADIUS = 0.2
 # Part of the time that is kept for improving what the planner found, and at most so many seconds.
@@ -37,7 +36,7 @@ LARGEST_RADIUS = 10.0
 
 
 class NotFoundError(InputError):
-    """A planner found no way in its time, though the lattice does not rule one out."""
+    """A planner found no path in its time, though the lattice does not rule one out."""
 
 
 class RoutePlanner:
@@ -46,8 +45,8 @@ class RoutePlanner:
     Args:
         service_or_map: What a metre costs, or a map, whose `cost_layer` is then read at weight 5.
         footprint: The robot's outline, or the radius of a disc in metres.
-        space: r2 (straight lines, no heading), se2 (straight lines, the heading turns on the
-            way), dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
+        space: r2 (straight lines, no heading), se2 (straight lines along which the heading turns),
+            dubins (a car that drives forwards) or reeds-shepp (one that also backs up).
         turning_radius: Of the car, metres; for dubins and reeds-shepp only.
         avoid_open: Never enter the open zone.
         max_bad_metres: At most so many metres in a row above `bad_level`; None for no limit.
@@ -146,7 +145,7 @@ class RoutePlanner:
             weight: How many extra metres a metre at layer 1 is worth; None takes the service's.
             seconds: Time for planning and improving; inf needs `iterations`.
             iterations: Budget of the planner in its own iterations; None for no limit.
-            seed: From 1 on. With a seed and iterations (and no limit of time that strikes first)
+            seed: From 0 on. With a seed and iterations (and no limit of time that strikes first)
                 the route is the same every time.
             improved: Shortcut and smooth what the planner found; that never raises the cost.
 
@@ -154,7 +153,7 @@ class RoutePlanner:
             The route; its cost is the same integral that the planner minimised.
 
         Raises:
-            NoWayError: no way leads from start to goal.
+            NoPathError: no path leads from start to goal.
             NotFoundError: the planner found none in its time.
             InputError: anything else that cannot be used; the message says what and why.
         """
@@ -165,7 +164,7 @@ class RoutePlanner:
         problem = self.problem(start, goal, weight)
         check_suits(chosen, problem, budget)
         if _is_there(problem):
-            found = Found(problem.ends, iterations=0, finished=True)
+            found = PlannerResult(problem.ends, iterations=0, finished=True)
             return finish(chosen, problem, found, seed)
         seeded = seed if chosen.uses_ompl else None
         found = call_seeded(seeded, run, chosen.name, problem, _share(budget, improved))
@@ -174,8 +173,8 @@ class RoutePlanner:
             raise NotFoundError(not_found(chosen, problem, budget))
         if not is_free(found.poses, problem):
             raise NotFoundError(
-                f"planner {chosen.name!r} found only a way that touches a wall; give it more time, "
-                "or another planner."
+                f"planner {chosen.name!r} found only a path that touches a wall; give it more "
+                "time, or another planner."
             )
         return finish(chosen, problem, found, seed, improved=improved)
 
@@ -234,7 +233,7 @@ def plan(
     )
 
 
-def run(name: str, problem: Problem, budget: Budget) -> Found:
+def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
     """Let the planner of a name solve a problem, without improving what it finds."""
     chosen = planner(name)
     warm_up(problem)

@@ -18,7 +18,7 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.zones import OPEN
 from ambinav.service.service import AmbiguityService
-from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.limit import BadStretchLimit
 
 Pose = tuple[float, float, float]
@@ -26,7 +26,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A start, a goal, and everything that decides which way between them is best.
+    """A start, a goal, and everything that decides which path between them is best.
 
     Attributes:
         service: What a metre costs.

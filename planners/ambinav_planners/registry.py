@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from importlib.util import find_spec
 from numbers import Integral
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.plugins import Registry
 from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")
 SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
 """Those in which the way back is as long as the way there, as some of OMPL's planners need."""
+
+
+SEEDS = 2**32 - 1
+"""Seeds are below it: OMPL takes 32 bits but no 0, for which it gets this number."""
 
 
 @dataclass(frozen=True)
@@ -41,20 +45,20 @@ class Budget:
             raise InputError(f"time is {self.seconds:g} s; give a number above 0, e.g. 1.")
         if self.iterations is not None and not (_is_whole(self.iterations) and self.iterations > 0):
             raise InputError(f"iterations is {self.iterations}; give a whole number from 1 on.")
-        if self.seed is not None and not (_is_whole(self.seed) and 0 < self.seed < 2**32):
-            raise InputError(f"seed is {self.seed}; give a whole number from 1 to 4294967295.")
+        if self.seed is not None and not (_is_whole(self.seed) and 0 <= self.seed < SEEDS):
+            raise InputError(f"seed is {self.seed}; give a whole number from 0 to {SEEDS - 1}.")
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class PlannerResult:
     """What a planner found.
 
     Attributes:
-        poses: Way points, float64, shape (N, 3), or None if it found no way.
+        poses: Waypoints, float64, shape (N, 3), or None if it found no path.
         curve: Seconds and cost whenever the cost fell, in order.
         iterations: How many it made, or None if it does not count.
         covariances: Predicted covariance at each pose, shape (N, 3, 3), or None.
-        finished: Whether the way is final, so that improving it would spoil what it promises.
+        finished: Whether the path is final, so that improving it would spoil what it promises.
         seconds: What it took.
         alternatives: Other routes, as `poses`, that may be cheaper once they are improved.
     """
@@ -72,7 +76,7 @@ def _is_whole(value: object) -> bool:
     return isinstance(value, Integral)
 
 
-Solve = Callable[[Problem, Budget], Found]
+Solve = Callable[[Problem, Budget], PlannerResult]
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ class Planner:
 
     Attributes:
         name: What users call it.
-        solve: Finds a way.
+        solve: Finds a path.
         text: One line on how it works.
         iteration: What counts as one iteration, or "" if it does not iterate.
         spaces: Kinds of motion that it plans for.
@@ -104,16 +108,32 @@ class Planner:
     make: Callable[[Any], Any] | None = None
 
 
-@dataclass
-class _Registry:
-    planners: dict[str, Planner] = field(default_factory=dict)
-    loaded: bool = False
+_OWN = {
+    "rrtstar": "ambinav_planners.tree:RRTSTAR",
+    "informed-rrtstar": "ambinav_planners.tree:INFORMED_RRTSTAR",
+    "sorrtstar": "ambinav_planners.tree:SORRTSTAR",
+    "bitstar": "ambinav_planners.tree:BITSTAR",
+    "fmt": "ambinav_planners.batch:FMT",
+    "bfmt": "ambinav_planners.batch:BFMT",
+    "prmstar": "ambinav_planners.roadmap:PRMSTAR",
+    "reference": "ambinav_planners.reference:REFERENCE",
+    "belief": "ambinav_planners.belief.planners:BELIEF",
+    "belief-roadmap": "ambinav_planners.belief.planners:BELIEF_ROADMAP",
+}
 
+WITHOUT_OMPL = ("reference", "belief")
+"""Of our own planners those that plan where OMPL is not installed."""
 
-_registry = _Registry()
-_HOMES = ("tree", "batch", "roadmap", "search.reference", "belief.planners")
+_NEED_OMPL = frozenset(_OWN) - frozenset(WITHOUT_OMPL)
 
-_NOT_OPTIMISING = "it stops at the first way that it finds and never looks at the cost"
+PLANNERS: Final = Registry("planner", Planner, "ambinav.planners", _OWN)
+"""All planners.
+
+Seeded plans run in fresh processes, which know our own planners and those of installed plug-ins;
+one that is only registered and sets `uses_ompl` can be seeded in the first plan of a process alone.
+"""
+
+_NOT_OPTIMISING = "it stops at the first path that it finds and never looks at the cost"
 REFUSED = {
     "aorrtc": "OMPL's AORRTC never calls the objective, so it would ignore the ambiguity",
     "prm": "OMPL's PRM deadlocks with an objective written in Python",
@@ -126,46 +146,35 @@ REFUSED = {
 """OMPL's other geometric planners, by their name in lower case, and why they are not offered."""
 
 
-def register(planner: Planner) -> Planner:
-    """Add a planner.
-
-    Seeded plans run in fresh processes, which know the planners of this package only: one from
-    elsewhere that sets `uses_ompl` can be seeded in the first plan of a process alone.
-
-    Raises:
-        ValueError: the name is taken.
-    """
-    if planner.name in _registry.planners:
-        raise ValueError(f"planner {planner.name!r} is registered already")
-    _registry.planners[planner.name] = planner
-    return planner
-
-
 def planners() -> dict[str, Planner]:
-    """All planners by name."""
-    if not _registry.loaded:
-        for home in _HOMES:
-            importlib.import_module(f"ambinav_planners.{home}")
-        _registry.loaded = True
-    return dict(_registry.planners)
+    """All planners by name; those that need OMPL only where it is installed."""
+    names = PLANNERS.names()
+    return {name: PLANNERS.get(name) for name in names if has_ompl() or name not in _NEED_OMPL}
+
+
+def has_ompl() -> bool:
+    """Whether OMPL is installed; it is not imported for that."""
+    return find_spec("ompl") is not None
 
 
 def planner(name: str) -> Planner:
     """The planner of a name.
 
     Raises:
-        InputError: there is none, or it is refused; the message says why.
+        InputError: there is none, it is refused, or OMPL is missing; the message says why.
     """
-    known = planners()
-    if name in known:
-        return known[name]
-    names = ", ".join(sorted(known))
+    known = PLANNERS.names()
+    if name in _NEED_OMPL and not has_ompl():
+        raise InputError(
+            f'planner {name!r} needs OMPL; run: pip install "ambinav[planners]", or give '
+            f"{' or '.join(WITHOUT_OMPL)}."
+        )
     reason = REFUSED.get(name.lower().replace("-", "").replace("_", ""))
-    if reason is not None:
-        raise InputError(f"planner {name!r} is refused: {reason}; give one of {names}.")
-    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
-    offer = f"did you mean {close[0]!r}? There are" if close else "there are"
-    raise InputError(f"planner {name!r} is not known; {offer} {names}.")
+    if reason is not None and name not in known:
+        raise InputError(
+            f"planner {name!r} is refused: {reason}; give one of {', '.join(sorted(known))}."
+        )
+    return PLANNERS.get(name)
 
 
 def check_suits(chosen: Planner, problem: Problem, budget: Budget) -> None:

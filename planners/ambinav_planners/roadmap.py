@@ -13,7 +13,7 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Setup, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.registry import Budget, Planner, PlannerResult
 from ambinav_planners.sampler import FreeSampler
 from ambinav_planners.search.cheapest import cheapest_on
 from ambinav_planners.search.graph import MotionGraph
@@ -115,7 +115,7 @@ def grown_graph(problem: Problem, budget: Budget) -> MotionGraph:
     return roadmap.graph()
 
 
-def solve_roadmap(problem: Problem, budget: Budget) -> Found:
+def solve_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     """Grow, search, and grow on for as long as the next roadmap fits into the time.
 
     A budget of iterations is the number of milestones of one single roadmap.
@@ -137,21 +137,19 @@ def solve_roadmap(problem: Problem, budget: Budget) -> Found:
                 best = poses
                 curve.append((now - started, cost))
         if budget.iterations is not None or roadmap.milestones == 0:
-            return Found(best, tuple(curve), roadmap.milestones)
+            return PlannerResult(best, tuple(curve), roadmap.milestones)
         each = (now - begun) / roadmap.milestones
         fits = int((until - now) * CAUTION / each)  # neighbours grow with the logarithm as well
         wanted = min(int(GROWTH * roadmap.milestones), fits, MAX_MILESTONES)
         # A roadmap that is hardly larger is not worth its time.
         if wanted < 1.5 * roadmap.milestones:
-            return Found(best, tuple(curve), roadmap.milestones)
+            return PlannerResult(best, tuple(curve), roadmap.milestones)
 
 
-register(
-    Planner(
-        "prmstar",
-        solve_roadmap,
-        "PRM* grown as a roadmap and searched apart (Karaman and Frazzoli 2011)",
-        iteration="milestones",
-        keeps_limit=True,
-    )
+PRMSTAR = Planner(
+    "prmstar",
+    solve_roadmap,
+    "PRM* grown as a roadmap and searched apart (Karaman and Frazzoli 2011)",
+    iteration="milestones",
+    keeps_limit=True,
 )

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from ambinav.errors import InputError
+from ambinav_planners.registry import SEEDS
 
 T = TypeVar("T")
 
@@ -31,7 +32,7 @@ def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -
     """Call a function with OMPL's random numbers seeded.
 
     Args:
-        seed: From 1 on; None for other random numbers every time.
+        seed: From 0 on; None for other random numbers every time.
         function: At the top level of a module, so that a fresh process can import it.
         arguments: Its arguments; they and its result are pickled for a fresh process.
 
@@ -65,6 +66,7 @@ def _take_seed(seed: int) -> bool:
     from ompl import util as ou
 
     _process.seed = seed
+    seed = seed or SEEDS
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     ou.RNG.setSeed(seed)
     ou.setLogLevel(ou.LogLevel.LOG_WARN)

@@ -8,7 +8,7 @@ from ompl import base as ob
 
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.collision.sweep import motion_free, pose_free
-from ambinav_planners.direct import direct
+from ambinav.kernels import machine_code
 from ambinav_planners.spaces import has_heading
 
 
@@ -19,7 +19,7 @@ class FootprintStateValidity(ob.StateValidityChecker):
         super().__init__(si)
         self._with_heading = has_heading(si.getStateSpace())
         self._arrays = checker.arrays
-        self._free = direct(pose_free, 0.0, 0.0, 0.0, *self._arrays)
+        self._free = machine_code(pose_free, 0.0, 0.0, 0.0, *self._arrays)
 
     def isValid(self, state: Any) -> bool:  # noqa: N802 (OMPL's name)
         """Whether the robot fits there."""
@@ -40,7 +40,7 @@ class FootprintMotionValidator(ob.MotionValidator):
         self._kind, self._radius = checker.steering.kind, checker.steering.kernel_radius
         self._arrays = checker.arrays
         zeros = (0.0,) * 6
-        self._free = direct(motion_free, self._kind, self._radius, *zeros, *self._arrays)
+        self._free = machine_code(motion_free, self._kind, self._radius, *zeros, *self._arrays)
 
     def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802 (OMPL's name)
         """Whether the motion is free, given that its start is."""

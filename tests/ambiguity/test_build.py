@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,16 @@ def turning(env: Environment, fan: RangeScanner) -> AmbiguityMap:
 
 def same(one: AmbiguityMap, other: AmbiguityMap) -> bool:
     return one.dataset.drop_attrs().identical(other.dataset.drop_attrs())
+
+
+def test_a_scanner_goes_by_its_name_or_its_file(env: Environment, tmp_path: Path) -> None:
+    by_name = build_map(env, "hokuyo-urg-04lx", spacing=0.5)
+    scanner = RangeScanner.from_preset("hokuyo-urg-04lx")
+    scanner.to_yaml(tmp_path / "own.yaml")
+    assert same(by_name, build_map(env, scanner, spacing=0.5))
+    assert same(by_name, build_map(env, tmp_path / "own.yaml", spacing=0.5))
+    with pytest.raises(InputError, match="hokuyo-urg-04lx"):
+        build_map(env, "hokuyo-urg-04", spacing=0.5)
 
 
 # -- contract ----------------------------------------------------------------------------------

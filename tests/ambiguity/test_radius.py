@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.registry import layer
+from ambinav.ambiguity.layers.registry import LAYERS
 from ambinav.ambiguity.radius import position_radius
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -129,4 +129,4 @@ def test_ground_without_a_map_has_no_position(laser: RangeScanner) -> None:
     amap = build_map(scenes.room(4.0, 3.0), laser, 0.5)
     ground = replace(LayerContext.of(amap), amap=None)
     with pytest.raises(InputError, match="build the map first"):
-        layer("position").compute(ground)
+        LAYERS.get("position").compute(ground)

@@ -16,7 +16,7 @@ import ambinav as an
 from ambinav.audit import pictures
 from ambinav.audit.audit import audit, axis_degrees, metres2, percent
 from ambinav.audit.document import Document, document
-from ambinav.audit.report import check_output, write_report
+from ambinav.audit.report import FOLDER, write_report
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.io.shapes import environment_from_shapes
@@ -208,17 +208,17 @@ def test_a_report_of_an_older_version_is_replaced(examined, tmp_path):
 def test_other_folders_are_never_replaced(tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match=r"thesis\.tex .*choose a new folder"):
-        check_output(tmp_path / "home")
+    with pytest.raises(InputError, match=r"thesis\.tex.*choose a new folder"):
+        FOLDER.check(tmp_path / "home")
     (tmp_path / "pictures").mkdir()
     (tmp_path / "pictures" / "place-of-birth.png").write_bytes(b"")
-    with pytest.raises(InputError, match="not of an earlier report"):
-        check_output(tmp_path / "pictures")
+    with pytest.raises(InputError, match="not of an earlier audit"):
+        FOLDER.check(tmp_path / "pictures")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
-        check_output(tmp_path / "file")
+        FOLDER.check(tmp_path / "file")
     (tmp_path / "empty").mkdir()
-    assert check_output(tmp_path / "empty") == tmp_path / "empty"
+    assert FOLDER.check(tmp_path / "empty") == tmp_path / "empty"
 
 
 def test_headings_that_are_impossible_here_and_there_do_not_count():

@@ -27,7 +27,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "in drive": (lambda p: p["drive"].update(run=1), "did you mean runs"),
     "in exports": (lambda p: p.update(exports={"rums": 1}), "did you mean runs"),
     "in the localizer": (lambda p: p["localizer"].update(alfa1=1), "did you mean alpha1"),
-    "in the scanner": (lambda p: p["scanner"].update(part=1), "the field 'part' is unknown"),
+    "in the scanner": (lambda p: p["scanner"].update(part=1), "the key 'part' is unknown"),
     "no environment": (lambda p: p.update(environment="no.yaml"), "there is no file"),
     "no scanner": (lambda p: p.update(scanner="hokuyo-urg"), "scanner preset 'hokuyo-urg'"),
     "zero runs": (lambda p: p["drive"].update(runs=0), "drive.runs is 0; it should be greater"),
@@ -46,7 +46,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "unknown planner": (
         lambda p: p["routes"].append({"kind": "planner", "planner": "rrtstr"}),
-        "did you mean 'rrtstar'?",
+        "did you mean rrtstar",
     ),
     "planner of another space": (
         lambda p: p.update(

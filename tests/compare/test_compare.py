@@ -16,8 +16,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from ambinav.cli import app
+from ambinav.compare.report import FOLDER
 from ambinav.routes.files import load_route, save_route
-from ambinav.runfolder import only_one
 from tests.compare.conftest import SCENARIO, write
 
 
@@ -138,7 +138,7 @@ def is_alive(process: str) -> bool:
 
 def test_two_at_once_are_refused(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with only_one(out / "work"):
+    with FOLDER.hold(out):
         check_refused(compare(done.parent / "flat.yaml", out), "another run is at work")
     assert [item.name for item in out.rglob("*")] == ["work", "lock"]
 
@@ -148,7 +148,7 @@ def test_what_an_earlier_scenario_left_goes(done: Path, tmp_path: Path) -> None:
     shutil.copytree(done, out)
     plain = {**SCENARIO, "pairs": [{"name": "other", "start": [1, 1], "goal": [7, 2]}]}
     path = write(tmp_path, {**plain, "routes": ["shortest"]})
-    assert compare(path, out, "--jobs", "1", "--runs", "1").exit_code == 0
+    assert compare(path, out, "--jobs", "1", "--episodes", "1").exit_code == 0
     assert [item.name for item in (out / "routes").iterdir()] == ["01-other-shortest.csv"]
     assert len(list(out.glob("*.png"))) == 4
 
@@ -173,7 +173,7 @@ def with_file(done: Path, folder: Path, shift: float, goal: float = 0.0) -> dict
 
 def test_a_saved_route_is_driven(done: Path, tmp_path: Path) -> None:
     path = write(tmp_path, with_file(done, tmp_path, 0.0))
-    assert compare(path, tmp_path / "out", "--jobs", "1", "--runs", "2").exit_code == 0
+    assert compare(path, tmp_path / "out", "--jobs", "1", "--episodes", "2").exit_code == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [plan["route"] for plan in report["plans"]] == ["shortest", "saved.csv"]
     difference = report["rows"][1]["figures"]["error_p95"]["difference"]
@@ -205,7 +205,7 @@ def check_refused(found: Result, message: str) -> None:
 
 BAD_ROUTES = {
     "missing file": ({"kind": "file", "file": "no.csv"}, "no.csv: the file cannot be read"),
-    "unknown planner": ({"kind": "planner", "planner": "rrtstr"}, "did you mean 'rrtstar'?"),
+    "unknown planner": ({"kind": "planner", "planner": "rrtstr"}, "did you mean rrtstar"),
 }
 
 
@@ -217,7 +217,7 @@ def test_bad_routes(tmp_path: Path, route: dict[str, str], message: str) -> None
 
 def test_bad_calls(tmp_path: Path) -> None:
     path = write(tmp_path, SCENARIO)
-    for option in ("--runs", "--jobs"):
+    for option in ("--episodes", "--jobs"):
         check_refused(compare(path, tmp_path / "out", option, "0"), f"{option}: 0 is too few")
     check_refused(compare(tmp_path / "no.yaml", tmp_path / "out"), "the file cannot be read")
     check_refused(compare(path, tmp_path), "flat.geojson, which is not of an earlier comparison")

@@ -10,16 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from ambinav.compare.criterion import Goal, Verdict, verdict
+from ambinav.compare.criterion import CRITERION, Verdict, verdict
 from ambinav.compare.verdict_text import (
     baseline_sentence,
+    criterion_text,
     floor_sentence,
-    goal_text,
     headline,
     sentence,
 )
 from ambinav.drive.metrics import Metrics
 from ambinav.errors import InputError
+from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.routes.bad_floor import BadFloor
 
 RUNS = 30
@@ -36,10 +37,13 @@ def measured(lost: int, error: ArrayLike, collided: int = 0) -> Metrics:
 
 
 def judged(
-    ours: Metrics, theirs: Metrics, extra: float = 0.05, goal: Goal | None = None
+    ours: Metrics,
+    theirs: Metrics,
+    extra: float = 0.05,
+    asked: AcceptanceCriterion = CRITERION,
 ) -> Verdict:
     lengths = (40.0 * (1.0 + extra), 40.0)
-    return verdict(ours, theirs, lengths, np.random.default_rng(1), goal or Goal())
+    return verdict(ours, theirs, lengths, np.random.default_rng(1), asked)
 
 
 CASES = {
@@ -86,8 +90,8 @@ def test_more_collisions_do_not_meet_the_goal() -> None:
 def test_the_goal_can_be_another() -> None:
     pair = measured(6, 0.3), measured(15, 0.6)
     assert judged(*pair).outcome == "not met"
-    assert judged(*pair, goal=Goal(lost=0.4)).outcome == "met"
-    assert judged(*pair, goal=Goal(easy=9.0)).outcome == "not met"
+    assert judged(*pair, asked=AcceptanceCriterion(lost=0.4)).outcome == "met"
+    assert judged(*pair, asked=AcceptanceCriterion(easy=9.0)).outcome == "not met"
 
 
 def test_row() -> None:
@@ -126,13 +130,13 @@ def test_sentences() -> None:
     better = sentence(judged(measured(5, 0.3), measured(15, 0.6)), "detour", "shortest")
     assert better.startswith("detour is better than shortest: lost 17 instead of 50 % (-33 [")
     assert "95th percentile of the error 0.30 instead of 0.60 m (-0.30 [-0.30, -0.30])" in better
-    assert better.endswith("the way is 5.0 % longer. The goal is met.")
+    assert better.endswith("the way is 5.0 % longer. The criterion is met.")
     none = sentence(judged(measured(0, 0.1), measured(1, 0.1)), "detour", "shortest")
     assert none.startswith("detour makes no difference to shortest that 30 runs show: lost 0 inst")
     easy = sentence(judged(measured(0, 0.1), measured(0, 0.12)), "detour", "shortest")
     assert easy.endswith("There was nothing to gain: shortest is easy.")
     long = sentence(judged(measured(5, 0.3), measured(15, 0.6), 0.2), "detour", "shortest")
-    assert long.endswith("The goal is not met (more than 10 % longer).")
+    assert long.endswith("The criterion is not met (more than 10 % longer).")
     floors = BadFloor(3.0, 1.26, 0.0, 0.0), BadFloor(19.1, 14.5, 4.0, 4.0)
     assert floor_sentence(*floors) == (
         "Planned with 3.0 m in corridor (longest stretch 1.3 m) instead of 19.1 m (14.5 m) "
@@ -145,7 +149,7 @@ def test_sentences() -> None:
     assert baseline_sentence(30, 0.5, 0.6, 0.1, "shortest") == (
         "shortest: 50 % of 30 runs lost, 10 % met a wall, 95th percentile of the error 0.60 m."
     )
-    assert "at most 33 % as often" in goal_text() and "at most 10 % longer" in goal_text()
+    assert "at most 33 % as often" in criterion_text() and "at most 10 % longer" in criterion_text()
 
 
 def test_headlines() -> None:
@@ -153,7 +157,7 @@ def test_headlines() -> None:
     met, better = judged(measured(5, 0.3), hard), judged(measured(9, 0.5), hard)
     none, worse = judged(measured(15, 0.601), hard, 0.1), judged(measured(25, 0.9), hard)
     assert headline({"a": met, "b": better, "c": met}, "shortest") == (
-        "a and c meet the goal; b is better than shortest but misses the goal."
+        "a and c meet the criterion; b is better than shortest but misses the criterion."
     )
     assert headline({"a": judged(hard, hard, 0.1)}, "shortest") == "a makes no difference."
     assert headline({"a": judged(hard, hard, 0.0)}, "shortest") == "a is the same way as shortest."

@@ -19,7 +19,7 @@ from ambinav.compare.scenario_file import load_scenario
 from ambinav.drive.noise import OdometryNoise
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners.belief.model import BeliefModel
 from tests.compare.conftest import write
 
 

@@ -14,17 +14,10 @@ from ambinav.compare import criterion
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results
 from ambinav.compare.scenario import ALL_PAIRS
-from ambinav.compare.tables import (
-    FIGURES,
-    difference_text,
-    judge,
-    make_rows,
-    ratio_text,
-    to_csv,
-    value_text,
-)
+from ambinav.compare.tables import FIGURES, judge, make_rows, to_csv
 from ambinav.compare.verdict_text import floor_sentence
 from ambinav.drive.metrics import Metrics
+from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import BadFloor
 from tests.drive.cases import route_through
 

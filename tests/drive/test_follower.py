@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ambinav.config import from_mapping
 from ambinav.drive.course import Course
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
@@ -206,7 +207,7 @@ def test_limits_hold_on_a_drive(places: list[tuple[float, float]]) -> None:
 
 
 def test_parameters_have_nav2_s_names_and_defaults() -> None:
-    p = FollowerParameters.of({"lookahead_dist": 0.8, "use_rotate_to_heading": False})
+    p = FollowerParameters(lookahead_dist=0.8, use_rotate_to_heading=False)
     assert (p.lookahead_dist, p.use_rotate_to_heading) == (0.8, False)
     assert (p.desired_linear_vel, p.lookahead_time, p.rotate_to_heading_min_angle) == (
         0.5, 1.5, 0.785,
@@ -240,7 +241,7 @@ def test_the_lookahead_grows_with_the_speed_if_asked(straight: Course) -> None:
 )
 def test_bad_parameters_are_refused(values: dict[str, float], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        FollowerParameters.of(values)
+        from_mapping(FollowerParameters, values)
 
 
 @pytest.mark.parametrize("field", ["radius", "max_speed", "max_turn_rate", "acceleration"])

@@ -33,7 +33,7 @@ def test_particle_filters_suit_the_scanner_unless_told_otherwise() -> None:
     assert NavigationParameters().particles == MclParameters(**alphas)
     laser = NavigationParameters(mcl={"max_particles": 700})  # type: ignore[arg-type]
     assert laser.particles == own
-    with pytest.raises(InputError, match=r"^mcl: 'z_hot' is unknown; did you mean .*z_hit"):
+    with pytest.raises(InputError, match=r"^mcl: the key 'z_hot' is unknown; did you mean .*z_hit"):
         NavigationParameters(scanner=RING, mcl={"z_hot": 0.5})  # type: ignore[arg-type]
     assert replace(few, people=1).particles == few.particles
 

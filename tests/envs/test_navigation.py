@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from ambinav.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.rewards import MEANINGS, PRESETS, TERMS, weights_of
+from ambinav_envs.rewards import PRESETS, REWARD_TERMS, TERMS, weights_of
 from ambinav_envs.spaces import ACTIONS
 from tests.envs.cases import equal, room
 
@@ -155,13 +155,16 @@ def test_bad_options_are_refused(options: Any, what: str) -> None:
         ({"first_building": 0.5}, "first_building 0.5"),
         ({"scanner": np.ones((50, 50))}, "scanner is of the type ndarray"),
         ({"mcl": {"max_particles": 0}}, "^mcl: max_particles is 0"),
-        ({"mcl": {"max_particle": 9}}, "^mcl: 'max_particle' is unknown; did you mean"),
+        ({"mcl": {"max_particle": 9}}, "^mcl: the key 'max_particle' is unknown; did you mean"),
         ({"localizer": "mcl", "mcl": {"laser_min_range": 99.0}}, "^mcl: laser_min_range is 99"),
-        ({"window_cells": 257}, "window_cells is 257; give at most 256"),
-        ({"obstacles": 1001}, "obstacles is 1001; give at most 1000"),
+        ({"window_cells": 257}, "window_cells is 257; give a whole number from 1 to 256"),
+        ({"obstacles": 1001}, "obstacles is 1001; give a whole number from 0 to 1000"),
         ({"people": 1001}, "people are 1001; give at most 1000"),
-        ({"max_steps": 10**9 + 1}, "max_steps is 1000000001; give at most 1000000000"),
-        ({"iterations": 10**30}, "iterations is 10*; give at most 1000"),
+        (
+            {"max_steps": 10**9 + 1},
+            "max_steps is 1000000001; give a whole number from 1 to 1000000000",
+        ),
+        ({"iterations": 10**30}, "iterations is 10*; give a whole number from 1 to 1000"),
         ({"max_episode_steps": 0}, "max_steps"),
         ({"robot": {"radius": 7.0}}, "room"),
         ({"shortest": 100.0, "longest": 200.0}, "100"),
@@ -213,10 +216,10 @@ def test_bad_actions_are_refused() -> None:
 
 
 def test_weights_by_name() -> None:
-    assert tuple(MEANINGS) == TERMS
+    assert REWARD_TERMS.names() == TERMS
     assert all(set(preset) <= set(TERMS) for preset in PRESETS.values())
-    assert weights_of({"time": 2}) == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0)
-    assert weights_of("shortest")[TERMS.index("ambiguity")] == 0.0 < weights_of("ambiguity")[4]
+    assert tuple(weights_of({"time": 2}).values()) == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0)
+    assert weights_of("shortest")["ambiguity"] == 0.0 < weights_of("ambiguity")["ambiguity"]
 
 
 def test_parameters_from_plain_values() -> None:

@@ -152,3 +152,13 @@ def test_the_docstring_has_the_usual_headings() -> None:
         )
     ]  # fmt: skip
     assert places == sorted(places)
+
+
+def test_importing_without_gymnasium_says_what_to_install() -> None:
+    code = "import sys; sys.modules['gymnasium'] = None; import ambinav_envs"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode and last == (
+        "ImportError: ambinav_envs needs the package gymnasium, which is not installed; run "
+        '`pip install "ambinav[envs]"`.'
+    )

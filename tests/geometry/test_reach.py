@@ -139,7 +139,7 @@ def test_the_margin_of_a_page_is_passed_over():
     first, second = (str(note.message) for note in told)
     # All around: 2 x (10 + 8) m, a wall's thickness off the corners at most.
     assert re.search(r"touches the rim of the map along 36\.0 m", first)
-    assert "as the margin of a page does" in second and "--from X Y" in second
+    assert "as the margin of a page does" in second and "--start X Y" in second
     assert reach.notes == (first, second)
     assert reached(environment, reach, 100, 80)
     assert not reached(environment, reach, 10, 80)

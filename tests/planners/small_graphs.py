@@ -1,4 +1,4 @@
-"""Small graphs of motions, and all ways through them: what the searches are held against."""
+"""Small graphs of motions, and all paths through them: what the searches are held against."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def graphs(draw: st.DrawFn, most: int = 7, steering: Steering | None = None) -> 
     return graph_of(poses, pairs, steering)
 
 
-def simple_ways(graph: MotionGraph, start: int, goal: int) -> Iterator[list[int]]:
-    """Motions of every way that passes no node twice."""
+def simple_paths(graph: MotionGraph, start: int, goal: int) -> Iterator[list[int]]:
+    """Motions of every path that passes no node twice."""
 
     def go(node: int, seen: frozenset[int], motions: list[int]) -> Iterator[list[int]]:
         if node == goal:
@@ -65,7 +65,7 @@ def simple_ways(graph: MotionGraph, start: int, goal: int) -> Iterator[list[int]
 def odometry(
     along: float = 0.0, drift: float = 0.0, turn: float = 0.0, slip: float = 0.0
 ) -> OdometryNoise:
-    """Odometry by what it adds to the deviations: along the way and of the heading per root of a
+    """Odometry by what it adds to the deviations: along the path and of the heading per root of a
     metre, of the heading and of the position (slip) per root of a radian turned."""
     alphas = {
         "alpha1": turn**2, "alpha2": drift**2 / 2.0, "alpha3": along**2, "alpha4": slip**2
@@ -109,7 +109,7 @@ def landmarks(told: float) -> Information:
 
 
 def ways_up_to(graph: MotionGraph, start: int, goal: int, longest: float) -> Iterator[list[int]]:
-    """Motions of every way of at most that many metres, nodes passed any number of times."""
+    """Motions of every path of at most that many metres, nodes passed any number of times."""
     ahead = dijkstra(graph.matrix(graph.length).T, indices=goal)
 
     def go(node: int, gone: float, motions: list[int]) -> Iterator[list[int]]:

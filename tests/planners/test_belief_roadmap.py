@@ -1,4 +1,4 @@
-"""Transfer functions against the filter step by step; the search against all ways."""
+"""Transfer functions against the filter step by step; the search against all paths."""
 
 from __future__ import annotations
 
@@ -230,18 +230,18 @@ def dead_reckoned(truth: Matrix, noise: OdometryNoise, count: int) -> Matrix:
     at = np.tile(truth[0], (count, 1))
     square = noise.scale**2
     for before, after in itertools.pairwise(truth):
-        way = float(np.hypot(*(after - before)[:2]))
+        path = float(np.hypot(*(after - before)[:2]))
         turn = float(after[2] - before[2])
         turning = square * noise.alpha1 * noise.angle * abs(turn)
-        going = square * noise.alpha2 * noise.distance * way
+        going = square * noise.alpha2 * noise.distance * path
         along = square * (
-            noise.alpha3 * noise.distance * way + noise.alpha4 * noise.angle * abs(turn)
+            noise.alpha3 * noise.distance * path + noise.alpha4 * noise.angle * abs(turn)
         )
-        half = 0.5 if way > 0 else 0.0
+        half = 0.5 if path > 0 else 0.0
         first = math.sqrt(turning * half + going) * rng.normal(size=count)
         second = math.sqrt(turning * (1 - half) + going) * rng.normal(size=count)
-        gone = way + math.sqrt(along) * rng.normal(size=count)
-        ahead = math.atan2(after[1] - before[1], after[0] - before[0]) if way > 0 else before[2]
+        gone = path + math.sqrt(along) * rng.normal(size=count)
+        ahead = math.atan2(after[1] - before[1], after[0] - before[0]) if path > 0 else before[2]
         heading = at[:, 2] + (ahead - before[2]) + first
         at[:, 0] += gone * np.cos(heading)
         at[:, 1] += gone * np.sin(heading)
@@ -318,17 +318,17 @@ def test_best_of_all_ways(
         assert best == math.inf
         return
     along = deviation(found.covariances, measure)
-    assert found.way.cost == pytest.approx(
-        graph.length[found.way.motions].sum() + weight * along[-1]
+    assert found.path.cost == pytest.approx(
+        graph.length[found.path.motions].sum() + weight * along[-1]
     )
     assert along.max() <= most
     assert np.linalg.eigvalsh(found.covariances).min() >= -1e-15
-    if found.way.cost <= longest:  # a longer way could not be better
-        assert found.way.cost == pytest.approx(best, rel=1e-9)
+    if found.path.cost <= longest:  # a longer path could not be better
+        assert found.path.cost == pytest.approx(best, rel=1e-9)
     else:
-        assert found.way.cost <= best + 1e-9
+        assert found.path.cost <= best + 1e-9
     quick = search_roadmap(roadmap, 0, goal, START, weight=weight, measure=measure, max_std=most)
-    assert quick is None or quick.way.cost >= found.way.cost - 1e-12
+    assert quick is None or quick.path.cost >= found.path.cost - 1e-12
 
 
 def test_it_goes_by_the_landmarks_if_that_is_worth_it() -> None:
@@ -340,9 +340,9 @@ def test_it_goes_by_the_landmarks_if_that_is_worth_it() -> None:
         found = search_roadmap(roadmap, 0, 1, START, weight=weight, exact=exact)
         assert found is not None
         if nodes is None:
-            assert found.way.nodes[-2] == 3
+            assert found.path.nodes[-2] == 3
         else:
-            assert found.way.nodes.tolist() == nodes
+            assert found.path.nodes.tolist() == nodes
 
 
 def test_a_roadmap_of_nothing_but_start_and_goal_is_searched() -> None:
@@ -352,7 +352,7 @@ def test_a_roadmap_of_nothing_but_start_and_goal_is_searched() -> None:
         roadmap = BeliefRoadmap.of(graph, even_information(4.0), NOISE)
         found = search_roadmap(roadmap, 0, count - 1, START)
         assert found is not None
-        assert found.way.nodes.tolist() == list(range(count))
+        assert found.path.nodes.tolist() == list(range(count))
 
 
 def test_deviations() -> None:

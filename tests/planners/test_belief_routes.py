@@ -14,7 +14,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import LOCALIZABLE
 from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
-from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.limit import longest_bad
 from tests.maps import synthetic
 from tests.planners.small_graphs import odometry

@@ -1,4 +1,4 @@
-"""The search over nodes and deviations, against all ways and against closed forms."""
+"""The search over nodes and deviations, against all paths and against closed forms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import BeliefModel, Growth, belief_search, std_along
+from ambinav_planners.belief.lattice_search import Growth, belief_search, std_along
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
 from tests.planners.small_graphs import (
     chain,
@@ -36,7 +37,7 @@ DRIFT = odometry(along=0.2)
 def priced(
     graph: MotionGraph, growth: Growth, model: BeliefModel, motions: list[int]
 ) -> tuple[float, float, float]:
-    """Cost, largest and last deviation of a way, in plain Python."""
+    """Cost, largest and last deviation of a path, in plain Python."""
     p, cost, most = model.std**2, 0.0, model.std
     for e in motions:
         pieces = range(growth.first[e], growth.first[e + 1])
@@ -75,15 +76,15 @@ def test_least_cost_of_all_ways(
     if found is None:
         assert least == math.inf
         return
-    cost, most, last = priced(graph, growth, model, found.way.motions.tolist())
-    assert found.way.cost == pytest.approx(cost, rel=1e-12)
+    cost, most, last = priced(graph, growth, model, found.path.motions.tolist())
+    assert found.path.cost == pytest.approx(cost, rel=1e-12)
     assert found.std[-1] == pytest.approx(last, rel=1e-12)
     assert most <= max_std + 1e-12
     assert last <= max_goal_std + 1e-12
-    if min(found.way.cost, least) <= longest:  # else the least way may be one of those left out
-        assert found.way.cost == pytest.approx(least, rel=1e-12)
+    if min(found.path.cost, least) <= longest:  # else the least path may be one of those left out
+        assert found.path.cost == pytest.approx(least, rel=1e-12)
     else:
-        assert found.way.cost <= least + 1e-9
+        assert found.path.cost <= least + 1e-9
 
 
 @settings(max_examples=50, deadline=None)
@@ -99,7 +100,7 @@ def test_without_growth_and_scans_it_is_the_shortest_way(
     nodes = graph.cheapest(0, goal, 0.0)
     assert found is not None and nodes is not None
     length = np.linalg.norm(np.diff(graph.poses[nodes, :2], axis=0), axis=1).sum()
-    assert found.way.cost == pytest.approx(length * (1 + 2.0 * std / 0.5), rel=1e-9)
+    assert found.path.cost == pytest.approx(length * (1 + 2.0 * std / 0.5), rel=1e-9)
     np.testing.assert_allclose(found.std, std)
 
 
@@ -126,7 +127,7 @@ def test_scans_against_the_differential_equation(along: float) -> None:
     solved = solve_ivp(slope, (0.0, 3.0), [0.04, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
     assert found is not None
     assert found.std[-1] == pytest.approx(math.sqrt(solved[0]), rel=1e-7)
-    assert found.way.cost == pytest.approx(solved[1], rel=1e-5)
+    assert found.path.cost == pytest.approx(solved[1], rel=1e-5)
 
 
 def test_the_cut_into_motions_does_not_matter() -> None:
@@ -167,7 +168,7 @@ def test_the_way_by_the_landmarks() -> None:
         growth = Growth.of(graph, information, model, odometry(along=0.3))
         found = belief_search(graph, growth, model, 0, 1)
         assert found is not None
-        assert found.way.nodes.tolist() == nodes
+        assert found.path.nodes.tolist() == nodes
     assert found.std.max() < 0.4
 
 
@@ -178,11 +179,11 @@ def test_limits_force_the_way_by_the_landmarks(limit: str) -> None:
     growth = Growth.of(graph, information, model, odometry(along=0.3))
     found = belief_search(graph, growth, replace(model, **{limit: 0.4}), 0, 1)
     assert found is not None
-    assert found.way.nodes.tolist()[-2:] == [3, 1]
+    assert found.path.nodes.tolist()[-2:] == [3, 1]
     assert found.std[-1] <= 0.4
     # For the goal's sake alone it may as well go straight on first and look up the landmarks then.
-    assert found.way.cost == pytest.approx(6.0)
-    assert limit == "max_goal_std" or found.way.nodes.tolist() == [0, 2, 3, 1]
+    assert found.path.cost == pytest.approx(6.0)
+    assert limit == "max_goal_std" or found.path.nodes.tolist() == [0, 2, 3, 1]
     assert belief_search(graph, growth, replace(model, **{limit: 0.1}), 0, 1) is None
 
 
@@ -215,8 +216,8 @@ def test_tolerance_costs_little(graph: MotionGraph, seed: int) -> None:
     exact = belief_search(graph, growth, UNSURE, 0, goal)
     quick = belief_search(graph, growth, UNSURE, 0, goal, tolerance=0.02)
     assert exact is not None and quick is not None
-    assert exact.way.cost - 1e-12 <= quick.way.cost <= 1.01 * exact.way.cost
-    assert quick.way.labels <= exact.way.labels
+    assert exact.path.cost - 1e-12 <= quick.path.cost <= 1.01 * exact.path.cost
+    assert quick.path.labels <= exact.path.labels
 
 
 @pytest.mark.parametrize(

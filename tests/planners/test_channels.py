@@ -13,7 +13,7 @@ from shapely import affinity
 
 import ambinav as an
 from ambinav.service.service import AmbiguityService
-from ambinav_planners import NoWayError, RoutePlanner
+from ambinav_planners import NoPathError, RoutePlanner
 from ambinav_planners.search.channels import channel_poses
 from tests.planners.conftest import LASER
 
@@ -61,13 +61,13 @@ def test_the_reference_goes_through_every_slot_that_is_wide_enough(
 
 @pytest.mark.parametrize("lean", [0.0, 20.0])
 def test_a_slot_that_is_too_narrow_is_none(lean: float) -> None:
-    with pytest.raises(NoWayError):
+    with pytest.raises(NoPathError):
         robot_in(slot(2.53, -0.002, lean, 0.2)).plan((1, 1), (7, 4), planner_name="reference")
 
 
 @pytest.mark.parametrize("weight", [0.0, 5.0])
 def test_a_bent_channel_is_the_cheaper_way(weight: float) -> None:
-    """A quarter of a ring, 1 cm wider than the robot, saves the way round a wall."""
+    """A quarter of a ring, 1 cm wider than the robot, saves the path round a wall."""
     ring = shapely.Point(3.0, 0.0).buffer(1.5 + 0.205, quad_segs=64)
     ring = ring.difference(shapely.Point(3.0, 0.0).buffer(1.5 - 0.205, quad_segs=64))
     rooms = shapely.union_all([shapely.box(0.5, -1.6, 2.5, 0.0), shapely.box(3.0, 0.6, 5.0, 2.6)])
@@ -78,7 +78,7 @@ def test_a_bent_channel_is_the_cheaper_way(weight: float) -> None:
     )  # fmt: skip
     robot = robot_in(shapely.union_all([rooms, quarter, detour]), 0.2, weight)
     route = robot.plan((1.5, -0.5), (4.0, 1.5), planner_name="reference")
-    assert route.length < 4.0  # the way round has more than 13 m
+    assert route.length < 4.0  # the path round has more than 13 m
 
 
 def test_an_empty_room_has_no_channel() -> None:

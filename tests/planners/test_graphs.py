@@ -1,4 +1,4 @@
-"""Graphs of motions: searched against all ways, on the lattice, and as a grown roadmap."""
+"""Graphs of motions: searched against all paths, on the lattice, and as a grown roadmap."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from ambinav_planners.roadmap import Roadmap, grown_graph
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.lattice_graph import STEPS, LatticeGraph, lattice_of
 from tests.planners.conftest import LASER
-from tests.planners.small_graphs import graph_of, graphs, simple_ways
+from tests.planners.small_graphs import graph_of, graphs, simple_paths
 
 SIDE, SPACING = 6.0, 0.25
 START, GOAL = (3.0, 3.0, 0.0), (12.0, 6.0, 1.0)
@@ -71,7 +71,7 @@ def test_the_cheapest_way_is_that_among_all(graph: MotionGraph, seed: int, weigh
     assert (nodes[0], nodes[-1]) == (0, goal)
     table = graph.matrix(cost)
     got = sum(table[a, b] for a, b in itertools.pairwise(nodes))
-    least = min(cost[way].sum() for way in simple_ways(graph, 0, goal))
+    least = min(cost[path].sum() for path in simple_paths(graph, 0, goal))
     assert got == pytest.approx(least)
 
 
@@ -138,8 +138,8 @@ def test_ends_are_joined_to_what_they_see(room: RoutePlanner, lattice: LatticeGr
     assert len(set(graph.components())) == 1
     nodes = graph.cheapest(cells, cells + 1, 0.0)
     assert nodes is not None
-    way = graph.poses[nodes]
-    assert graph.steering.lengths(way[:-1], way[1:]).sum() == pytest.approx(
+    path = graph.poses[nodes]
+    assert graph.steering.lengths(path[:-1], path[1:]).sum() == pytest.approx(
         math.dist(*ends[:, :2]), rel=0.0131
     )
     assert len(lattice.graph.poses) == cells  # as it was
@@ -196,9 +196,12 @@ def test_on_a_map_with_headings_motions_of_r2_are_measured_each_way(
 def test_a_roadmap_serves_every_weight(robot: RoutePlanner) -> None:
     graph = grown_graph(robot.problem(START, GOAL), Budget(iterations=1000))
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
-    ways = [graph.cheapest(start, goal, weight) for weight in (0.0, 5.0, 50.0)]
+    paths = [graph.cheapest(start, goal, weight) for weight in (0.0, 5.0, 50.0)]
     costs = [
-        [robot.service.with_weight(w).route_cost(graph.poses[way], graph.steering) for way in ways]
+        [
+            robot.service.with_weight(w).route_cost(graph.poses[path], graph.steering)
+            for path in paths
+        ]
         for w in (0.0, 5.0, 50.0)
     ]
     for k in range(3):

@@ -73,22 +73,22 @@ def line(*points: tuple[float, float]) -> Floats:
 
 
 def jagged(a: tuple[float, float], b: tuple[float, float], count: int, amplitude: float) -> Floats:
-    """A rough way from a to b, always the same."""
+    """A rough path from a to b, always the same."""
     rng = np.random.default_rng(count)
-    way = np.linspace(a, b, count)
-    way[1:-1] += rng.normal(0.0, amplitude, (count - 2, 2))
-    return line(*(tuple(point) for point in way))
+    path = np.linspace(a, b, count)
+    path[1:-1] += rng.normal(0.0, amplitude, (count - 2, 2))
+    return line(*(tuple(point) for point in path))
 
 
 def stairs(a: tuple[float, float], b: tuple[float, float]) -> Floats:
-    """A way as a lattice of eight directions has it: diagonal first, then along an axis."""
+    """A path as a lattice of eight directions has it: diagonal first, then along an axis."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     d = min(abs(dx), abs(dy))
     return line(a, (a[0] + math.copysign(d, dx), a[1] + math.copysign(d, dy)), b)
 
 
 def layered(y: Floats, n: Floats, x: float) -> float:
-    """Cheapest way through layers: from (0, y[0]) to (x, y[-1]), the density n linear between y.
+    """Cheapest path through layers: from (0, y[0]) to (x, y[-1]), the density n linear between y.
 
     Snell: density times the cosine to the layers is the same all along.
     """
@@ -109,35 +109,35 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("path", WAYS)
 @pytest.mark.parametrize(("low", "high", "x"), [(0, 2, 8), (0, 5, 10), (1, 2, 3)])
-def test_a_border_is_crossed_by_snells_law(way: str, low: float, high: float, x: float) -> None:
+def test_a_border_is_crossed_by_snells_law(path: str, low: float, high: float, x: float) -> None:
     env = room(20.0, 14.0)
     service = service_of(env, lambda _, y: np.where(y < 7.0, low, high))
     a, b = (4.0, 3.0), (4.0 + x, 11.0)
     y = np.array([3.0, 6.95, 7.05, 11.0])
     exact = layered(y, 1.0 + np.array([low, low, high, high]), x)
-    route = improve(WAYS[way](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
+    route = improve(WAYS[path](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
     cost = service.route_cost(route, R2)
     assert exact * (1 - 1e-5) <= cost <= exact * 1.001
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("path", WAYS)
 @pytest.mark.parametrize(("slope", "x"), [(0.4, 10.0), (0.5, 12.0), (0.3, 20.0)])
-def test_on_a_slope_the_way_is_a_catenary(way: str, slope: float, x: float) -> None:
+def test_on_a_slope_the_way_is_a_catenary(path: str, slope: float, x: float) -> None:
     # Density n = 6 + slope * y from (0, 0) to (x, 0): n = c cosh(slope * (s - x / 2) / c) at s.
     env = room(26.0, 20.0)
     service = service_of(env, lambda _, y: 5.0 + slope * (y - 10.0))
     c = brentq(lambda c: c * math.cosh(slope * x / 2 / c) - 6.0, 3.5, 6.0)
     exact = c * (x / 2 + c / (2 * slope) * math.sinh(slope * x / c))
     a, b = (3.0, 10.0), (3.0 + x, 10.0)
-    route = improve(WAYS[way](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
+    route = improve(WAYS[path](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
     cost = service.route_cost(route, R2)
     assert exact * (1 - 1e-5) <= cost <= exact * 1.001
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_around_a_hill(way: str) -> None:
+@pytest.mark.parametrize("path", WAYS)
+def test_around_a_hill(path: str) -> None:
     # Bouguer: in a density that depends on the distance r from the top alone, n r times the sine
     # of the angle to the radius is the same all along; it is n r at the nearest point.
     radius, sweep = 5.0, math.radians(160.0)
@@ -162,7 +162,7 @@ def test_around_a_hill(way: str) -> None:
     )
     a = (7.0 + radius * math.cos(sweep / 2), 7.0 + radius * math.sin(sweep / 2))
     b = (a[0], 14.0 - a[1])
-    route = improve(WAYS[way](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
+    route = improve(WAYS[path](a, b), service, CollisionChecker(env, Footprint.disc(0.2), R2))
     cost = service.route_cost(route, R2)
     assert exact * (1 - 5e-4) <= cost <= exact * 1.001
     # A fine lattice of eight directions is an upper bound that knows nothing of all this.
@@ -368,9 +368,9 @@ def test_the_chain_is_the_cheapest_of_all() -> None:
             chain = [candidates[0, 0]]
             chain += [candidates[k + 1, b] for k, b in enumerate(stops) if b >= 0]
             chain.append(candidates[-1, 0])
-            way = np.array(chain)
-            if checker.motions_free(way[:-1], way[1:]).all():
-                best = min(best, service.route_cost(way, R2))
+            path = np.array(chain)
+            if checker.motions_free(path[:-1], path[1:]).all():
+                best = min(best, service.route_cost(path, R2))
         found, cost = cheapest_chain(
             0, 0.0, candidates, np.zeros(6, dtype=np.int64), 1.0, (values, *rest), checker.arrays
         )

@@ -1,4 +1,4 @@
-"""The search with a limit in a row, against all ways; and where motions are bad."""
+"""The search with a limit in a row, against all paths; and where motions are bad."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ambinav.service.field import Field
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.limited_search import limited_search
 from ambinav_planners.search.stretches import Stretches, bad_stretches
-from tests.planners.small_graphs import chain, graph_of, graphs, simple_ways
+from tests.planners.small_graphs import chain, graph_of, graphs, simple_paths
 
 
 def random_stretches(graph: MotionGraph, rng: np.random.Generator) -> Stretches:
@@ -73,24 +73,24 @@ def test_cheapest_way_that_keeps_to_the_limit(graph: MotionGraph, seed: int, lim
     stretches = random_stretches(graph, rng)
     cost = graph.length * rng.uniform(1.0, 6.0, len(graph.length))
     goal = len(graph.poses) - 1
-    way = limited_search(graph, cost, stretches, limit, 0, goal)
+    path = limited_search(graph, cost, stretches, limit, 0, goal)
     least = exhaustive(graph, cost, stretches, limit, 0, goal)
     simple = [
         cost[motions].sum()
-        for motions in simple_ways(graph, 0, goal)
+        for motions in simple_paths(graph, 0, goal)
         if longest_in_a_row(stretches, graph.length, motions) <= limit + 1e-9
     ]
-    if way is None:
+    if path is None:
         assert least == math.inf
         assert not simple
         return
-    assert way.cost == pytest.approx(least, rel=1e-12)
-    assert way.cost <= min(simple, default=math.inf) + 1e-12
-    assert way.cost == pytest.approx(cost[way.motions].sum(), rel=1e-12)
-    assert longest_in_a_row(stretches, graph.length, way.motions.tolist()) <= limit + 1e-9
-    assert way.nodes[0] == 0
-    assert way.nodes[-1] == goal
-    np.testing.assert_array_equal(graph.target[way.motions], way.nodes[1:])
+    assert path.cost == pytest.approx(least, rel=1e-12)
+    assert path.cost <= min(simple, default=math.inf) + 1e-12
+    assert path.cost == pytest.approx(cost[path.motions].sum(), rel=1e-12)
+    assert longest_in_a_row(stretches, graph.length, path.motions.tolist()) <= limit + 1e-9
+    assert path.nodes[0] == 0
+    assert path.nodes[-1] == goal
+    np.testing.assert_array_equal(graph.target[path.motions], path.nodes[1:])
 
 
 @settings(max_examples=50, deadline=None)
@@ -98,10 +98,10 @@ def test_cheapest_way_that_keeps_to_the_limit(graph: MotionGraph, seed: int, lim
 def test_no_limit_is_the_cheapest_way(graph: MotionGraph) -> None:
     stretches = random_stretches(graph, np.random.default_rng(0))
     goal = len(graph.poses) - 1
-    way = limited_search(graph, graph.cost(2.0), stretches, math.inf, 0, goal)
+    path = limited_search(graph, graph.cost(2.0), stretches, math.inf, 0, goal)
     nodes = graph.cheapest(0, goal, 2.0)
-    assert way is not None and nodes is not None
-    assert way.cost == pytest.approx(
+    assert path is not None and nodes is not None
+    assert path.cost == pytest.approx(
         np.linalg.norm(np.diff(graph.poses[nodes, :2], axis=0), axis=1).sum()
     )
 
@@ -119,9 +119,9 @@ def test_a_way_back_to_a_good_place_is_taken() -> None:
         graph.length,
         ~to_good | (graph.source == 3),
     )
-    way = limited_search(graph, graph.length, stretches, 1.5, 0, 2)
-    assert way is not None
-    assert way.nodes.tolist() == [0, 1, 3, 1, 2]
+    path = limited_search(graph, graph.length, stretches, 1.5, 0, 2)
+    assert path is not None
+    assert path.nodes.tolist() == [0, 1, 3, 1, 2]
     assert limited_search(graph, graph.length, stretches, 1.3, 0, 2) is None
 
 
@@ -131,9 +131,9 @@ def test_it_goes_round_the_bad_hall() -> None:
     bad = ((graph.source + graph.target) == 1).astype(float) * graph.length
     stretches = Stretches(bad, bad, bad, bad > 0)
     for limit, nodes in ((4.0, [0, 1]), (3.9, [0, 2, 3, 1])):
-        way = limited_search(graph, graph.length, stretches, limit, 0, 1)
-        assert way is not None
-        assert way.nodes.tolist() == nodes
+        path = limited_search(graph, graph.length, stretches, limit, 0, 1)
+        assert path is not None
+        assert path.nodes.tolist() == nodes
 
 
 def stripe(low: float, high: float) -> Field:

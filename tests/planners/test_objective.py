@@ -79,7 +79,7 @@ def summed(setup: Setup, path: og.PathGeometric, step: float = 0.002) -> float:
 
 
 def found(robot: RoutePlanner, name: str) -> tuple[Setup, og.PathGeometric, float]:
-    """What a planner finds from room to room; any way will do; last the best cost that it tells."""
+    """What a planner finds from room to room (any path will do), and its best cost."""
     setup = prepare(robot.problem((3.0, 3.0, 0.0), (12.0, 6.0, 1.0)))
     make = planner(name).make
     assert make is not None
@@ -104,8 +104,8 @@ def test_the_cost_that_ompl_reports_is_the_integral(
     setup, path, _ = found(robot, "bitstar")
     told = path.cost(setup.objective).value()
     assert told == pytest.approx(summed(setup, path), rel=1e-3)
-    way = np.array([pose_reader(steering.space != "r2")(state) for state in path.getStates()])
-    assert demo.route_cost(way, steering) == pytest.approx(told, rel=1e-9)
+    path = np.array([pose_reader(steering.space != "r2")(state) for state in path.getStates()])
+    assert demo.route_cost(path, steering) == pytest.approx(told, rel=1e-9)
 
 
 @steerings
@@ -139,12 +139,12 @@ def test_the_heuristic_is_never_above_the_cost(
     @given(poses, poses, poses)
     def holds(a: Pose, b: Pose, c: Pose) -> None:
         first, second, third = (new_state(si, pose, with_heading) for pose in (a, b, c))
-        way = [objective.motionCost(*ends).value() for ends in ((first, second), (second, third))]
+        path = [objective.motionCost(*ends).value() for ends in ((first, second), (second, third))]
         least = objective.motionCostHeuristic(first, second).value()
-        assert least <= way[0] * (1.0 + 1e-6) + 1e-9
+        assert least <= path[0] * (1.0 + 1e-6) + 1e-9
         # Nor above the cost of a detour; the bound is at least the length.
         around = objective.motionCostHeuristic(first, third).value()
-        assert around <= sum(way) * (1.0 + 1e-6) + 1e-9
+        assert around <= sum(path) * (1.0 + 1e-6) + 1e-9
         assert around >= math.dist(a[:2], c[:2]) * (1.0 - 1e-9)
 
     holds()

@@ -13,7 +13,7 @@ import ambinav as an
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.service.service import AmbiguityService
-from ambinav_planners import NotFoundError, NoWayError, RoutePlanner, plan, planners
+from ambinav_planners import NoPathError, NotFoundError, RoutePlanner, plan, planners
 from ambinav_planners.registry import Budget
 from tests.planners.conftest import LASER
 
@@ -39,11 +39,11 @@ def two_rooms() -> AmbiguityMap:
         ("aorrtc", "never calls the objective"),
         ("prm", "deadlocks with an objective written in Python"),
         ("PRM", "deadlocks"),
-        ("rrt", "stops at the first way"),
-        ("rrtconnect", "stops at the first way"),
-        ("RRT-Connect", "stops at the first way"),
-        ("kpiece1", "stops at the first way"),
-        ("lbkpiece1", "stops at the first way"),
+        ("rrt", "stops at the first path"),
+        ("rrtconnect", "stops at the first path"),
+        ("RRT-Connect", "stops at the first path"),
+        ("kpiece1", "stops at the first path"),
+        ("lbkpiece1", "stops at the first path"),
     ],
 )
 def test_refused_planners(robot: RoutePlanner, name: str, reason: str) -> None:
@@ -57,9 +57,9 @@ def test_refused_planners(robot: RoutePlanner, name: str, reason: str) -> None:
 
 def test_unknown_planners(robot: RoutePlanner) -> None:
     for name, close in (("rrtstarr", "rrtstar"), ("RRTstar", "rrtstar"), ("inform", "informed")):
-        with pytest.raises(InputError, match=f"is not known; did you mean '{close}"):
+        with pytest.raises(InputError, match=f"there is no planner '{name}'; did you mean {close}"):
             robot.plan(START, GOAL, planner_name=name)
-    with pytest.raises(InputError, match=r"planner 'xy' is not known; there are belief, .*\.$"):
+    with pytest.raises(InputError, match=r"there is no planner 'xy'; choose from belief, .*\.$"):
         robot.plan(START, GOAL, planner_name="xy")
 
 
@@ -71,9 +71,9 @@ def test_unknown_planners(robot: RoutePlanner) -> None:
         ({"seconds": math.nan}, "time is nan s"),
         ({"seconds": 1.0, "iterations": 0}, "iterations is 0"),
         ({"seconds": 1.0, "iterations": 1.5}, "iterations is 1.5; give a whole number"),
-        ({"seconds": 1.0, "seed": 0}, "seed is 0; give a whole number from 1"),
+        ({"seconds": 1.0, "seed": -1}, "seed is -1; give a whole number from 0"),
         ({"seconds": 1.0, "seed": -3}, "seed is -3"),
-        ({"seconds": 1.0, "seed": 2**32}, "seed is 4294967296"),
+        ({"seconds": 1.0, "seed": 2**32 - 1}, "seed is 4294967295"),
         ({"seconds": 1.0, "seed": 1.5}, "seed is 1.5"),
     ],
 )
@@ -101,10 +101,10 @@ def test_iterations_alone_are_a_budget(robot: RoutePlanner, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["prmstar", "fmt", "bfmt", "rrtstar", "bitstar"])
 def test_a_budget_that_is_too_small(robot: RoutePlanner, name: str) -> None:
-    with pytest.raises(NotFoundError, match=f"planner '{name}' found no way .*in 1e-09 s"):
+    with pytest.raises(NotFoundError, match=f"planner '{name}' found no path .*in 1e-09 s"):
         robot.plan(START, GOAL, planner_name=name, seconds=1e-9)
     if planners()[name].iteration != "samples" or name == "rrtstar":  # FMT* samples on by itself
-        with pytest.raises(NotFoundError, match=f"planner '{name}' found no way .*in 3 "):
+        with pytest.raises(NotFoundError, match=f"planner '{name}' found no path .*in 3 "):
             robot.plan(START, GOAL, planner_name=name, iterations=3)
 
 
@@ -167,7 +167,7 @@ def test_a_robot_that_fits_nowhere(two_rooms: AmbiguityMap) -> None:
 
 @pytest.mark.parametrize("name", ["prmstar", "reference", "rrtstar", "fmt", "belief"])
 def test_no_way(two_rooms: AmbiguityMap, name: str) -> None:
-    with pytest.raises(NoWayError, match=r"no way leads .* \(1, 1\) .* \(8, 2\)") as caught:
+    with pytest.raises(NoPathError, match=r"no path leads .* \(1, 1\) .* \(8, 2\)") as caught:
         plan(two_rooms, LEFT, RIGHT, planner=name, seconds=0.2)
     check_labels(two_rooms, caught.value)
 
@@ -175,12 +175,12 @@ def test_no_way(two_rooms: AmbiguityMap, name: str) -> None:
 @pytest.mark.parametrize("space", ["se2", "dubins"])
 def test_no_way_in_other_spaces(two_rooms: AmbiguityMap, space: str) -> None:
     radius = 0.5 if space == "dubins" else 0.0
-    with pytest.raises(NoWayError) as caught:
+    with pytest.raises(NoPathError) as caught:
         plan(two_rooms, LEFT, RIGHT, space=space, turning_radius=radius, seconds=0.2)
     check_labels(two_rooms, caught.value)
 
 
-def check_labels(amap: AmbiguityMap, error: NoWayError) -> None:
+def check_labels(amap: AmbiguityMap, error: NoPathError) -> None:
     x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
     fits = np.asarray(amap.environment.is_free(x, y, 0.2))
     assert error.labels.shape == x.shape

@@ -110,7 +110,7 @@ def test_on_every_map(data_dir: Path) -> None:
         disc = RoutePlanner(amap, footprint=0.2 * scale)
         for name in {"reference", names[number % len(names)]}:
             for seed in range(2 if name == "reference" else 1):
-                # Tree planners get a short way, so that they find one in their time.
+                # Tree planners get a short path, so that they find one in their time.
                 ends = pair(disc, seed, math.inf if name == "reference" else 40 * spacing)
                 try:
                     route = disc.plan(*ends, planner_name=name, seconds=0.5)

@@ -1,4 +1,4 @@
-"""Whether a way leads there at all: exact for discs, and drawn as it is."""
+"""Whether a path leads there at all: exact for discs, and drawn as it is."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import shapely
 import ambinav as an
 from ambinav.errors import InputError
 from ambinav.geometry.footprint import Footprint
-from ambinav_planners import NotFoundError, NoWayError, RoutePlanner
-from ambinav_planners.belief.place_search import BeliefModel
+from ambinav_planners import NoPathError, NotFoundError, RoutePlanner
+from ambinav_planners.belief.model import BeliefModel
 from tests.planners.conftest import LASER
 
 
@@ -47,7 +47,7 @@ def test_a_door_that_the_lattice_misses_is_no_wall(thin: bool) -> None:
 def test_a_door_too_narrow_is_told_by_every_planner(thin: bool) -> None:
     robot = building(0.87, thin)
     for name in ("reference", "prmstar", "rrtstar"):
-        with pytest.raises(NoWayError, match="no way leads") as caught:
+        with pytest.raises(NoPathError, match="no path leads") as caught:
             robot.plan((1, 2), (7, 2), planner_name=name, seconds=0.2)
     error = caught.value
     again = pickle.loads(pickle.dumps(error))

@@ -74,19 +74,25 @@ def part(text: str) -> str:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("name: x", "the field 'parts' is missing"),
+        ("name: x", "the key 'parts' is missing"),
         ("parts: []", "parts is []; give a list of parts"),
-        ("pats: []", "the field 'pats' is unknown; did you mean parts"),
+        ("pats: []", "the key 'pats' is unknown; did you mean parts"),
         ("parts: [3]", "parts[0] is 3; give a mapping"),
-        ("parts: [{planar: {beams: 3}}]", "parts[0]: the field 'sensor' is missing"),
-        ("parts: [{sensor: sick-lms20}]", "no scanner preset 'sick-lms20'; did you mean sick-lms2"),
-        ("parts: [{sensor: pioneer-sonar-laser}]", "has 2 kinds of sensor"),
+        ("parts: [{planar: {beams: 3}}]", "parts[0]: the key 'sensor' is missing"),
+        (
+            "parts: [{sensor: sick-lms20, ring: {count: 1, radius: 0}}]",
+            "no scanner preset 'sick-lms20'; did you mean sick-lms2",
+        ),
+        (
+            "parts: [{sensor: pioneer-sonar-laser, ring: {count: 1, radius: 0}}]",
+            "has 2 kinds of sensor",
+        ),
         (f"parts: [{{sensor: {SENSOR_TEXT}}}]", "the part has no layout; give exactly one of"),
         (part("plannar: {}"), "'plannar' is unknown; did you mean planar"),
         (part("ring: {}, planar: {}"), "the part has planar and ring; give exactly one"),
-        (part("planar: {beams: 3}"), "parts[0]: planar: the field 'aperture_deg' is missing"),
+        (part("planar: {beams: 3}"), "parts[0].planar: the key 'aperture_deg' is missing"),
         (part("planar: {beams: 3, aperture: 1}"), "'aperture' is unknown; did you mean aperture_d"),
-        (part("planar: {beams: 0, aperture_deg: 1}"), "planar: beams is 0; give a whole number"),
+        (part("planar: {beams: 0, aperture_deg: 1}"), "planar.beams is 0; give a whole number"),
         (part("planar: {beams: 2.5, aperture_deg: 1}"), "beams is 2.5"),
         (part("planar: {beams: 2, aperture_deg: 400}"), "aperture is 400 degrees"),
         (part("planar: {beams: 2, aperture_deg: 4, mount: [0, 0]}"), "mount is [0, 0]; give three"),
@@ -96,7 +102,7 @@ def part(text: str) -> str:
         (part("mounts: 5"), "mounts is 5; give a list"),
         (
             "parts: [{sensor: {max_range: 1, min_range: 2, std: 0, resolution: 0.1}, ring: {}}]",
-            "parts[0]: sensor: max_range is 1.0",
+            "parts[0].sensor: max_range is 1.0",
         ),
     ],
 )

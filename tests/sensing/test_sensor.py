@@ -209,7 +209,7 @@ GOOD_YAML = "max_range: 4\nresolution: 0.01\n"
         ("", "the file is empty"),
         ("[1, 2", "line 1: not valid YAML"),
         ("just words", "is 'just words'; give a mapping"),
-        (GOOD_YAML, "the field 'std' is missing; add it"),
+        (GOOD_YAML, "the key 'std' is missing; add it"),
         (GOOD_YAML + "std: 0.1\nmax_rnge: 3", "'max_rnge' is unknown; did you mean max_range"),
         (GOOD_YAML + "std: [1]", "std is [1]; give a finite number"),
         (GOOD_YAML + "std: .nan", "std is nan"),

@@ -36,7 +36,7 @@ def with_layers(
 
     Args:
         amap: The map.
-        names: Names of layers (see `registry.layers`), or "all" for every layer that the scanner
+        names: Names of layers (see `registry.LAYERS`), or "all" for every layer that the scanner
             can have, but those that are slow.
         environment: What the map was built of, where that is at hand; None: as the map stores it.
         report: Called with the share done, from 0 to 1.

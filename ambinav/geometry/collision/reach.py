@@ -115,7 +115,7 @@ def find_reach(
             notes.append(
                 f"{_label(environment)}: the largest piece of floor, of {pieces[0].area:,.0f} m², "
                 f"lies along {100 * shares[0]:.0f} % of the map's rim, as the margin of a page "
-                f"does, so the next of {floor.area:,.0f} m² is taken; --from X Y takes another."
+                f"does, so the next of {floor.area:,.0f} m² is taken; --start X Y takes another."
             )
     for note in notes:
         warnings.warn(note, InputWarning, stacklevel=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,24 @@ ROUNDING = 1e-6
 EQUAL = 1e-9
 # Fewer are not worth waking a thread for.
 LEAST_RAYS = 2048
+
+
+class Fan(NamedTuple):
+    """Rays that share an origin, counter-clockwise, robot frame.
+
+    Attributes:
+        origin: x and y, metres, shape (2,).
+        cosine: Of the rays' directions, shape (n,).
+        sine: Likewise.
+        column: Column of the results that each ray belongs to, shape (n,).
+        reach: How far to look, metres.
+    """
+
+    origin: NDArray[np.float64]
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+    column: NDArray[np.intp]
+    reach: float
 
 
 def scan_rays(
@@ -56,16 +75,16 @@ def scan_rays(
     distance = np.empty((len(x), len(ray_angle)), dtype=np.float32)
     edge = np.empty((len(x), len(ray_angle)), dtype=np.int32)
     oblique = np.empty((len(x), len(ray_angle)) if incidence else (0, 0), dtype=np.float32)
-    mesh = scene.triangulation
+    mesh = scene.triangulation.arrays(scene.border_segment, scene.border_lines)
     origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)
         mine = mine[counter_clockwise(ray_angle[mine])]
         angles = ray_angle[mine]
+        fan = Fan(origin, np.cos(angles), np.sin(angles), mine, float(max_range))
         run_rows(
-            _fans, len(x), x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range),
-            mine, scene.border_segment, scene.border_lines, mesh.twin, mesh.node, mesh.hops,
-            mesh.corner, *mesh.index, distance, edge, oblique, least=1 + LEAST_RAYS // len(mine),
+            _fans, len(x), x, y, theta, fan, mesh, distance, edge, oblique,
+            least=1 + LEAST_RAYS // len(mine),
         )  # fmt: skip
     return distance, edge, oblique
 
@@ -204,10 +223,10 @@ def cast_fan(px, py, ux, uy, n, t, reach, corner, twin, node, hops, border, stac
 
 
 @kernel
-def _fans(
-    begin, end, x, y, theta, origin, bx, by, reach, column, border_segment, border, twin, node,
-    hops, corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, incidence,
-):  # fmt: skip
+def _fans(begin, end, x, y, theta, fan, mesh, distance, segment, incidence):
+    origin, bx, by, column, reach = fan
+    border_segment, border, twin, node, hops, corner, _ = mesh
+    x0, y0, cell, rows, columns, start, item, triangle = mesh.grid
     n = bx.size
     angles = incidence.size > 0
     ux, uy, d = np.empty(n), np.empty(n), np.empty(n)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -27,6 +27,25 @@ MAX_CELLS = 4_000_000
 LEFT, RIGHT = 4, 5
 # Sine of the angle between ray and edge below which they count as parallel.
 PARALLEL = 1e-12
+
+
+class MeshArrays(NamedTuple):
+    """What kernels read of a triangulation, to walk rays through it.
+
+    Attributes:
+        segment: int32, shape (K,): the environment's segment that each border edge is part of.
+        border: float64, shape (K, 4): end points of the border edges on that segment's line.
+        twin: See `Triangulation`, as are node, hops and corner.
+        grid: What `locate` takes after a point: `Triangulation.index`.
+    """
+
+    segment: NDArray[np.int32]
+    border: NDArray[np.float64]
+    twin: NDArray[np.int32]
+    node: NDArray[np.float64]
+    hops: NDArray[np.int32]
+    corner: NDArray[np.float64]
+    grid: tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +145,14 @@ class Triangulation:
         """What `locate` takes, in its order."""
         return (*self.origin, self.cell, *self.shape, self.start, self.item, self.triangle)
 
+    def arrays(self, segment: NDArray[np.int32], border: NDArray[np.float64]) -> MeshArrays:
+        """The mesh for kernels, with segment and line of each border edge."""
+        return MeshArrays(segment, border, self.twin, self.node, self.hops, self.corner, self.index)
+
     def contains(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each point, shape (N,), lies in the free space or on its border."""
         inside = np.empty(len(x), dtype=np.bool_)
-        _contains(x, y, *self.index, inside)
+        _contains(x, y, self.index, inside)
         return inside
 
 
@@ -175,7 +198,8 @@ def locate(px, py, x0, y0, cell, rows, columns, start, item, triangle):
 
 
 @kernel
-def _contains(x, y, x0, y0, cell, rows, columns, start, item, triangle, inside):
+def _contains(x, y, index, inside):
+    x0, y0, cell, rows, columns, start, item, triangle = index
     for i in range(x.size):
         inside[i] = locate(x[i], y[i], x0, y0, cell, rows, columns, start, item, triangle) >= 0
 

@@ -47,7 +47,7 @@ def walk_rays(
     distance = np.empty(len(x))
     segment = np.empty(len(x), dtype=np.int32)
     inside = np.empty(len(x), dtype=np.bool_)
-    mesh = scene.triangulation
+    mesh = scene.triangulation.arrays(scene.border_segment, scene.border_lines)
     ux, uy = np.empty(min(CHUNK, len(x))), np.empty(min(CHUNK, len(x)))
     for low in range(0, len(x), CHUNK):
         part = slice(low, low + CHUNK)
@@ -55,9 +55,8 @@ def walk_rays(
         np.cos(angle[part], out=ux[:count])
         np.sin(angle[part], out=uy[:count])
         run_rows(
-            _walk, count, x[part], y[part], ux[:count], uy[:count], float(max_range),
-            scene.border_segment, scene.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
-            *mesh.index, distance[part], segment[part], inside[part], least=4 * BLOCK,
+            _walk, count, x[part], y[part], ux[:count], uy[:count], float(max_range), mesh,
+            distance[part], segment[part], inside[part], least=4 * BLOCK,
         )  # fmt: skip
     return distance, segment, inside
 
@@ -73,10 +72,9 @@ def first_edge(px, py, ux, uy, t, corner):
 
 
 @kernel
-def _walk(
-    low, high, x, y, ux, uy, reach, border_segment, border, twin, node, hops,
-    corner, x0, y0, cell, rows, columns, start, item, triangle, distance, segment, inside,
-):  # fmt: skip
+def _walk(low, high, x, y, ux, uy, reach, mesh, distance, segment, inside):
+    border_segment, border, twin, node, hops, corner, _ = mesh
+    x0, y0, cell, rows, columns, start, item, triangle = mesh.grid
     at = np.empty(BLOCK, dtype=np.int32)
     going = np.empty(BLOCK, dtype=np.int32)
     for first in range(low, high, BLOCK):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
-from ambinav.drive.intervals import csv_cells, interval_text
+from ambinav.reports.table import Cell, Cells, Figure, csv_cells
 from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios
 
 if TYPE_CHECKING:
@@ -48,57 +48,36 @@ def _seconds(episodes: Episodes) -> Parts:
 
 
 @dataclass(frozen=True)
-class Figure:
+class EpisodeFigure(Figure):
     """A figure of a method.
 
     Attributes:
-        key: Name in files.
-        title: Heading of a column.
-        unit: Of what is shown.
-        digits: After the point, for readers.
         parts: Two numbers an episode: the figure is the sum of the first by that of the second.
     """
 
-    key: str
-    title: str
-    unit: str
-    digits: int
     parts: Callable[[Episodes], Parts]
 
 
 FIGURES: Final = (
-    Figure("arrived", "arrived", "%", 1, _ended("arrived")),
-    Figure("missed", "missed", "%", 1, _ended("missed")),
-    Figure("collided", "collided", "%", 1, _ended("collided")),
-    Figure("timeout", "timeout", "%", 1, _ended("timeout")),
-    Figure("lost", "ever lost", "%", 1, lambda e: _percent(e.was_lost)),
-    Figure("error", "error", "m", 3, lambda e: mean_parts(e.error_mean)),
-    Figure("error_max", "largest error", "m", 3, lambda e: mean_parts(e.error_max)),
-    Figure("length", "length ratio", "", 3, lambda e: mean_parts(e.length_ratio)),
-    Figure("exposure", "exposure per metre", "", 3, lambda e: (e.exposure, e.travelled)),
-    Figure("seconds", "time", "s", 1, _seconds),
+    EpisodeFigure("arrived", "arrived", "%", _ended("arrived"), digits=1),
+    EpisodeFigure("missed", "missed", "%", _ended("missed"), digits=1),
+    EpisodeFigure("collided", "collided", "%", _ended("collided"), digits=1),
+    EpisodeFigure("timeout", "timeout", "%", _ended("timeout"), digits=1),
+    EpisodeFigure("lost", "ever lost", "%", lambda e: _percent(e.was_lost), digits=1),
+    EpisodeFigure("error", "error", "m", lambda e: mean_parts(e.error_mean), digits=3),
+    EpisodeFigure("error_max", "largest error", "m", lambda e: mean_parts(e.error_max), digits=3),
+    EpisodeFigure("length", "length ratio", "", lambda e: mean_parts(e.length_ratio), digits=3),
+    EpisodeFigure(
+        "exposure", "exposure per metre", "", lambda e: (e.exposure, e.travelled), digits=3
+    ),
+    EpisodeFigure("seconds", "time", "s", _seconds, digits=1),
 )
 """Length ratio and time are means of the episodes that arrived. Exposure per metre is that of all
 episodes together by the metres of all of them, as in `Episodes.summary`."""
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One figure of one method.
-
-    Attributes:
-        figure: Which.
-        value: Over the episodes.
-        difference: To the baseline, episode by episode; None for the baseline itself.
-    """
-
-    figure: Figure
-    value: Interval
-    difference: Interval | None
-
-
-@dataclass(frozen=True)
-class Row:
+class Row(Cells[EpisodeFigure]):
     """All figures of a method in one setting.
 
     Attributes:
@@ -111,11 +90,7 @@ class Row:
     setting: str
     method: str
     episodes: int
-    cells: tuple[Cell, ...]
-
-    def __getitem__(self, key: str) -> Cell:
-        """The figure with a key."""
-        return next(cell for cell in self.cells if cell.figure.key == key)
+    cells: tuple[Cell[EpisodeFigure], ...]
 
 
 def make_rows(
@@ -159,7 +134,7 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
     return np.array([np.vstack(list(layer)).T for layer in layers])
 
 
-def _cells(columns: Floats, drawn: Floats) -> tuple[Cell, ...]:
+def _cells(columns: Floats, drawn: Floats) -> tuple[Cell[EpisodeFigure], ...]:
     """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F)."""
     whole = columns.sum(axis=1, keepdims=True)
     value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
@@ -204,21 +179,3 @@ def plain(interval: Interval | None) -> dict[str, float | int | None] | None:
         "value": interval.value, "low": interval.low, "high": interval.high,
         "count": interval.count,
     }  # fmt: skip
-
-
-def value_text(cell: Cell, *, brief: bool = False) -> str:
-    """The figure with its interval, for readers; brief: whole percents."""
-    return interval_text(cell.value, 0 if brief and cell.figure.unit == "%" else cell.figure.digits)
-
-
-def difference_text(cell: Cell) -> str:
-    """The difference to the baseline with its interval and signs; bold where it does not hold 0."""
-    if cell.difference is None:
-        return ""
-    text = interval_text(cell.difference, cell.figure.digits, "+")
-    return f"**{text}**" if is_shown(cell.difference) else text
-
-
-def is_shown(difference: Interval) -> bool:
-    """Whether the interval does not hold 0."""
-    return bool(difference.low > 0.0 or difference.high < 0.0)

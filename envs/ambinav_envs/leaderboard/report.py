@@ -3,32 +3,23 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import replacing, write_text
 from ambinav.maps.drawing import save_figure
-from ambinav.pages import fill
 from ambinav.provenance import discard_stale
-from ambinav.runfolder import NAME as LOCK
-from ambinav.runfolder import only_one
+from ambinav.reports.criterion import AcceptanceCriterion
+from ambinav.reports.pages import fill
+from ambinav.reports.table import difference_text, is_shown, value_text
+from ambinav.runfolder import LOCK, WORK, RunFolder
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
-from ambinav_envs.leaderboard.figures import (
-    FIGURES,
-    Row,
-    difference_text,
-    is_shown,
-    make_rows,
-    plain,
-    to_csv,
-    value_text,
-)
+from ambinav_envs.leaderboard.figures import FIGURES, Row, make_rows, plain, to_csv
 from ambinav_envs.leaderboard.overview import plot_board
 from ambinav_envs.leaderboard.store import computed_by
 from ambinav_envs.parameters import NavigationParameters
@@ -38,29 +29,10 @@ JSON: Final = "report.json"
 MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
 OVERVIEW: Final = "overview.png"
-WORK: Final = "work"
-"""Folder of what is kept to go on after a break."""
-OURS: Final = (JSON, MARKDOWN, TABLE, OVERVIEW, WORK)
+FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, OVERVIEW, WORK))
 
-HALVED, LONGER = 0.5, 0.1
-"""The goal of a method against the shortest ways: lost at most half as often, for a way that is at
-most so much longer."""
-
-
-def check_output(folder: Path) -> None:
-    """Check that a leaderboard may be written to a folder.
-
-    Raises:
-        InputError: it is a file, or holds something else than an earlier leaderboard.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
-    for item in sorted(folder.iterdir()) if folder.exists() else ():
-        if item.name not in OURS and not _is_left_over(item):
-            raise InputError(
-                f"{folder}: this folder holds {item.name}, which is not of an earlier leaderboard; "
-                "choose a new folder."
-            )
+CRITERION: Final = AcceptanceCriterion(lost=0.5)
+"""Of a method against the shortest routes: lost rate and length count."""
 
 
 def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row, ...]:
@@ -77,23 +49,20 @@ def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row
         The rows of the table.
 
     Raises:
-        InputError: see `check_output`, `fitting` and `run`; or another call is at work there.
+        InputError: see `RunFolder.check`, `fitting` and `run`; or another call is at work there.
     """
-    check_output(folder)
+    FOLDER.check(folder)
     board = fitting(board)
     begin = bars or (lambda text: lambda share: None)
-    with only_one(folder / WORK):
-        for left in (*folder.iterdir(), *(folder / WORK).iterdir()):
-            if _is_left_over(left):
-                shutil.rmtree(left)
+    with FOLDER.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
         found = run(board, folder / WORK, begin)
         rows = rows_of(found, board.seed)
         with replacing(folder / OVERVIEW) as scratch:
             save_figure(plot_board(rows, f"Leaderboard, {board.episodes} episodes each"), scratch)
-        _write(folder / TABLE, to_csv(rows))
-        _write(folder / JSON, to_json(board, found, rows) + "\n")
-        _write(folder / MARKDOWN, to_markdown(board, rows))
+        write_text(folder / TABLE, to_csv(rows))
+        write_text(folder / JSON, to_json(board, found, rows) + "\n")
+        write_text(folder / MARKDOWN, to_markdown(board, rows))
     return rows
 
 
@@ -132,7 +101,7 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
             {
                 "setting": row.setting,
                 "method": row.method,
-                "goal": goal_text(row, _base(row, rows)),
+                "criterion": criterion_text(row, _base(row, rows)),
                 "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
                 "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
                 "reward": float(found[row.setting][row.method].reward.mean()),
@@ -147,8 +116,8 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
     """The report for readers."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
-        "difference": difference_text,
-        "goal": lambda row: goal_text(row, _base(row, rows)),
+        "difference": partial(difference_text, bold=True),
+        "criterion": lambda row: criterion_text(row, _base(row, rows)),
     }
     values: dict[str, Any] = {
         "board": board,
@@ -164,7 +133,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
     return fill("ambinav_envs.leaderboard", "report.md.j2", filters, **values)
 
 
-def goal_text(row: Row, base: Row | None) -> str:
+def criterion_text(row: Row, base: Row | None) -> str:
     """Whether a method is lost at most half as often as the baseline, and not much longer.
 
     Told by the figures and the interval of their difference, so that it may be unclear.
@@ -180,26 +149,14 @@ def goal_text(row: Row, base: Row | None) -> str:
     longer = row["length"].difference
     if longer is None or longer.count == 0:
         return "no episode to compare lengths by"
-    short = longer.value <= LONGER * base["length"].value.value
     if not shown:
         return "no difference shown"
-    if after > HALVED * before:
+    if not CRITERION.lost_met(after, before):
         return "lost less often, not halved"
-    return "met" if short else "halved, but too long a way"
+    ratio = 1.0 + longer.value / base["length"].value.value
+    return "met" if CRITERION.length_met(ratio) else "halved, but too long a way"
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:
     own = (one for one in rows if one.setting == row.setting and one.method == BASELINE)
     return next(own, None)
-
-
-def _is_left_over(path: Path) -> bool:
-    """Whether `replacing` made this folder and was killed before it could remove it."""
-    name, _, rest = path.name.removeprefix(".").rpartition(".")
-    ours = name in OURS or path.parent.name == WORK
-    return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
-
-
-def _write(path: Path, text: str) -> None:
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
-from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.service.service import AmbiguityService
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from ambinav_envs.buildings.tasks import Task
     from ambinav_planners import RoutePlanner
     from ambinav_planners.problem import Problem
-    from ambinav_planners.registry import Found, Planner
+    from ambinav_planners.registry import Planner, PlannerResult
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +45,7 @@ class PlannerChoice:
         planner: Its name in the registry.
         weight: Of the ambiguity.
         iterations: Its budget, if it takes one.
-        seed: Of its random numbers, from 1 on.
+        seed: Of its random numbers, from 0 on.
     """
 
     planner: str
@@ -65,7 +64,7 @@ class Routes:
         start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
     Raises:
-        InputError: OMPL is missing, or there is no such planner.
+        InputError: there is no such planner, or it needs OMPL, which is missing.
     """
 
     def __init__(
@@ -75,10 +74,6 @@ class Routes:
         odometry: OdometryNoise | None = None,
         start_std: tuple[float, float, float] | None = None,
     ) -> None:
-        from importlib.util import find_spec
-
-        if find_spec("ompl") is None:
-            raise InputError('planning needs OMPL; run: pip install "ambinav[planners]".')
         from ambinav_planners.registry import planner
 
         self.choice = choice
@@ -104,7 +99,7 @@ class Routes:
     def _robot(self, building: Building, margin: float) -> RoutePlanner:
         """What plans in a building."""
         from ambinav_planners import RoutePlanner
-        from ambinav_planners.belief.place_search import BeliefModel
+        from ambinav_planners.belief.model import BeliefModel
 
         return RoutePlanner(
             AmbiguityService(building.amap, self.layer, self.choice.weight),
@@ -216,12 +211,12 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
     return ways
 
 
-def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> Found | None:
+def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
     """A free way; one that is there on the lattice is sought for longer before it is given up."""
     from ambinav_planners.improve.finishing import is_free
     from ambinav_planners.planning import run
     from ambinav_planners.registry import Budget, check_suits
-    from ambinav_planners.search.reachability import NoWayError, check_reachable
+    from ambinav_planners.search.reachability import NoPathError, check_reachable
 
     counts = chosen.uses_ompl and bool(chosen.iteration) and choice.iterations is not None
     for factor in PATIENCE if counts else PATIENCE[:1]:
@@ -233,6 +228,6 @@ def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> Found | 
             return found
         try:
             check_reachable(problem)
-        except NoWayError:
+        except NoPathError:
             return None
     return None

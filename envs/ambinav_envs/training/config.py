@@ -6,8 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from ambinav.compare.scenario_schema import Part
-from ambinav.config import nearest
+from ambinav.config import ConfigModel, nearest
 from ambinav.errors import InputError
 from ambinav_envs.registration import IDS
 from ambinav_envs.training.hyperparameters import hyperparameters_of
@@ -28,7 +27,7 @@ DRAWN_APART: Final[dict[str, Any]] = {"first_building": 500_000, "buildings": 10
 """Buildings that policies are judged in while they train, unless the configuration says others."""
 
 
-class EvaluationPart(Part):
+class EvaluationPart(ConfigModel):
     """How the policy is judged while it trains.
 
     Attributes:
@@ -45,14 +44,14 @@ class EvaluationPart(Part):
     seed: Seed = 0
 
 
-class NormalizePart(Part):
+class NormalizePart(ConfigModel):
     """What is brought to variance 1 by running figures, as `VecNormalize` does it."""
 
     observations: bool = False
     reward: bool = True
 
 
-class PolicyPart(Part):
+class PolicyPart(ConfigModel):
     """The network.
 
     Attributes:
@@ -74,7 +73,7 @@ class PolicyPart(Part):
     lstm_hidden_size: Count = 128
 
 
-class StagePart(Part):
+class StagePart(ConfigModel):
     """A stage of the curriculum, which ends at a share of the training or at a rate of arrival.
 
     Attributes:
@@ -94,14 +93,14 @@ class StagePart(Part):
         return self
 
 
-class CheckpointsPart(Part):
+class CheckpointsPart(ConfigModel):
     """What resuming starts from: how many steps apart, and how many of them are kept."""
 
     every: Count = 500_000
     keep: Count = 2
 
 
-class Training(Part):
+class Training(ConfigModel):
     """All of a configuration; docs/training.md tells every key."""
 
     algorithm: Literal["ppo", "sac", "recurrent-ppo"] = "ppo"

@@ -9,12 +9,10 @@ from typing import Any, Final
 
 import numba
 import yaml
-from pydantic import ValidationError
 
-from ambinav.compare.scenario_file import complaint
-from ambinav.config import parse_yaml, read_text
+from ambinav.config import checked, parse_yaml, read_text
 from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import write_text
 from ambinav.mistaken import TRAINING, kind_of, kind_of_path, refuse
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
@@ -63,10 +61,7 @@ def parse_config(plain: Mapping[str, Any], where: str, folder: Path | None = Non
     Raises:
         InputError: a key is unknown or missing, or a value of no use.
     """
-    try:
-        config = Training.model_validate(plain)
-    except ValidationError as error:
-        raise InputError(complaint(error.errors(include_url=False)[0], where)) from error
+    config = checked(Training, plain, where)
     folder = Path() if folder is None else folder
     most = numba.config.NUMBA_NUM_THREADS
     threads = min(os.cpu_count() or 1, most) if config.threads is None else config.threads
@@ -134,8 +129,7 @@ def source_of(arguments: Mapping[str, Any]) -> tuple[BuildingSource, NavigationP
 
 def write_config(config: Training, path: Path) -> None:
     """Write a configuration, everything written out; `load_config` reads the same from it."""
-    with replacing(path) as fresh:
-        fresh.write_text(plain_text(config), encoding="utf-8")
+    write_text(path, plain_text(config))
 
 
 def plain_text(config: Training) -> str:

@@ -14,9 +14,10 @@ from typing import Any, Final
 
 import ambinav
 from ambinav.errors import InputError
-from ambinav.files import replacing
+from ambinav.files import write_text
 from ambinav.maps.content_digest import environment_digest
 from ambinav.provenance import code_digest, library_version
+from ambinav.runfolder import LOCK, RunFolder
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of
@@ -30,6 +31,12 @@ CURVE: Final = "curve.png"
 REPORT: Final = "report.md"
 CHECKPOINTS: Final = "checkpoints"
 TENSORBOARD: Final = "tensorboard"
+FOLDER: Final = RunFolder(
+    "training",
+    (CONFIG, ABOUT, PROGRESS, BEST, FINAL, CURVE, REPORT, CHECKPOINTS, TENSORBOARD, LOCK),
+    kept=CHECKPOINTS,
+    locked="",
+)
 
 HASHED: Final = 64
 """A checksum covers so many buildings of a suite."""
@@ -109,8 +116,7 @@ def commit() -> str | None:
 
 def write_json(path: Path, plain: Mapping[str, Any]) -> None:
     """Write plain values, whole or not at all."""
-    with replacing(path) as fresh:
-        fresh.write_text(json.dumps(plain, indent=2) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(plain, indent=2) + "\n")
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -10,7 +10,6 @@ import numba
 import torch
 
 from ambinav.errors import InputError
-from ambinav.runfolder import only_one
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
@@ -52,7 +51,7 @@ def train(
     torch.set_num_threads(config.threads)
     numba.set_num_threads(config.threads)
     try:
-        with only_one(folder):
+        with files.FOLDER.hold(folder):
             run = Run(config, folder, resume, command, tell or (lambda told: None))
             return run.go()
     finally:
@@ -68,13 +67,12 @@ def check_folder(config: Training, folder: Path, resume: bool) -> None:
     """
     written = folder / files.CONFIG
     if not resume:
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"{folder}: a file is there; choose another output.")
         if written.is_file():
             raise InputError(
                 f"{folder}: a training is there already; add --resume to go on with it, or choose "
                 "another output."
             )
+        files.FOLDER.check(folder)
         return
     if not written.is_file():
         raise InputError(f"{folder}: no training is there to be resumed; leave out --resume.")

@@ -8,23 +8,22 @@ from dataclasses import replace
 import numpy as np
 
 from ambinav_planners.belief.information import Information
-from ambinav_planners.belief.place_search import Growth, belief_search
+from ambinav_planners.belief.lattice_search import Growth, belief_search
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.belief.roadmap_search import search_roadmap
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, register
-from ambinav_planners.roadmap import grown_graph
+from ambinav_planners.registry import Budget, Planner, PlannerResult
 from ambinav_planners.search.lattice_graph import lattice_of
 
 # A metre of deviation at the goal counts as so many metres at weight 1.
 METRES_PER_METRE = 10.0
 # Part of the time that goes into the roadmap; filter and search take about twice as long.
 GROWING_SHARE = 1.0 / 3.0
-# Ways to a node whose variances differ by less than this share count as one.
+# Paths to a node whose variances differ by less than this share count as one.
 TOLERANCE = 0.02
 
 
-def solve_belief(problem: Problem, budget: Budget) -> Found:
+def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
     """Search the lattice over place and standard deviation, whatever time it takes.
 
     What is least is the integral of 1 + weight * deviation / 0.5 m over the length.
@@ -36,26 +35,29 @@ def solve_belief(problem: Problem, budget: Budget) -> Found:
     start, goal = len(graph.poses) - 2, len(graph.poses) - 1
     found = belief_search(graph, growth, model, start, goal, tolerance=TOLERANCE)
     if found is None:
-        return Found(None)
+        return PlannerResult(None)
     covariances = np.zeros((len(found.std), 3, 3))
     covariances[:, 0, 0] = covariances[:, 1, 1] = found.std**2
-    poses = graph.steering.oriented(graph.poses[found.way.nodes])
+    poses = graph.steering.oriented(graph.poses[found.path.nodes])
     cost = problem.service.route_cost(poses, problem.steering)
-    return Found(
+    return PlannerResult(
         poses,
         ((time.perf_counter() - started, cost),),
-        found.way.labels,
+        found.path.labels,
         covariances,
         finished=True,
     )
 
 
-def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
-    """Grow a PRM* for the time, then search it for a way that ends well known and is not long.
+def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
+    """Grow a PRM* for the time, then search it for a path that ends well known and is not long.
 
     What is least is the length plus 10 * weight times the deviation of the place at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.
     """
+    # Which needs OMPL, as the other planner does not.
+    from ambinav_planners.roadmap import grown_graph
+
     started = time.perf_counter()
     graph = grown_graph(problem, replace(budget, seconds=GROWING_SHARE * budget.seconds))
     roadmap = BeliefRoadmap.of(
@@ -79,10 +81,10 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
         tolerance=TOLERANCE,
     )
     if found is None:
-        return Found(None)
-    poses = graph.steering.oriented(graph.poses[found.way.nodes])
+        return PlannerResult(None)
+    poses = graph.steering.oriented(graph.poses[found.path.nodes])
     cost = problem.service.route_cost(poses, problem.steering)
-    return Found(
+    return PlannerResult(
         poses,
         ((time.perf_counter() - started, cost),),
         len(graph.poses) - 2,
@@ -91,23 +93,19 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
     )
 
 
-register(
-    Planner(
-        "belief",
-        solve_belief,
-        "least cost over position and its deviation (after Gonzalez and Stentz; Roy and Thrun)",
-        iteration="labels",
-        spaces=("r2",),
-        uses_ompl=False,
-        minimises_cost=False,
-    )
+BELIEF = Planner(
+    "belief",
+    solve_belief,
+    "least cost over position and its deviation (after Gonzalez and Stentz; Roy and Thrun)",
+    iteration="labels",
+    spaces=("r2",),
+    uses_ompl=False,
+    minimises_cost=False,
 )
-register(
-    Planner(
-        "belief-roadmap",
-        solve_belief_roadmap,
-        "the path on a PRM* that ends best localized (after Prentice and Roy 2009)",
-        iteration="milestones",
-        minimises_cost=False,
-    )
+BELIEF_ROADMAP = Planner(
+    "belief-roadmap",
+    solve_belief_roadmap,
+    "the path on a PRM* that ends best localized (after Prentice and Roy 2009)",
+    iteration="milestones",
+    minimises_cost=False,
 )

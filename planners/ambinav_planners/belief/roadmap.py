@@ -6,7 +6,7 @@ is worked out once per motion (`ambinav_planners.belief.transfer`), and a search
 covariances from node to node in one step each (`ambinav_planners.belief.roadmap_search`).
 
 Motion model: the odometry of the robot that is driven, `ambinav.drive.noise.OdometryNoise`, whose
-errors are white along the way. In the frame of travel, over a stretch of ds metres and a turn of
+errors are white along the path. In the frame of travel, over a stretch of ds metres and a turn of
 dt radians, with h = 2 turn_way ds + turn_turn |dt|,
 
     along: way_way ds + way_turn |dt|    across: h ds^2/3    heading: h    across-heading: h ds/2
@@ -27,21 +27,32 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise, PackedNoise
 from ambinav.errors import InputError
+from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.geometry.motion.steering import DUBINS, FACING
 from ambinav.kernels import kernel
 from ambinav.threads import run_rows
 from ambinav_planners.belief.information import Information, information_at
 from ambinav_planners.belief.transfer import carried, compose
-from ambinav_planners.search.along import pieces_of, pose_along
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]
+
+
+class TransferArrays(NamedTuple):
+    """What kernels read of a `BeliefRoadmap`; see there."""
+
+    carry: Floats
+    noise: Floats
+    seen: Floats
+    heading: Floats
+    odometry: PackedNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +107,19 @@ class BeliefRoadmap:
         carry, noise, seen = np.empty(shape), np.empty(shape), np.empty(shape)
         run_rows(
             _transfers, len(graph.poses), graph.steering.kind, float(graph.steering.radius),
-            graph.poses, graph.first, graph.target, graph.length, step, odometry.packed,
-            1.0 / scan_distance, information.fields, *information.lattice, carry, noise, seen,
+            graph.poses, graph.arrays, step, odometry.packed, 1.0 / scan_distance,
+            information.fields, *information.lattice, carry, noise, seen,
         )  # fmt: skip
         heading = np.zeros(len(graph.target))
         if graph.steering.kind == FACING:
-            way = graph.poses[graph.target, :2] - graph.poses[graph.source, :2]
-            heading = np.arctan2(way[:, 1], way[:, 0])
+            path = graph.poses[graph.target, :2] - graph.poses[graph.source, :2]
+            heading = np.arctan2(path[:, 1], path[:, 0])
         return cls(graph, carry, noise, seen, heading, odometry.packed)
+
+    @property
+    def arrays(self) -> TransferArrays:
+        """What the motions do, for kernels."""
+        return TransferArrays(self.carry, self.noise, self.seen, self.heading, self.odometry)
 
     def along(self, motions: NDArray[np.intp], covariance: Floats) -> Floats:
         """Covariances at the nodes of a path, shape (motions + 1, 3, 3): metres and radians.
@@ -124,9 +140,10 @@ class BeliefRoadmap:
 
 @kernel
 def _transfers(
-    begin, end, kind, radius, poses, first, target, length, step, odometry, scans,
-    fields, left, low, inverse, carry, noise, seen,
+    begin, end, kind, radius, poses, graph, step, odometry, scans, fields, left, low, inverse,
+    carry, noise, seen,
 ):  # fmt: skip
+    first, target, length = graph
     told = np.empty((3, 3))
     for node in range(begin, end):
         for e in range(first[node], first[node + 1]):

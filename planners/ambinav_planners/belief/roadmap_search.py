@@ -1,9 +1,9 @@
-"""The way through a belief roadmap that ends well known and is not long.
+"""The path through a belief roadmap that ends well known and is not long.
 
 Prentice & Roy (2009, IJRR 28(11-12), section 5) look for the least trace at the goal, whatever the
 length, and keep for every node the one covariance of the least trace that was found. That is a
 rule of thumb: one with a larger trace can be the better one to go on with. Here the length
-counts too, and every way to a node is gone on with unless a shorter one has left a covariance that
+counts too, and every path to a node is gone on with unless a shorter one has left a covariance that
 is no larger: by the measure alone, or exactly, in every direction (the Loewner order, which the
 filter preserves, so that nothing is lost). In r2 two paths come to a node with different headings,
 and turn differently to go on; the one that is dropped must then be no smaller than the other after
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,15 +25,15 @@ from ambinav.kernels import kernel
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.labels import (
-    Way,
+    SearchPath,
     check_node,
     cost_to_go,
     drop_first,
     grown,
     motions_back,
+    path_back,
     push,
     reversed_graph,
-    way_back,
 )
 
 Floats = NDArray[np.float64]
@@ -41,25 +42,45 @@ MEASURES = ("trace", "weak")
 """Deviation of the position in metres: root of the trace of the covariance's xy block, or root of
 its larger eigenvalue."""
 
-# So many ways of the last few motions are looked at for the bound at the goal: a few milliseconds.
+# So many paths of the last few motions are looked at for the bound at the goal: a few milliseconds.
 ENDINGS = 10_000
-# And of no more motions than this: on a graph of few nodes there are never many ways.
+# And of no more motions than this: on a graph of few nodes there are never many paths.
 LAST_MOTIONS = 20
 
 # Covariances that differ by less than this share are the same but for rounding.
 ROUNDING = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class BeliefWay:
-    """A way and the covariances along it.
+class Terms(NamedTuple):
+    """What the search minimises, and within which limits; see `search_roadmap`.
 
     Attributes:
-        way: The way; its cost is its length plus weight times the deviation at the goal, metres.
-        covariances: At the nodes of the way, shape (N, 3, 3): x, y, theta, metres and radians.
+        weight: Metres of path that a metre less of deviation at the goal is worth.
+        weak: Whether the deviation is that in the weak direction, not the root of the trace.
+        most: Largest deviation, metres.
+        most_at_goal: Largest deviation at the goal, metres.
+        margin: 1 + the tolerance.
+        exact: Whether covariances are compared in every direction.
     """
 
-    way: Way
+    weight: float
+    weak: bool
+    most: float
+    most_at_goal: float
+    margin: float
+    exact: bool
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefPath:
+    """A path and the covariances along it.
+
+    Attributes:
+        path: The path; its cost is its length plus weight times the deviation at the goal, metres.
+        covariances: At the nodes of the path, shape (N, 3, 3): x, y, theta, metres and radians.
+    """
+
+    path: SearchPath
     covariances: Floats
 
 
@@ -89,10 +110,10 @@ def search_roadmap(
     max_goal_std: float = math.inf,
     tolerance: float = 0.0,
     exact: bool = False,
-) -> BeliefWay | None:
-    """The way of least length + weight * deviation at the goal.
+) -> BeliefPath | None:
+    """The path of least length + weight * deviation at the goal.
 
-    The way may pass a node twice: going on to a place that tells more and coming back is worth it
+    The path may pass a node twice: going on to a place that tells more and coming back is worth it
     at a large weight.
 
     Args:
@@ -100,20 +121,20 @@ def search_roadmap(
         start: A node.
         goal: A node.
         covariance: Of the pose at the start, shape (3, 3), may be singular.
-        weight: Metres of way that a metre less of deviation at the goal is worth.
+        weight: Metres of path that a metre less of deviation at the goal is worth.
         measure: One of MEASURES.
-        max_std: Largest deviation at any node of the way, by the measure, metres.
+        max_std: Largest deviation at any node of the path, by the measure, metres.
         max_goal_std: Largest deviation at the goal, by the measure, metres.
-        tolerance: A longer way to a node is gone on with only if its variance is lower by more
-            than this share. Above 0 the figures of the way are still its own, but a slightly
+        tolerance: A longer path to a node is gone on with only if its variance is lower by more
+            than this share. Above 0 the figures of the path are still its own, but a slightly
             better one, or one that keeps to `max_std` by less than that share, may be missed.
         exact: True compares the covariances at a node in every direction: with a tolerance of 0
-            the way is exactly the best there is, but on a grown roadmap of thousands of nodes
+            the path is exactly the best there is, but on a grown roadmap of thousands of nodes
             that takes minutes. False compares them by the measure alone, as Prentice & Roy do
             by the trace: a second, without the guarantee.
 
     Returns:
-        The way, or None if there is none that keeps to the limits.
+        The path, or None if there is none that keeps to the limits.
 
     Raises:
         InputError: bad weight, measure, limit, tolerance, covariance or node.
@@ -135,15 +156,16 @@ def search_roadmap(
     blocks = roadmap.carry, roadmap.noise, roadmap.seen
     turned_round = reversed_graph(graph.first, graph.target)
     floor = weight * _least_ending(*turned_round, *blocks, weak, start, goal)
+    terms = Terms(
+        float(weight), weak, float(max_std), float(max_goal_std), 1.0 + tolerance, bool(exact)
+    )
     motions, cost, labels = _search(
-        graph.first, graph.target, graph.length, *blocks, roadmap.heading, roadmap.odometry, first,
-        float(weight), weak, max_std, max_goal_std, 1.0 + tolerance, exact, ahead, floor, start,
-        goal,
-    )  # fmt: skip
+        graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal
+    )
     if labels < 0:
         return None
-    way = way_back(graph, start, motions, cost, labels)
-    return BeliefWay(way, roadmap.along(way.motions, first))
+    path = path_back(graph, start, motions, cost, labels)
+    return BeliefPath(path, roadmap.along(path.motions, first))
 
 
 def checked_covariance(covariance: ArrayLike) -> Floats:
@@ -202,7 +224,7 @@ def no_larger(one, other, margin):
 
 @kernel
 def _least_ending(first, source, motion, carry, noise, seen, weak, start, goal):
-    """The least deviation that any way can end with.
+    """The least deviation that any path can end with.
 
     Of what went before the last few motions, even perfect knowledge ends with their noise.
     """
@@ -246,34 +268,33 @@ def _turned(covariance, last, to, heading, odometry):
 
 
 @kernel
-def _covered(
-    last, before, covariance, motion, found, at, heading, odometry, margin, weak, exact
-):  # fmt: skip
+def _covered(last, before, covariance, motion, found, at, heading, odometry, terms):
     """Whether one of the labels of a node, from the last one back, leaves no more than `found`.
 
     The covariance `found` is after motion `at`; -1: at the start.
     """
-    if not exact:  # the last one has the lowest deviation
+    if not terms.exact:  # the last one has the lowest deviation
         if last < 0:
             return False
-        return _deviation(covariance[last], weak) <= math.sqrt(margin) * _deviation(found, weak)
+        lowest = _deviation(covariance[last], terms.weak)
+        return lowest <= math.sqrt(terms.margin) * _deviation(found, terms.weak)
     label = last
     while label >= 0:
         one = covariance[label]
         if at >= 0:
             one = _turned(one, motion[label], at, heading, odometry)
-        if no_larger(one, found, margin):
+        if no_larger(one, found, terms.margin):
             return True
         label = before[label]
     return False
 
 
 @kernel
-def _search(
-    first, target, length, carry, noise, seen, heading, odometry, covariance, weight, weak, most,
-    most_at_goal, margin, exact, ahead, floor, start, goal,
-):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal):
+    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    first, target, length = graph
+    carry, noise, seen, heading, odometry = roadmap
+    weight, weak, most, most_at_goal, _, _ = terms
     nodes = first.size - 1
     newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
     room = 1024
@@ -295,19 +316,8 @@ def _search(
         size -= 1
         node = at[label]
         last = motion[label]
-        if _covered(
-            newest[node],
-            before,
-            found,
-            motion,
-            found[label],
-            last,
-            heading,
-            odometry,
-            margin,
-            weak,
-            exact,
-        ):
+        own = found[label]
+        if _covered(newest[node], before, found, motion, own, last, heading, odometry, terms):
             continue
         before[label], newest[node] = newest[node], label
         taken += 1
@@ -325,19 +335,7 @@ def _search(
             ending = carried(carry[e], noise[e], seen[e], ready)
             if _deviation(ending, weak) > most:
                 continue
-            if _covered(
-                newest[to],
-                before,
-                found,
-                motion,
-                ending,
-                e,
-                heading,
-                odometry,
-                margin,
-                weak,
-                exact,
-            ):
+            if _covered(newest[to], before, found, motion, ending, e, heading, odometry, terms):
                 continue
             if count == at.size:
                 at, parent, motion = grown(at), grown(parent), grown(motion)

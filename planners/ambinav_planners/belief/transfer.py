@@ -1,4 +1,4 @@
-"""How a stretch of way changes a covariance, whatever the covariance was: transfer functions.
+"""How a stretch of path changes a covariance, whatever the covariance was: transfer functions.
 
 Prentice & Roy (2009, "The belief roadmap: efficient planning in belief space by factoring the
 covariance", IJRR 28(11-12), section 4) write the covariance as S = B C^-1. A prediction and an
@@ -36,7 +36,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What a stretch of way does to a covariance.
+    """What a stretch of path does to a covariance.
 
     Attributes:
         carry: F, shape (n, n).

@@ -1,1 +1,6 @@
-"""Improvement of routes after a search: cheaper, never dearer, always free."""
+"""Improvement of a route after a search: cheaper, never dearer, always free.
+
+- `route`, with its kernels in `kernel` and `bezier`: shortcuts, a band, rounded corners.
+- `limited`: the same under a limit on bad metres in a row.
+- `finishing`: what follows every planner: improve, measure, or say why nothing was found.
+"""

@@ -2,7 +2,7 @@
 
 As in Hu et al. 2016 a corner between two straight motions is replaced by a cubic curve that is
 tangent to both. Its handles are those of the circular arc that touches both, 4/3 tan(turn/4) radii
-long: so looks a shortest way around an obstacle.
+long: so looks a shortest path around an obstacle.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ambinav.kernels import kernel
-from ambinav_planners.improve.kernel import put, route_price, short_way, turn_at
+from ambinav_planners.improve.kernel import put, route_price, turn_at, wrap_angle
 
 # Corners that turn by less, radians, are left as they are.
 SMALLEST_TURN = math.radians(1.0)
@@ -45,8 +45,8 @@ def corner_curve(a, corner, b, offset, pieces, out):
     # Handle of an arc of this turn, 4/3 tan(turn/4) radii, the radius being offset / tan(turn/2).
     reach = offset * (1.0 - 4.0 / 3.0 * math.tan(turn / 4.0) / math.tan(turn / 2.0))
     ux, uy, vx, vy = ax / before, ay / before, bx / behind, by / behind
-    t0 = corner[2] - short_way(corner[2] - a[2]) * offset / before
-    t1 = corner[2] + short_way(b[2] - corner[2]) * offset / behind
+    t0 = corner[2] - wrap_angle(corner[2] - a[2]) * offset / before
+    t1 = corner[2] + wrap_angle(b[2] - corner[2]) * offset / behind
     for k in range(pieces + 1):
         s = k / pieces
         # Bernstein polynomials, as weights of the four control points relative to the corner.
@@ -55,7 +55,7 @@ def corner_curve(a, corner, b, offset, pieces, out):
         back, forth = w0 * offset + w1 * reach, w3 * offset + w2 * reach
         out[k, 0] = corner[0] - back * ux + forth * vx
         out[k, 1] = corner[1] - back * uy + forth * vy
-        out[k, 2] = t0 + s * short_way(t1 - t0)
+        out[k, 2] = t0 + s * wrap_angle(t1 - t0)
 
 
 @kernel

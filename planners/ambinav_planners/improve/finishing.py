@@ -1,4 +1,4 @@
-"""What comes after a planner: whether its way is free, improving it, measuring it, or excuses."""
+"""What follows every planner: improve and measure its path, or say why none was found."""
 
 from __future__ import annotations
 
@@ -9,19 +9,29 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.collision.sweep import motion_free, pose_free
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route
 from ambinav_planners.improve.limited import improve_within
 from ambinav_planners.improve.route import improve
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, planners
+from ambinav_planners.registry import Budget, Planner, PlannerResult, planners
 from ambinav_planners.search.alternatives import joined_routes
 from ambinav_planners.search.cheapest import cheapest_on
-from ambinav_planners.warmth import warm_up
+
+# A path this long, metres, is improved to load what improves paths.
+TRIAL = 0.02
+
+_warm: set[tuple[object, ...]] = set()
 
 
 def finish(
-    chosen: Planner, problem: Problem, found: Found, seed: int | None, *, improved: bool = True
+    chosen: Planner,
+    problem: Problem,
+    found: PlannerResult,
+    seed: int | None,
+    *,
+    improved: bool = True,
 ) -> Route:
     """Improve and measure what a planner found.
 
@@ -57,8 +67,35 @@ def finish(
     return route
 
 
+def warm_up(problem: Problem) -> None:
+    """Call every kernel that planning this problem calls, once in a process for each kind.
+
+    The first call of a kernel in a process loads it, and after an installation compiles it, which
+    takes longer than a planner is commonly given: so it comes before the planner's clock starts.
+    """
+    checker, service = problem.checker, problem.service
+    steering = checker.steering
+    key = (steering.space, checker.footprint.is_disc, service.has_headings)
+    if key in _warm:
+        return
+    start = np.array(problem.start)
+    pose_free(*problem.start, *checker.arrays)
+    motion_free(
+        steering.kind, steering.kernel_radius, *problem.start, *problem.start, *checker.arrays
+    )
+    steering.lengths(start[np.newaxis], start[np.newaxis])
+    for angle in (start[2], start[2] + np.pi, *np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)):
+        end = start + TRIAL * np.array([np.cos(angle), np.sin(angle), 0.0])
+        path = np.stack([start, end])
+        if checker.poses_free(path).all() and checker.motions_free(path[:1], path[1:])[0]:
+            improve(path, service, checker)
+            service.route_exposure(path, steering)
+            break
+    _warm.add(key)
+
+
 def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
-    """Whether every motion of a way is free.
+    """Whether every motion of a path is free.
 
     A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
     be called blocked one way and free the other; where the way back is the same, either will do.
@@ -94,12 +131,12 @@ def _improve(poses: NDArray[np.float64], problem: Problem) -> NDArray[np.float64
 
 
 def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
-    """What to say when a planner found no way, though there is one on the lattice."""
+    """What to say when a planner found no path, though there is one on the lattice."""
     if problem.limit is not None:
         return (
-            f"planner {chosen.name!r} found no way with at most {problem.limit.metres:g} m in a "
+            f"planner {chosen.name!r} found no path with at most {problem.limit.metres:g} m in a "
             f"row above level {problem.limit.level:g}; allow more or a higher level, or see "
-            "without the limit whether there is a way at all."
+            "without the limit whether there is a path at all."
         )
     belief = problem.belief
     if chosen.name.startswith("belief") and math.isfinite(min(belief.max_std, belief.max_goal_std)):
@@ -115,8 +152,8 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
                 "start, or a larger limit."
             )
         return (
-            f"planner {chosen.name!r} found no way that keeps the standard deviation "
-            f"{' and '.join(limits)}; allow more, or see without a limit whether there is a way "
+            f"planner {chosen.name!r} found no path that keeps the standard deviation "
+            f"{' and '.join(limits)}; allow more, or see without a limit whether there is a path "
             "at all."
         )
     if not chosen.iteration or not chosen.uses_ompl:
@@ -134,6 +171,6 @@ def not_found(chosen: Planner, problem: Problem, budget: Budget) -> str:
     )
     more = "time" if budget.iterations is None else "iterations"
     return (
-        f"planner {chosen.name!r} found no way in {space} in {spent}; there may be none for this "
+        f"planner {chosen.name!r} found no path in {space} in {spent}; there may be none for this "
         f"robot, or it takes more {more} or another planner ({', '.join(others)})."
     )

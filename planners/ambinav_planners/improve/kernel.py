@@ -16,7 +16,7 @@ from ambinav.service.motion import motion_integral
 PER_MOTION = 1e-7
 # Next to a vertex where the route turns by more than this, radians, stations stand closer ...
 TURNING = 0.08
-# ... by this factor, and farther apart again by this share of the way from it.
+# ... by this factor, and farther apart again by this share of the path from it.
 CLOSER = 0.25
 WIDENING = 0.5
 
@@ -62,7 +62,7 @@ def stations(poses, spacing):
             along += _step(along, length, near, far, spacing)
             steps += 1
         scale = length / along if along > 0.0 else 0.0
-        turn = short_way(poses[i + 1, 2] - poses[i, 2])
+        turn = wrap_angle(poses[i + 1, 2] - poses[i, 2])
         along = 0.0
         for _ in range(steps - 1):
             along += _step(along, length, near, far, spacing)
@@ -84,7 +84,7 @@ def _step(along, length, near, far, spacing):
 
 
 @kernel(inline="always")
-def short_way(angle):
+def wrap_angle(angle):
     """An angle, radians, brought into [-pi, pi)."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
@@ -169,7 +169,7 @@ def headings(poses, step, sides):
             continue
         ax, ay = poses[i, 0] - poses[i - 1, 0], poses[i, 1] - poses[i - 1, 1]
         if ax != 0.0 or ay != 0.0:
-            out[i, 0, 2] = short_way(math.atan2(ay, ax) + 0.5 * turn_at(poses, i))
+            out[i, 0, 2] = wrap_angle(math.atan2(ay, ax) + 0.5 * turn_at(poses, i))
         for k in range(2, wide):
             out[i, k, 2] += step * (k // 2) * (1.0 if k % 2 == 0 else -1.0)
     return out

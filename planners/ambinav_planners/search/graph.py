@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,14 @@ from ambinav.geometry.motion.steering import Steering
 if TYPE_CHECKING:
     from ambinav.geometry.collision.checker import CollisionChecker
     from ambinav.service.service import AmbiguityService
+
+
+class GraphArrays(NamedTuple):
+    """What kernels read of a `MotionGraph`; see there."""
+
+    first: NDArray[np.int64]
+    target: NDArray[np.int32]
+    length: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +96,11 @@ class MotionGraph:
         )
 
     @property
+    def arrays(self) -> GraphArrays:
+        """The motions for kernels."""
+        return GraphArrays(self.first, self.target, self.length)
+
+    @property
     def source(self) -> NDArray[np.int32]:
         """The node that each motion starts from, int32, shape (E,)."""
         return np.repeat(
@@ -122,7 +135,7 @@ class MotionGraph:
         return csr_matrix((values, self.target, self.first), shape=(count, count))
 
     def components(self) -> NDArray[np.int32]:
-        """Which nodes hang together, int32, shape (N,)."""
+        """Which nodes are connected, by a number each, int32, shape (N,)."""
         _, labels = connected_components(self.matrix(np.ones_like(self.length)), directed=False)
         return np.asarray(labels, dtype=np.int32)
 

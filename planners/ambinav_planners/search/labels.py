@@ -1,6 +1,6 @@
-"""What the label-setting searches share: a heap in arrays, costs to go, and the way found.
+"""What the label-setting searches share: a heap in arrays, costs to go, and the path found.
 
-A label is one way to reach a node: what it has cost, a second amount that decides what is still
+A label is one path to a node: what it has cost, a second amount that decides what is still
 possible, and the label and motion that it came from. A search takes labels in the order of cost
 plus cost to go, so the labels of one node come in the order of cost, and a label is worth going
 on with exactly if its second amount is lower than that of all before it.
@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """A way through a graph of motions.
+class SearchPath:
+    """A path through a graph of motions.
 
     Attributes:
         nodes: intp, shape (N,): the nodes from start to goal.
@@ -50,17 +50,17 @@ def check_node(graph: MotionGraph, name: str, node: int) -> int:
     return int(node)
 
 
-def way_back(
+def path_back(
     graph: MotionGraph, start: int, motion: NDArray[np.int64], cost: float, labels: int
-) -> Way:
-    """The way whose motions are `motion`, from the goal back to the start."""
+) -> SearchPath:
+    """The path whose motions are `motion`, from the goal back to the start."""
     motions = motion[::-1].astype(np.intp)
     nodes = np.concatenate([[start], graph.target[motions]]).astype(np.intp)
-    return Way(nodes, motions, cost, labels)
+    return SearchPath(nodes, motions, cost, labels)
 
 
 def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
-    """Cost of the cheapest way from every node to the goal, shape (N,); inf where there is none.
+    """Cost of the cheapest path from every node to the goal, shape (N,); inf where there is none.
 
     Args:
         graph: The motions.

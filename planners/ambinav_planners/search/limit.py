@@ -42,14 +42,14 @@ class BadStretchLimit:
     def kept_by(
         self, poses: NDArray[np.float64], service: AmbiguityService, steering: Steering
     ) -> bool:
-        """Whether a way through poses, shape (N, 3), keeps the limit."""
+        """Whether a path through poses, shape (N, 3), keeps the limit."""
         return longest_bad(poses, service, steering, self.level) <= self.metres + 1e-6
 
 
 def longest_bad(
     poses: NDArray[np.float64], service: AmbiguityService, steering: Steering, level: float
 ) -> float:
-    """The most metres in a row, on a way through poses (N, 3), where the layer is above a level."""
+    """The most metres in a row where the layer is above a level, on a path through poses (N, 3)."""
     motions = len(poses) - 1
     length = steering.lengths(poses[:-1], poses[1:])
     chain = MotionGraph(

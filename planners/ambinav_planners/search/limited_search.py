@@ -1,7 +1,7 @@
-"""The cheapest way with a limit on how far the robot goes in a row where it is badly localized.
+"""The cheapest path with a limit on how far the robot goes in a row where it is badly localized.
 
 Dead reckoning bridges a stretch of bad floor if it is short enough. Such a limit is no cost: what
-counts is the longest stretch in a row, so the search keeps for every way to a node its cost and
+counts is the longest stretch in a row, so the search keeps for every path to a node its cost and
 the metres since the last good place, a shortest path problem with a resource that is used up and
 filled up again (Desrochers & Soumis 1988, "A generalized permanent labelling algorithm for the
 shortest path problem with time windows"). Which places are bad is our own choice: where a layer
@@ -19,14 +19,14 @@ from ambinav.errors import InputError
 from ambinav.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
-    Way,
+    SearchPath,
     check_node,
     cost_to_go,
     drop_first,
     grown,
     motions_back,
+    path_back,
     push,
-    way_back,
 )
 from ambinav_planners.search.stretches import Stretches
 
@@ -43,10 +43,10 @@ def limited_search(
     limit: float,
     start: int,
     goal: int,
-) -> Way | None:
-    """Cheapest way with at most `limit` metres in a row on bad floor.
+) -> SearchPath | None:
+    """Cheapest path with at most `limit` metres in a row on bad floor.
 
-    The way may pass a node twice if that is what it takes. It starts with no bad metres behind
+    The path may pass a node twice if that is what it takes. It starts with no bad metres behind
     it: the robot knows where it is.
 
     Args:
@@ -58,7 +58,7 @@ def limited_search(
         goal: A node.
 
     Returns:
-        The way, its cost exactly the least there is, or None if no way keeps to the limit.
+        The path, its cost exactly the least there is, or None if no path keeps to the limit.
 
     Raises:
         InputError: a negative limit or cost, or a node that is not there.
@@ -75,14 +75,14 @@ def limited_search(
         graph.first, graph.target, graph.length, cost, stretches.head, stretches.tail,
         stretches.longest, stretches.whole, limit + ROUNDING, ahead, start, goal,
     )  # fmt: skip
-    return way_back(graph, start, motions, total, labels) if labels >= 0 else None
+    return path_back(graph, start, motions, total, labels) if labels >= 0 else None
 
 
 @kernel
 def _search(
     first, target, length, cost, head, tail, longest, whole, limit, ahead, start, goal
 ):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
     nodes = first.size - 1
     least = np.full(nodes, math.inf)  # the shortest running stretch that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its stretch

@@ -1,4 +1,4 @@
-"""Whether any way leads from start to goal, and which parts of the floor hang together."""
+"""Whether any path leads from start to goal, and which parts of the floor are connected."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ QUARTER_SIDES = 32
 NEAR = 1e-3
 
 
-class NoWayError(InputError):
-    """No way leads from start to goal.
+class NoPathError(InputError):
+    """No path leads from start to goal.
 
     Attributes:
-        labels: Which cells of the map hang together, int32, shape (rows, columns), -1 where the
+        labels: Which cells of the map are connected, int32, shape (rows, columns), -1 where the
             robot does not fit.
         start_label: Label of the cells that the start reaches; no cell may have it.
         goal_label: Label of the cells from which the goal is reached; no cell may have it.
@@ -42,7 +42,7 @@ class NoWayError(InputError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What it takes to make it again in another process."""
-        return NoWayError, (str(self), self.labels, self.start_label, self.goal_label)
+        return NoPathError, (str(self), self.labels, self.start_label, self.goal_label)
 
 
 _planar: WeakKeyDictionary[CollisionChecker, CollisionChecker] = WeakKeyDictionary()
@@ -65,13 +65,13 @@ def planar(checker: CollisionChecker) -> CollisionChecker:
 
 
 def check_reachable(problem: Problem) -> None:
-    """Raise if no way leads from start to goal, whatever planner looks for it.
+    """Raise if no path leads from start to goal, whatever planner looks for it.
 
     For a disc in r2 that is exact but for the forbidden cells, which are looked at on the lattice
     only. For other robots it is whether the largest disc within the footprint gets through.
 
     Raises:
-        NoWayError: there is none; the message says how much floor either end reaches.
+        NoPathError: there is none; the message says how much floor either end reaches.
     """
     checker = planar(problem.checker)
     lattice = lattice_of(problem.service, checker)
@@ -88,8 +88,8 @@ def check_reachable(problem: Problem) -> None:
         if closed
         else "move one of them, or make the footprint smaller"
     )
-    raise NoWayError(
-        f"no way leads from the start {_place(problem.start)} to the goal {_place(problem.goal)} "
+    raise NoPathError(
+        f"no path leads from the start {_place(problem.start)} to the goal {_place(problem.goal)} "
         f"for this robot: from the start it reaches {areas[0]:.1f} m^2, and the goal lies in "
         f"another part of {areas[1]:.1f} m^2; {remedy}.",
         labels,

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.kernels import kernel
 from ambinav.maps.lattice_values import value_at
 from ambinav.service.field import Field
 from ambinav.threads import run_rows
-from ambinav_planners.search.along import pieces_of, pose_along
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]
@@ -60,23 +60,22 @@ def bad_stretches(graph: MotionGraph, field: Field, level: float) -> Stretches:
     values, _, left, low, inverse = field.arrays
     run_rows(
         _bad_stretches, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
-        graph.poses, graph.first, graph.target, graph.length, values, left, low, inverse, level,
-        head, tail, longest, whole, least=8,
+        graph.poses, graph.arrays, (values, left, low, inverse), level, head, tail, longest, whole,
+        least=8,
     )  # fmt: skip
     return Stretches(head, tail, longest, whole)
 
 
 @kernel
 def _bad_stretches(
-    begin, end, kind, radius, poses, first, target, length, values, left, low, inverse, level,
-    head, tail, longest, whole,
+    begin, end, kind, radius, poses, graph, field, level, head, tail, longest, whole
 ):  # fmt: skip
+    first, target, length = graph
     for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
             head[e], tail[e], longest[e], whole[e] = _bad_stretch(
-                kind, radius, poses[n], poses[target[e]], length[e],
-                values, left, low, inverse, level,
-            )  # fmt: skip
+                kind, radius, poses[n], poses[target[e]], length[e], *field, level
+            )
 
 
 @kernel

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ambinav.ambiguity.indistinguishability import evidence, evidence_table
 from ambinav.ambiguity.layers.aliasing.kernel import orbit_rows, possible
 from ambinav.ambiguity.layers.aliasing.scans import Scans
-from ambinav.ambiguity.layers.aliasing.sieve import sift
+from ambinav.ambiguity.layers.aliasing.sieve import SignatureArrays, TreeArrays, sift
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.aliasing.tree import Tree
 from ambinav.ambiguity.returns import BLIND
@@ -65,10 +65,8 @@ def sifted(both: Scans, sig: Signatures, bundle: list[int]) -> int:
     """How many blocks a bundle leaves of a tree that holds pose 1 alone."""
     tree = Tree.over(sig, np.array([1]), both.turns)
     return sift(
-        np.array(bundle, dtype=np.int32), both.told, sig.code, sig.above, sig.blind, sig.odd, 1,
-        tree.skip, tree.first, tree.last, tree.node_low, tree.node_high, tree.block_low,
-        tree.block_high, tree.low, tree.width, tree.offset, tree.pose.shape[1],
-        np.empty(len(tree.pose), dtype=np.int32),
+        np.array(bundle, dtype=np.int32), both.told, SignatureArrays.of(sig, 1),
+        TreeArrays.of(tree), np.empty(len(tree.pose), dtype=np.int32),
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.registry import layer
+from ambinav.ambiguity.layers.registry import LAYERS
 from ambinav.ambiguity.layers.wall_normals import wall_normals
 from ambinav.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
@@ -105,7 +105,7 @@ def test_a_scanner_of_cones_alone_cannot_have_it(sonar: RangeScanner) -> None:
     mixed = RangeScanner.mixed(sonar, laser_of(2.0))
     ground = LayerContext.of(build_map(scenes.room(12.0, 12.0), mixed, 0.5, headings=1))
     # The range is the laser's, not the sonars'.
-    found = layer("wall_normals").compute(ground)["wall_normals_strong"]
+    found = LAYERS.get("wall_normals").compute(ground)["wall_normals_strong"]
     assert np.nanmin(found) == 0.0
 
 

@@ -9,15 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ambinav.reports.table import difference_text, value_text
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.draws import episode_weights
-from ambinav_envs.leaderboard.figures import (
-    difference_text,
-    make_rows,
-    to_csv,
-    value_text,
-)
-from ambinav_envs.leaderboard.report import goal_text
+from ambinav_envs.leaderboard.figures import make_rows, to_csv
+from ambinav_envs.leaderboard.report import criterion_text
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 
 
@@ -96,8 +92,8 @@ def test_differences_are_paired() -> None:
     assert base["length"].difference is None
     told = other["length"].difference
     assert told is not None and told.low == pytest.approx(0.1) == pytest.approx(told.high)
-    assert difference_text(other["length"]) == "**+0.100 [+0.100, +0.100]**"
-    assert difference_text(other["error"]) == "+0.000 [+0.000, +0.000]"
+    assert difference_text(other["length"], bold=True) == "**+0.100 [+0.100, +0.100]**"
+    assert difference_text(other["error"], bold=True) == "+0.000 [+0.000, +0.000]"
     assert value_text(other["arrived"], brief=True) == "100 [100, 100]"
 
 
@@ -137,5 +133,5 @@ def test_the_goal(base: int, other: int, way: float, said: str) -> None:
         "other": episodes([ARRIVED] * 40, lost=number < other, way=way),
     }
     first, second = make_rows("here", both, "base", 1)
-    assert goal_text(first, first) == ""
-    assert goal_text(second, first) == said
+    assert criterion_text(first, first) == ""
+    assert criterion_text(second, first) == said

@@ -87,7 +87,7 @@ def test_the_call_may_say_seed_and_limits(tmp_path: Path) -> None:
 
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"algoritm": "ppo"}, "the key 'algoritm' is unknown; did you mean algorithm"),
-    ({"algorithm": "pop"}, 'algorithm is "pop"'),
+    ({"algorithm": "pop"}, "algorithm is 'pop'"),
     ({"steps": None}, "it has no end; give steps, minutes or both"),
     ({"steps": 0}, "steps is 0; it should be greater"),
     ({"minutes": -1}, "minutes is -1"),
@@ -104,7 +104,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
      "the buildings from 1 on, 100 of them, are partly those of training, 2 from 0 on"),
     ({"evaluation": {"episodes": 0}}, "evaluation.episodes is 0"),
     ({"normalize": {"rewards": True}}, "normalize: the key 'rewards' is unknown"),
-    ({"policy": {"scan": "cnn"}}, "policy.scan is \"cnn\"; it should be 'conv' or 'dense'"),
+    ({"policy": {"scan": "cnn"}}, "policy.scan is 'cnn'; it should be 'conv' or 'dense'"),
     ({"policy": {"net_arch": [0]}}, r"policy.net_arch\[0\] is 0"),
     ({"hyperparameters": {"lr": 1}}, "hyperparameters: 'lr' is unknown"),
     ({"hyperparameters": {"n_step": 1}}, "did you mean n_steps"),

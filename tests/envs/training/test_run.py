@@ -206,7 +206,7 @@ def test_what_cannot_begin_or_go_on_is_refused(whole: Path, tmp_path: Path) -> N
     other = tiny(hyperparameters=TINY["hyperparameters"] | {"gamma": 0.9})
     refused(other, whole, True, r"hyperparameters.gamma is 0.9 and was 0.99")
     (tmp_path / "file").write_text("")
-    refused(tiny(), tmp_path / "file", False, "a file is there")
+    refused(tiny(), tmp_path / "file", False, "this is a file, not a folder")
 
 
 def test_the_best_one_is_that_of_the_file(whole: Path, tmp_path: Path) -> None:

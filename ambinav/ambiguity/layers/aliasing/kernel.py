@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,14 @@ from ambinav.ambiguity.kernel import (
     compare,
 )
 from ambinav.ambiguity.layers.aliasing.scans import Scans
-from ambinav.ambiguity.layers.aliasing.sieve import count_odd, holds, sift, strides
+from ambinav.ambiguity.layers.aliasing.sieve import (
+    SignatureArrays,
+    TreeArrays,
+    count_odd,
+    holds,
+    sift,
+    strides,
+)
 from ambinav.ambiguity.layers.aliasing.signature import SLACK, Signatures, slides
 from ambinav.ambiguity.layers.aliasing.tree import Tree
 from ambinav.ambiguity.returns import LANES
@@ -190,13 +198,42 @@ def approach(
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, t
 
 
+class ScanArrays(NamedTuple):
+    """What the search reads of the scans, and of where they were taken.
+
+    Attributes:
+        wide: See `orbit_rows`.
+        orbits: Limit, inverse cap and softness of the beams in orbits; see `orbit_rows`.
+        beams: Limit, inverse cap, use and evidence of the beams; see `Scans`.
+        told: See `Scans`.
+        x: See `Scans`, as are y and heading.
+        region: Number of the region that each pose lies in, shape (N,); see `search`.
+        turns: Beams of an orbit.
+        tau: See `Scans`.
+        cell_variance: See `Scans`.
+    """
+
+    wide: NDArray[np.float32]
+    orbits: tuple[NDArray[np.float32], ...]
+    beams: tuple[NDArray[np.float32] | None, ...]
+    told: NDArray[np.bool_]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    region: NDArray[np.int32]
+    turns: int
+    tau: float
+    cell_variance: tuple[float, float]
+
+
 @kernel
-def search_one(
-    p, blocks, wide, orbits, limit, icap, use, evidence, told, x, y, heading, place,
-    turns, tau, c0, c2, codes, above, blind, odd, stride, block_low, block_high, lows, widths,
-    offset, owner, filled, turn_of_lane, threshold, radius, mass, found, left,
-):  # fmt: skip
-    """Look for what looks like pose p; write its mass, `found` and how many each step left."""
+def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, found, left):
+    """Look for what is aliased with pose p; write mass, `found` and how many each step left."""
+    wide, orbits, (limit, icap, use, evidence), told, x, y, heading, place, turns, tau, _ = scans
+    c0, c2 = scans.cell_variance
+    codes, above, blind, odd, stride = signatures
+    block_low, block_high, lows, widths = tree.block_low, tree.block_high, tree.lows, tree.widths
+    offset, owner, filled, turn_of_lane = tree.offset, tree.owner, tree.filled, tree.turn
     lanes = owner.shape[1]
     order = strides(told[p], stride)
     pair = np.zeros((2, 5, limit.size), dtype=np.float32)
@@ -258,23 +295,15 @@ def search_one(
 
 @kernel
 def _search(
-    low, high, bundles, poses, wide, orbits, limit, icap, use, evidence, told, x, y, heading,
-    place, turns, tau, c0, c2, codes, above, blind, odd, stride, skip, first, last, node_low,
-    node_high, block_low, block_high, lows, widths, offset, owner, filled, turn_of_lane, threshold,
-    radius, mass, found, left,
+    low, high, bundles, poses, scans, signatures, tree, threshold, radius, mass, found, left
 ):  # fmt: skip
-    passed = np.empty(len(owner), dtype=np.int32)
+    passed = np.empty(len(tree.owner), dtype=np.int32)
     for g in range(low, high):
         begin, end = bundles[g], bundles[g + 1]
-        blocks = passed[: sift(
-            poses[begin:end], told, codes, above, blind, odd, stride, skip, first, last, node_low,
-            node_high, block_low, block_high, lows, widths, offset, owner.shape[1], passed,
-        )]  # fmt: skip
+        blocks = passed[: sift(poses[begin:end], scans.told, signatures, tree, passed)]
         for i in range(begin, end):
             search_one(
-                poses[i], blocks, wide, orbits, limit, icap, use, evidence, told, x, y, heading,
-                place, turns, tau, c0, c2, codes, above, blind, odd, stride, block_low,
-                block_high, lows, widths, offset, owner, filled, turn_of_lane, threshold, radius,
+                poses[i], blocks, scans, signatures, tree, threshold, radius,
                 mass[i], found[i], left[i],
             )  # fmt: skip
 
@@ -315,14 +344,15 @@ def search(
     mass = np.zeros((len(poses), 2))
     found = np.full((len(poses), count, 4), np.nan)
     left = np.zeros((len(poses), 4), dtype=np.int64)
+    beams = scans.limit, scans.inverse_cap, scans.use, scans.evidence
+    arrays = ScanArrays(
+        *rows, beams, scans.told, scans.x, scans.y, scans.heading, place, _orbit(scans), scans.tau,
+        scans.cell_variance,
+    )  # fmt: skip
     run_rows(
-        _search, len(bundles) - 1, bundles, poses, *rows, scans.limit, scans.inverse_cap, scans.use,
-        scans.evidence, scans.told, scans.x, scans.y, scans.heading, place,
-        _orbit(scans), scans.tau, *scans.cell_variance, signatures.code, signatures.above,
-        signatures.blind, signatures.odd, _stride(scans.beams), tree.skip, tree.first, tree.last,
-        tree.node_low, tree.node_high, tree.block_low, tree.block_high, tree.low, tree.width,
-        tree.offset, tree.pose, (tree.pose >= 0).sum(axis=1), tree.turn, threshold, radius, mass,
-        found, left,
+        _search, len(bundles) - 1, bundles, poses, arrays,
+        SignatureArrays.of(signatures, _stride(scans.beams)), TreeArrays.of(tree), threshold,
+        radius, mass, found, left,
     )  # fmt: skip
     return mass, found, left
 

@@ -8,13 +8,73 @@ two threads that count one array's references wait for each other.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import U
+from ambinav.ambiguity.layers.aliasing.signature import Signatures
+from ambinav.ambiguity.layers.aliasing.tree import Tree
 from ambinav.kernels import kernel
 
 CHECK = 12
 """Beams between two looks whether any turn is left."""
+
+
+class SignatureArrays(NamedTuple):
+    """What kernels read of `Signatures`, and the stride in which beams are counted."""
+
+    code: NDArray[np.uint8]
+    above: NDArray[np.int16]
+    blind: NDArray[np.int16]
+    odd: int
+    stride: int
+
+    @classmethod
+    def of(cls, signatures: Signatures, stride: int) -> SignatureArrays:
+        """Lay them out."""
+        return cls(signatures.code, signatures.above, signatures.blind, signatures.odd, stride)
+
+
+class TreeArrays(NamedTuple):
+    """What kernels read of a `Tree`.
+
+    Attributes:
+        skip: See `Tree`, as are first and last.
+        low: `Tree.node_low`.
+        high: `Tree.node_high`.
+        block_low: See `Tree`, as is block_high.
+        lows: `Tree.low`.
+        widths: `Tree.width`.
+        offset: See `Tree`.
+        owner: `Tree.pose`.
+        filled: How many lanes of each block are no padding, shape (G,).
+        turn: See `Tree`.
+    """
+
+    skip: NDArray[np.int32]
+    first: NDArray[np.int32]
+    last: NDArray[np.int32]
+    low: NDArray[np.int16]
+    high: NDArray[np.int16]
+    block_low: NDArray[np.int16]
+    block_high: NDArray[np.int16]
+    lows: NDArray[np.uint8]
+    widths: NDArray[np.uint8]
+    offset: NDArray[np.int64]
+    owner: NDArray[np.int32]
+    filled: NDArray[np.intp]
+    turn: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, tree: Tree) -> TreeArrays:
+        """Lay it out."""
+        filled = (tree.pose >= 0).sum(axis=1)
+        return cls(
+            tree.skip, tree.first, tree.last, tree.node_low, tree.node_high, tree.block_low,
+            tree.block_high, tree.low, tree.width, tree.offset, tree.pose, filled, tree.turn,
+        )  # fmt: skip
 
 
 @kernel
@@ -84,11 +144,20 @@ def strides(told, stride):
 
 
 @kernel
-def sift(
-    poses, told, codes, above, blind, odd, stride, skip, first, last, node_low, node_high,
-    block_low, block_high, lows, widths, offset, lanes, passed,
-):  # fmt: skip
-    """Write the blocks that may hold a look-alike of any of the poses; return how many."""
+def sift(poses, told, signatures, tree, passed):
+    """Write the blocks that may hold an aliased pose of any of the poses; return how many.
+
+    Args:
+        poses: A bundle, shape (M,).
+        told: See `Scans`.
+        signatures: `SignatureArrays` of all scans.
+        tree: `TreeArrays` of the poses that are looked among.
+        passed: Written, int32, room for all blocks.
+    """
+    codes, above, blind, odd, stride = signatures
+    skip, first, last, node_low, node_high = tree.skip, tree.first, tree.last, tree.low, tree.high
+    block_low, block_high, lows, widths = tree.block_low, tree.block_high, tree.lows, tree.widths
+    offset = tree.offset
     bottom, least = codes[poses[:1]], above[poses[:1]]
     top, most = bottom.copy(), least.copy()
     dark, tells = blind[poses[0]], told[poses[0]].copy()
@@ -101,7 +170,7 @@ def sift(
             most[0, level] = max(most[0, level], above[p, level])
         dark = max(dark, blind[p])
     order = strides(tells, stride)
-    acc = np.empty(lanes, dtype=np.uint8)
+    acc = np.empty(tree.owner.shape[1], dtype=np.uint8)
     count, node = 0, 0
     while node < skip.size:
         if not holds(node_low, node_high, node, least, most, 0, dark, odd):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav_planners.improve.limited import improve_within
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.registry import Budget, Planner, PlannerResult
 from ambinav_planners.search.alternatives import (
     SLACK,
     Corridors,
@@ -35,7 +35,7 @@ LIMIT_CELLS, MOST_PARTS, MOST_CELLS = 10, 4, 150_000
 LIMITED_PATHS = 3
 
 
-def solve_reference(problem: Problem, budget: Budget) -> Found:
+def solve_reference(problem: Problem, budget: Budget) -> PlannerResult:
     """Search the lattice for paths, whatever time it takes."""
     started = time.perf_counter()
     return found_on(reference_graph(problem), problem, started)
@@ -55,7 +55,7 @@ def reference_graph(problem: Problem) -> MotionGraph:
     return lattice.with_ends(problem.ends, problem.checker)
 
 
-def found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
+def found_on(graph: MotionGraph, problem: Problem, started: float) -> PlannerResult:
     """The cheapest path over a lattice and those that may become cheaper, start and goal last.
 
     Args:
@@ -70,9 +70,11 @@ def found_on(graph: MotionGraph, problem: Problem, started: float) -> Found:
         else _within(graph, problem, problem.limit, width)
     )
     if not paths:
-        return Found(None)
+        return PlannerResult(None)
     cost = problem.service.route_cost(paths[0], problem.steering)
-    return Found(paths[0], ((time.perf_counter() - started, cost),), alternatives=tuple(paths[1:]))
+    return PlannerResult(
+        paths[0], ((time.perf_counter() - started, cost),), alternatives=tuple(paths[1:])
+    )
 
 
 def _within(
@@ -118,13 +120,11 @@ def _finished(
     return improve_within(path, problem.service, problem.checker, limit)
 
 
-register(
-    Planner(
-        "reference",
-        solve_reference,
-        "Dijkstra over the map's lattice and its channels, finished at any angle",
-        spaces=("r2",),
-        uses_ompl=False,
-        keeps_limit=True,
-    )
+REFERENCE = Planner(
+    "reference",
+    solve_reference,
+    "Dijkstra over the map's lattice and its channels, finished at any angle",
+    spaces=("r2",),
+    uses_ompl=False,
+    keeps_limit=True,
 )

@@ -1,10 +1,10 @@
-"""The way of least cost for a robot whose uncertainty grows by odometry and shrinks by scans.
+"""The path of least cost for a robot whose uncertainty grows by odometry and shrinks by scans.
 
 Roy & Thrun (1999, "Coastal navigation with mobile robots", NIPS 12) add the uncertainty as one
 more dimension of the state; Gonzalez & Stentz (2005, "Planning with uncertainty in position: an
 optimal and efficient planner", IROS; 2007, "... using high-resolution maps", ICRA) keep the
 standard deviation sigma of an isotropic position beside the cell, and need no grid over it: of
-two ways to a place, one that costs more and leaves a larger sigma can be dropped. So does this,
+two paths to a place, one that costs more and leaves a larger sigma can be dropped. So does this,
 after them.
 
 What happens to sigma is our own model. A metre of travel adds q to its square, what the robot's
@@ -19,7 +19,7 @@ which for constant b has the solution
 
     p(s) = (p + r t) / (1 + p t / r),    r = sqrt(q / b),    t = tanh(sqrt(q b) s),
 
-so it does not matter how finely a way is cut into motions. A route costs the integral of
+so it does not matter how finely a path is cut into motions. A route costs the integral of
 1 + weight * sigma / reference over its length. A larger sigma at the start of a motion leaves a
 larger one at its end and costs at least as much: that is why dropping labels loses nothing.
 """
@@ -28,76 +28,58 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
+from ambinav.geometry.motion.curves import pieces_of, pose_along
 from ambinav.kernels import kernel
 from ambinav.maps.lattice_values import value_at
 from ambinav.threads import run_rows
 from ambinav_planners.belief.information import Information
-from ambinav_planners.search.along import pieces_of, pose_along
+from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
-    Way,
+    SearchPath,
     check_node,
     cost_to_go,
     drop_first,
     grown,
     motions_back,
+    path_back,
     push,
-    way_back,
 )
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class BeliefModel:
-    """How sure the robot is, and what being unsure costs.
+class GrowthArrays(NamedTuple):
+    """What kernels read of a `Growth`; see there."""
+
+    first: NDArray[np.int64]
+    add: Floats
+    shrink: Floats
+
+
+class Terms(NamedTuple):
+    """What the search minimises, and within which limits.
 
     Attributes:
-        start_std: Standard deviations of x, y (metres) and heading (radians) at the start, as
-            `ambinav.drive.drive` takes them.
-        scan_distance: Metres of travel from one scan that tells something new to the next.
-        weight: Extra metres that a metre at a deviation of `reference` is worth.
-        reference: Metres.
-        max_std: Largest deviation along the way, metres.
-        max_goal_std: Largest deviation at the goal, metres.
-
-    Raises:
-        InputError: an attribute is out of its range.
+        price: Extra cost of a metre at a standard deviation of 1 m, 1/m.
+        variance: At the start, m^2.
+        most: Largest variance, m^2.
+        most_at_goal: Largest variance at the goal, m^2.
+        margin: 1 + the tolerance of `belief_search`.
     """
 
-    start_std: tuple[float, float, float] = (0.1, 0.1, 0.05)
-    scan_distance: float = 2.0
-    weight: float = 5.0
-    reference: float = 0.5
-    max_std: float = math.inf
-    max_goal_std: float = math.inf
-
-    def __post_init__(self) -> None:
-        start = self.start_std
-        if len(start) != 3 or not all(math.isfinite(v) and v >= 0.0 for v in start):
-            raise InputError(
-                f"start_std is {start}; give the deviations of x, y and heading, at least 0."
-            )
-        if not (math.isfinite(self.weight) and self.weight >= 0.0):
-            raise InputError(f"weight is {self.weight}; give a number of at least 0.")
-        for name in ("scan_distance", "reference"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} is {value}; give a number of metres above 0.")
-        for name in ("max_std", "max_goal_std"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"{name} is {getattr(self, name)}; give metres above 0, or inf.")
-
-    @property
-    def std(self) -> float:
-        """Deviation of an isotropic position at the start: the larger one, metres."""
-        return max(self.start_std[:2])
+    price: float
+    variance: float
+    most: float
+    most_at_goal: float
+    margin: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,13 +118,18 @@ class Growth:
         pieces = np.maximum(np.ceil(graph.length / step - 1e-9), 1.0).astype(np.int64)
         first = np.concatenate([[0], np.cumsum(pieces)])
         add, shrink = np.empty(first[-1]), np.empty(first[-1])
+        growth = cls(first, add, shrink)
         run_rows(
             _grow, len(graph.poses), graph.steering.kind, graph.steering.kernel_radius,
-            graph.poses, graph.first, graph.target, graph.length, first, information.weak,
-            *information.lattice, odometry.growth(model.scan_distance), model.scan_distance, add,
-            shrink, least=16,
+            graph.poses, graph.arrays, information.weak, *information.lattice,
+            odometry.growth(model.scan_distance), model.scan_distance, growth.arrays, least=16,
         )  # fmt: skip
-        return cls(first, add, shrink)
+        return growth
+
+    @property
+    def arrays(self) -> GrowthArrays:
+        """The pieces for kernels."""
+        return GrowthArrays(self.first, self.add, self.shrink)
 
     @property
     def floor(self) -> float:
@@ -155,14 +142,14 @@ class Growth:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """A way and how sure the robot is along it.
+    """A path and how sure the robot is along it.
 
     Attributes:
-        way: The way; its cost is the integral of 1 + weight * sigma / reference.
-        std: Standard deviation at the nodes of the way, metres, shape (N,).
+        path: The path; its cost is the integral of 1 + weight * sigma / reference.
+        std: Standard deviation at the nodes of the path, metres, shape (N,).
     """
 
-    way: Way
+    path: SearchPath
     std: Floats
 
 
@@ -175,7 +162,7 @@ def belief_search(
     *,
     tolerance: float = 0.0,
 ) -> Belief | None:
-    """The way of least cost over nodes and standard deviations.
+    """The path of least cost over nodes and standard deviations.
 
     Args:
         graph: The motions.
@@ -183,13 +170,13 @@ def belief_search(
         model: Start, costs and limits.
         start: A node.
         goal: A node.
-        tolerance: A dearer way to a node is gone on with only if its variance is lower by more
+        tolerance: A dearer path to a node is gone on with only if its variance is lower by more
             than this share. With 0 the result is exactly the best there is. Above 0 the cost and
-            deviation reported are still those of the way reported, but a better one, or one
+            deviation reported are still those of the path reported, but a better one, or one
             that keeps to a limit by less than that share, may be missed.
 
     Returns:
-        The way, or None if no way keeps to the limits.
+        The path, or None if no path keeps to the limits.
 
     Raises:
         InputError: a node that is not there, or a tolerance below 0.
@@ -205,28 +192,29 @@ def belief_search(
     ahead = cost_to_go(graph, graph.length * (1.0 + least), goal)
     if not math.isfinite(ahead[start]):
         return None
-    motions, cost, labels = _search(
-        graph.first, graph.target, graph.length, growth.first, growth.add, growth.shrink, price,
-        variance, model.max_std**2, model.max_goal_std**2, 1.0 + tolerance, ahead, start, goal,
-    )  # fmt: skip
+    terms = Terms(
+        float(price), float(variance), model.max_std**2, model.max_goal_std**2, 1.0 + tolerance
+    )
+    motions, cost, labels = _search(graph.arrays, growth.arrays, terms, ahead, start, goal)
     if labels < 0:
         return None
-    way = way_back(graph, start, motions, cost, labels)
-    return Belief(way, std_along(growth, way.motions, model.std))
+    path = path_back(graph, start, motions, cost, labels)
+    return Belief(path, std_along(growth, path.motions, model.std))
 
 
 def std_along(growth: Growth, motions: NDArray[np.intp], std: float) -> Floats:
-    """Standard deviation at the nodes of a way, metres, shape (motions + 1,)."""
+    """Standard deviation at the nodes of a path, metres, shape (motions + 1,)."""
     out = np.empty(len(motions) + 1)
-    _std_along(growth.first, growth.add, growth.shrink, motions, std, out)
+    _std_along(growth.arrays, motions, std, out)
     return out
 
 
 @kernel
 def _grow(
-    begin, end, kind, radius, poses, first, target, length, piece, weak, left, low, inverse,
-    q, scan_distance, add, shrink,
+    begin, end, kind, radius, poses, graph, weak, left, low, inverse, q, scan_distance, growth
 ):  # fmt: skip
+    first, target, length = graph
+    piece, add, shrink = growth
     per_turn = weak.shape[2] / (2.0 * math.pi)
     for n in range(begin, end):
         for e in range(first[n], first[n + 1]):
@@ -248,7 +236,8 @@ def _grow(
 
 
 @kernel
-def _std_along(piece, add, shrink, motions, std, out):
+def _std_along(growth, motions, std, out):
+    piece, add, shrink = growth
     p = std * std
     out[0] = std
     for k in range(motions.size):
@@ -259,11 +248,11 @@ def _std_along(piece, add, shrink, motions, std, out):
 
 
 @kernel
-def _search(
-    first, target, length, piece, add, shrink, price, variance, most, most_at_goal, margin,
-    ahead, start, goal,
-):  # fmt: skip
-    """Motions from goal to start, their cost, and the number of labels (-1: no way)."""
+def _search(graph, growth, terms, ahead, start, goal):
+    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+    first, target, length = graph
+    piece, add, shrink = growth
+    price, variance, most, most_at_goal, margin = terms
     nodes = first.size - 1
     least = np.full(nodes, math.inf)  # the lowest variance that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its variance

@@ -1,0 +1,436 @@
+"""Options of `ambinav plan`, in groups: search, cost, robot, limits, belief, results.
+
+Each group is a record with a `check` that refuses what cannot be used, before any map is opened,
+and makes what planning takes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import typer
+
+from ambinav.cli.running import above_zero, check_file, check_writable, not_negative
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.cli.planned import PlanRequest
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.service.service import AmbiguityService
+
+Point = tuple[float, float]
+Pose = tuple[float, float, float]
+
+PICTURES = (".png", ".pdf", ".svg")
+CURVES = ("dubins", "reeds-shepp")
+BELIEF = "is for the planners belief and belief-roadmap"
+
+
+def _complete_planner(begun: str) -> list[str]:
+    """Planners that the shell offers to complete what was begun with."""
+    from ambinav_planners.registry import PLANNERS
+
+    return [name for name in PLANNERS.names() if name.startswith(begun)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """Which planner searches, and for how long."""
+
+    PANEL: ClassVar[str] = "Planner"
+
+    planner: Annotated[
+        str | None,
+        typer.Option(
+            "--planner",
+            "-p",
+            metavar="NAME",
+            help="See --list-planners.",
+            show_default="reference for a disc in r2, prmstar otherwise and with --iterations",
+            autocompletion=_complete_planner,
+        ),
+    ] = None
+    time: Annotated[
+        float, typer.Option("--time", "-t", metavar="S", help="Time for planning, seconds.")
+    ] = 1.0
+    iterations: Annotated[
+        int | None,
+        typer.Option(
+            "--iterations",
+            metavar="N",
+            help="Stop the planner after so many of its iterations, whatever the time.",
+            show_default="no limit",
+        ),
+    ] = None
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            "--seed",
+            metavar="N",
+            help="Of the planner's random numbers; from 0 on.",
+            show_default="another every time",
+        ),
+    ] = None
+    improve: Annotated[
+        bool, typer.Option(help="Shortcut and smooth the route; never raises its cost.")
+    ] = True
+
+    @property
+    def has_belief(self) -> bool:
+        """Whether the planner named predicts what the robot knows of its pose."""
+        return (self.planner or "").startswith("belief")
+
+    def check(self) -> None:
+        """Refuse a time that is none.
+
+        Raises:
+            InputError: it is not above zero, or inf without a number of iterations.
+        """
+        if not (self.time == math.inf and self.iterations is not None):
+            above_zero(self.time, "--time", "1", "seconds")
+
+    def request(self) -> PlanRequest:
+        """How routes are to be planned."""
+        from ambinav.cli.planned import PlanRequest
+
+        return PlanRequest(self.planner, self.time, self.iterations, self.seed, self.improve)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostOptions:
+    """What a metre costs."""
+
+    PANEL: ClassVar[str] = "Cost"
+
+    weight: Annotated[
+        float,
+        typer.Option("--weight", "-w", help="How many extra metres a metre at level 1 is worth."),
+    ] = 5.0
+    layer: Annotated[
+        str | None,
+        typer.Option(
+            "--layer",
+            metavar="NAME",
+            help="The layer that costs.",
+            show_default="as suits the map's scanner: position where its sensors differ, or level",
+        ),
+    ] = None
+    clearance_weight: Annotated[
+        float,
+        typer.Option("--clearance-weight", help="Extra metres that a metre along a wall is worth."),
+    ] = 0.0
+    comfort: Annotated[
+        float, typer.Option("--comfort", metavar="M", help="Walls cost nothing from here on.")
+    ] = 0.5
+
+    def check(self, search: SearchOptions) -> None:
+        """Refuse numbers that are no cost.
+
+        Raises:
+            InputError: there is one, or one that the planner would not look at.
+        """
+        conflict(
+            "--clearance-weight",
+            self.clearance_weight != 0.0 and search.has_belief,
+            "is no part of what the belief planners minimise",
+        )
+        not_negative(self.weight, "--weight", "5", "a number")
+        above_zero(self.comfort, "--comfort", "0.5")
+        not_negative(self.clearance_weight, "--clearance-weight", "1", "a number")
+
+    def service(self, amap: AmbiguityMap) -> AmbiguityService:
+        """The cost of a metre on a map."""
+        from ambinav.service.service import AmbiguityService
+
+        return AmbiguityService(
+            amap,
+            self.layer,
+            self.weight,
+            clearance_weight=self.clearance_weight,
+            comfort=self.comfort,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """The robot's outline, and how it moves."""
+
+    PANEL: ClassVar[str] = "Robot"
+
+    robot_radius: Annotated[
+        float | None,
+        typer.Option(
+            "--robot-radius", metavar="M", help="Of a round robot, metres.", show_default="0.2"
+        ),
+    ] = None
+    footprint: Annotated[
+        str | None,
+        typer.Option(
+            "--footprint",
+            metavar="POINTS",
+            help='Corners of another outline, robot\'s frame, metres: "0.3,0.2 -0.3,0.2 ...".',
+            show_default="a disc",
+        ),
+    ] = None
+    space: Annotated[
+        str,
+        typer.Option("--space", metavar="NAME", help="r2, se2, dubins or reeds-shepp."),
+    ] = "r2"
+    turning_radius: Annotated[
+        float,
+        typer.Option("--turning-radius", metavar="M", help="For dubins and reeds-shepp, metres."),
+    ] = 0.0
+    start_heading: Annotated[
+        float | None,
+        typer.Option(
+            "--start-heading",
+            metavar="DEG",
+            help="Degrees counter-clockwise from the map's x axis, for spaces other than r2.",
+            show_default="0",
+        ),
+    ] = None
+    goal_heading: Annotated[
+        float | None,
+        typer.Option("--goal-heading", metavar="DEG", help="As --start-heading.", show_default="0"),
+    ] = None
+
+    def check(self) -> None:
+        """Refuse options that do not suit the space or the outline.
+
+        Raises:
+            InputError: there is one.
+        """
+        if self.space in CURVES:
+            above_zero(self.turning_radius, "--turning-radius", "0.5")
+        else:
+            conflict(
+                "--turning-radius",
+                self.turning_radius != 0.0,
+                "is for the spaces dubins and reeds-shepp",
+            )
+        for option, heading in (
+            ("--start-heading", self.start_heading),
+            ("--goal-heading", self.goal_heading),
+        ):
+            conflict(
+                option,
+                heading is not None and self.space == "r2",
+                "is for spaces other than r2, where the robot faces along its path",
+            )
+        conflict(
+            "--robot-radius",
+            self.robot_radius is not None and self.footprint is not None,
+            "is for a disc, and --footprint gives another outline",
+        )
+
+    def arguments(self) -> dict[str, Any]:
+        """What `RoutePlanner` takes of them.
+
+        Raises:
+            InputError: the footprint is none.
+        """
+        from ambinav.geometry.footprint import Footprint
+        from ambinav_planners.planning import DEFAULT_RADIUS
+
+        if self.footprint is not None:
+            outline = Footprint.polygon(_corners(self.footprint))
+        else:
+            outline = Footprint.disc(
+                DEFAULT_RADIUS if self.robot_radius is None else self.robot_radius
+            )
+        return {
+            "footprint": outline,
+            "space": self.space,
+            "turning_radius": self.turning_radius,
+        }
+
+    def ends(self, start: Point, goal: Point) -> tuple[Pose, Pose]:
+        """Start and goal with their headings in radians."""
+        first, last = self.start_heading or 0.0, self.goal_heading or 0.0
+        return (*start, math.radians(first)), (*goal, math.radians(last))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitOptions:
+    """Where a route may not lead at all."""
+
+    PANEL: ClassVar[str] = "Limits"
+
+    avoid_open: Annotated[bool, typer.Option("--avoid-open", help="Never enter the open zone.")] = (
+        False
+    )
+    max_bad_metres: Annotated[
+        float | None,
+        typer.Option(
+            "--max-bad-metres",
+            metavar="M",
+            help="At most so many metres in a row above --bad-level.",
+            show_default="no limit",
+        ),
+    ] = None
+    bad_level: Annotated[float, typer.Option("--bad-level", help="See --max-bad-metres.")] = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeliefOptions:
+    """What the belief planners suppose of the robot."""
+
+    PANEL: ClassVar[str] = "Belief planners"
+
+    max_std: Annotated[
+        float | None,
+        typer.Option(
+            "--max-std",
+            metavar="M",
+            help="The largest standard deviation of the position, metres.",
+            show_default="no limit",
+        ),
+    ] = None
+    start_std: Annotated[
+        float | None,
+        typer.Option(
+            "--start-std",
+            metavar="M",
+            help="The standard deviation of x and of y at the start, metres.",
+            show_default="0.1",
+        ),
+    ] = None
+    odometry_scale: Annotated[
+        float | None,
+        typer.Option(
+            "--odometry-scale",
+            help="The deviations of the odometry's errors by those of AMCL's default alphas, as "
+            "`odometry: scale` of a comparison.",
+            show_default="0.25",
+        ),
+    ] = None
+
+    def check(self, search: SearchOptions) -> None:
+        """Refuse numbers that are no deviation.
+
+        Raises:
+            InputError: there is one, or one that the planner would not look at.
+        """
+        for option, value, example in (
+            ("--max-std", self.max_std, ""),
+            ("--start-std", self.start_std, "0.1"),
+            ("--odometry-scale", self.odometry_scale, "0.25"),
+        ):
+            conflict(option, value is not None and not search.has_belief, BELIEF)
+            if example:
+                not_negative(value, option, example, "a number")
+
+    def arguments(self) -> dict[str, Any]:
+        """What `RoutePlanner` takes of them."""
+        from ambinav.drive.noise import OdometryNoise
+        from ambinav_planners.belief.model import BeliefModel
+
+        model = BeliefModel(max_std=math.inf if self.max_std is None else self.max_std)
+        if self.start_std is not None:
+            model = replace(model, start_std=(self.start_std, self.start_std, model.start_std[2]))
+        scale = self.odometry_scale
+        return {
+            "belief": model,
+            "odometry": None if scale is None else OdometryNoise(scale=scale),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultOptions:
+    """Which routes are planned, and what is drawn of them."""
+
+    PANEL: ClassVar[str] = "Results"
+
+    shortest: Annotated[
+        bool, typer.Option("--shortest", help="Plan the shortest route as well and show both.")
+    ] = False
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture",
+            metavar="FILE",
+            help="Draw the route on the floor map: .png, .pdf or .svg.",
+            show_default="none",
+        ),
+    ] = None
+    pareto: Annotated[
+        bool,
+        typer.Option(
+            "--pareto", help="Routes for many weights; writes a table, routes and pictures."
+        ),
+    ] = False
+    weights: Annotated[
+        str | None,
+        typer.Option(
+            "--weights", metavar="LIST", help="For --pareto.", show_default="0 0.5 1 2 3 5 8 12 20"
+        ),
+    ] = None
+
+    def check(self, output: Path) -> None:
+        """Refuse files that cannot be written, and options that contradict each other.
+
+        Raises:
+            InputError: there is one.
+        """
+        conflict("--weights", self.weights is not None and not self.pareto, "is for --pareto")
+        conflict("--shortest", self.shortest and self.pareto, "is what --pareto begins with")
+        conflict(
+            "--picture",
+            self.picture is not None and self.pareto,
+            "is what --pareto draws by itself",
+        )
+        if self.pareto:
+            check_writable(output)
+        else:
+            from ambinav.export.registry import formats
+
+            _check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
+            check_file(output)
+        if self.picture is not None:
+            _check_suffix(self.picture, "--picture", PICTURES)
+            check_file(self.picture)
+
+
+def conflict(option: str, given: bool, reason: str) -> None:
+    """Refuse an option that would mean nothing beside the others.
+
+    Raises:
+        InputError: it is given.
+    """
+    if given:
+        raise InputError(f"{option} {reason}; leave it out.")
+
+
+def _check_suffix(path: Path, name: str, suffixes: tuple[str, ...]) -> None:
+    """Check what a file's name ends in.
+
+    Raises:
+        InputError: it ends in something else.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(
+            f"{name}: {path} ends in {path.suffix or 'nothing'!r}; give a file that ends in "
+            f"{', '.join(suffixes)}."
+        )
+
+
+def _corners(text: str) -> list[tuple[float, float]]:
+    """Corners of a footprint from "x,y x,y x,y".
+
+    Raises:
+        InputError: a corner is not two numbers.
+    """
+    corners = []
+    for part in text.split():
+        try:
+            x, y = (float(number) for number in part.split(","))
+        except ValueError:
+            raise InputError(
+                f"--footprint: {part!r} is not a corner; give x,y in metres, and blanks between "
+                'corners, e.g. "0.3,0.2 -0.3,0.2 -0.3,-0.2 0.3,-0.2".'
+            ) from None
+        corners.append((x, y))
+    return corners

@@ -1,0 +1,67 @@
+"""The one way to read and check what people give: YAML files, options, parameters.
+
+Every complaint is one sentence that names the file, the field, the value and the remedy. Files
+are described by a `ConfigModel`, parameters of the program by dataclasses whose annotations say
+which values are good (`check_fields`), single arguments by the functions `as_...`.
+"""
+
+from ambinav.config.files import parse_yaml, read_text
+from ambinav.config.model import (
+    ConfigModel,
+    check_fields,
+    check_keys,
+    checked,
+    from_mapping,
+    of_mapping,
+)
+from ambinav.config.numbers import as_count, as_degrees, as_number, as_numbers, nearest
+from ambinav.config.values import (
+    Count,
+    Degrees,
+    FaultError,
+    MountDegrees,
+    NonNegative,
+    Number,
+    Numbers,
+    Positive,
+    Share,
+    Switch,
+    Text,
+    choice,
+    fault,
+    number,
+    row,
+    whole,
+)
+
+__all__ = [
+    "ConfigModel",
+    "Count",
+    "Degrees",
+    "FaultError",
+    "MountDegrees",
+    "NonNegative",
+    "Number",
+    "Numbers",
+    "Positive",
+    "Share",
+    "Switch",
+    "Text",
+    "as_count",
+    "as_degrees",
+    "as_number",
+    "as_numbers",
+    "check_fields",
+    "check_keys",
+    "checked",
+    "choice",
+    "fault",
+    "from_mapping",
+    "nearest",
+    "number",
+    "of_mapping",
+    "parse_yaml",
+    "read_text",
+    "row",
+    "whole",
+]

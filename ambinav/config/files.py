@@ -1,0 +1,54 @@
+"""Reading YAML files: what cannot be read is told with file, line and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import cast
+
+import yaml
+
+from ambinav.errors import InputError
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file in UTF-8.
+
+    Raises:
+        InputError: there is no such file, it is a folder, or it is not text.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8."
+        ) from error
+    except OSError as error:
+        raise InputError(
+            f"{path}: the file cannot be read ({error.strerror}); check the path."
+        ) from error
+
+
+def parse_yaml(text: str, where: str, example: str) -> object:
+    """Parse YAML text into plain Python values.
+
+    Args:
+        text: The text.
+        where: Names it in messages.
+        example: Where to find one, told if it is empty.
+
+    Raises:
+        InputError: the text is not YAML, or holds nothing.
+    """
+    try:
+        plain = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise InputError(
+            f"{where}: {line}not valid YAML ({error.problem}); correct the file there."
+        ) from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{where}: not valid YAML ({reason}); correct the file.") from error
+    if plain is None:
+        raise InputError(f"{where}: the file is empty; {example}.")
+    return cast(object, plain)

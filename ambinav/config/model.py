@@ -1,0 +1,166 @@
+"""Mappings whose keys are all known, as models of files and as dataclasses of parameters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, fields
+from functools import cache
+from typing import Any, TypeVar, get_type_hints
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import ErrorDetails
+
+from ambinav.config.numbers import nearest
+from ambinav.config.values import FaultError, fault, shown
+from ambinav.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+Made = TypeVar("Made")
+
+
+class ConfigModel(BaseModel):
+    """A mapping of a file whose keys are all known; `checked` makes one of plain values."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known(cls, plain: Any) -> Any:
+        if isinstance(plain, cls):
+            return plain
+        if not isinstance(plain, Mapping):
+            raise _no_mapping(plain, cls.model_fields)
+        check_keys(plain, cls.model_fields)
+        return plain
+
+
+def checked(model: type[Model], plain: object, where: str) -> Model:
+    """Plain values as a model.
+
+    Args:
+        model: Which.
+        plain: As a parser gave them.
+        where: Names them in messages: the file, and perhaps the place in it.
+
+    Raises:
+        InputError: a key is unknown or missing, or a value of no use.
+    """
+    try:
+        return model.model_validate(plain)
+    except ValidationError as error:
+        raise InputError(_complaint(error, where)) from error
+
+
+def check_keys(plain: Mapping[Any, Any], known: Iterable[str]) -> None:
+    """Refuse keys that are not known.
+
+    Raises:
+        InputError: there is one; the nearest known ones are offered.
+    """
+    names = list(known)
+    for key in plain:
+        if key not in names:
+            raise InputError(f"the key {key!r} is unknown; {nearest(str(key), names)}.")
+
+
+def from_mapping(kind: type[Made], plain: object) -> Made:
+    """Make a dataclass, which checks its values itself, of a mapping; or return it as it is.
+
+    Raises:
+        InputError: a key is unknown or missing, or what the dataclass refuses.
+    """
+    if isinstance(plain, kind):
+        return plain
+    known = fields(kind)  # type: ignore[arg-type]
+    names = [field.name for field in known]
+    if not isinstance(plain, Mapping):
+        raise _no_mapping(plain, names)
+    check_keys(plain, names)
+    for field in known:
+        left_out = field.default is MISSING and field.default_factory is MISSING
+        if left_out and field.name not in plain:
+            raise InputError(f"the key {field.name!r} is missing; add it.")
+    return kind(**plain)
+
+
+def of_mapping(kind: type[Any]) -> BeforeValidator:
+    """For an annotation: take a mapping for a dataclass, as `from_mapping` does."""
+    return BeforeValidator(lambda plain: from_mapping(kind, plain))
+
+
+def check_fields(parameters: Any, where: str = "") -> None:
+    """Check the fields of a frozen dataclass by their annotations, and bring them to their types.
+
+    Args:
+        parameters: The dataclass, from its `__post_init__`.
+        where: Names it in messages.
+
+    Raises:
+        InputError: a value is of no use.
+    """
+    kind: Any = type(parameters)
+    for name, check in _checks(kind).items():
+        try:
+            value = check(getattr(parameters, name))
+        except ValidationError as error:
+            raise InputError(_complaint(error, where, (name,))) from error
+        object.__setattr__(parameters, name, value)
+
+
+@cache
+def _checks(kind: Any) -> dict[str, Callable[[Any], Any]]:
+    """What checks each field of a dataclass."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: TypeAdapter(hints[field.name]).validate_python for field in fields(kind)}
+
+
+def _no_mapping(plain: object, known: Iterable[str]) -> FaultError:
+    return fault(plain, f"give a mapping with the keys {', '.join(known)}")
+
+
+def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -> str:
+    """The first complaint as one sentence with place, value and remedy."""
+    first, place = _first(error, name)
+    at = f"{where}: {place}" if where and place else where or place
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, FaultError):
+        # What is wrong with an item of a row says which.
+        return f"{at} {cause}."
+    if isinstance(cause, ValueError):
+        # The parts name themselves.
+        said = str(cause)
+        for own in (place, place.rpartition(".")[2]):
+            said = said.removeprefix(f"{own}: ") if own else said
+        return f"{at}: {said.rstrip('.')}."
+    if first["type"] == "missing":
+        inside, _, key = place.rpartition(".")
+        at = ": ".join(part for part in (where, inside) if part)
+        return f"{at}: the key {key!r} is missing; add it."
+    wish = re.sub(r"^(Input|Value|Tuple|List) should", "it should", first["msg"])
+    wish = re.sub(r" after validation, not \d+$", "", wish)
+    return f"{at} is {shown(first['input'])}; {wish}."
+
+
+def _first(error: ValidationError, name: tuple[str, ...]) -> tuple[ErrorDetails, str]:
+    """The first complaint, of a model within as well, and the place that it is about."""
+    path: list[int | str] = list(name)
+    while True:
+        first = error.errors(include_url=False)[0]
+        path += first["loc"]
+        cause = first.get("ctx", {}).get("error")
+        if not isinstance(cause, ValidationError):
+            break
+        error = cause
+    place = ""
+    for part in path:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else part
+    # Of pydantic's own: which member of a union it tried.
+    return first, re.sub(r"\.(tuple|dict|str|literal|lax-or-strict|function-)[^.]*.*$", "", place)

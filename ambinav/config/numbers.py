@@ -1,0 +1,68 @@
+"""Checks of single values: numbers, counts, names.
+
+One convention holds in all files of this package: lengths are metres, and a key that ends in
+`_deg` is in degrees, because people write these files. In Python angles are radians.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from ambinav.errors import InputError
+
+
+def as_number(value: object, where: str) -> float:
+    """Return a finite number as a float.
+
+    A text such as "1e-3" counts as a number, because YAML 1.1 reads 1e-3 as text.
+
+    Raises:
+        InputError: anything else, NaN and infinity included.
+    """
+    number = math.nan
+    if isinstance(value, int | float | str | np.integer | np.floating) and not isinstance(
+        value, bool
+    ):
+        try:
+            number = float(value)
+        except (ValueError, OverflowError):
+            number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{where} is {value!r}; give a finite number.")
+    return number
+
+
+def as_numbers(value: object, where: str) -> tuple[float, ...]:
+    """Return a list of finite numbers as a tuple of floats, or raise `InputError`."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple) or not value:
+        raise InputError(f"{where} is {value!r}; give a list of numbers.")
+    return tuple(as_number(item, f"{where}[{i}]") for i, item in enumerate(value))
+
+
+def as_count(value: object, where: str) -> int:
+    """Return a whole number of at least 1, or raise `InputError`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise InputError(f"{where} is {value!r}; give a whole number of at least 1.")
+    return int(value)
+
+
+def as_degrees(radians: float) -> float:
+    """Return the shortest degrees that read back as exactly these radians, if there are any."""
+    degrees = math.degrees(radians)
+    for candidate in (*(round(degrees, digits) for digits in range(0, 13, 3)), degrees):
+        if math.radians(candidate) == radians:
+            return candidate
+    return degrees
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return what to offer for a misspelt word: the nearest ones, or else all of them."""
+    names = sorted(known)
+    found = difflib.get_close_matches(word.lower(), names, n=3, cutoff=0.5)
+    return ("did you mean " if found else "choose from ") + ", ".join(found or names)

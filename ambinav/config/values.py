@@ -1,0 +1,163 @@
+"""Types of values for annotations: each says which values are good, in our words if one is not.
+
+    beams: Count
+    gate: Positive
+    speed: Annotated[float, number(least=-1.0, most=0.0)]
+
+They work in a `ConfigModel` and in a dataclass that calls `check_fields`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator
+
+from ambinav.config.numbers import as_number, nearest
+from ambinav.errors import InputError
+
+LONGEST = 60
+"""Characters of a value that a message shows."""
+
+
+class FaultError(ValueError):
+    """What is wrong with a value, told without its name: "is 3; give 0 to 1"."""
+
+
+def fault(value: object, wish: str) -> FaultError:
+    """The complaint about a value.
+
+    Args:
+        value: As it was given.
+        wish: What to do instead.
+    """
+    return FaultError(f"is {shown(value)}; {wish}")
+
+
+def shown(value: object) -> str:
+    """A value as messages show it; a long one is cut."""
+    text = repr(value.item() if isinstance(value, np.generic) else value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def number(
+    *, above: float | None = None, least: float | None = None, most: float | None = None
+) -> BeforeValidator:
+    """A finite number within limits; text such as "1e-3", which YAML 1.1 leaves, counts.
+
+    Args:
+        above: It is greater than this.
+        least: It is at least this.
+        most: It is at most this.
+    """
+    wish = _wish("number", above, least, most)
+
+    def check(value: Any) -> float:
+        try:
+            found = as_number(value, "")
+        except InputError:
+            raise fault(value, wish) from None
+        if above is not None and found <= above:
+            raise fault(value, wish)
+        if (least is not None and found < least) or (most is not None and found > most):
+            raise fault(value, wish)
+        return found
+
+    return BeforeValidator(check)
+
+
+def whole(*, least: int = 1, most: int | None = None) -> BeforeValidator:
+    """A whole number within limits.
+
+    Args:
+        least: It is at least this.
+        most: It is at most this.
+    """
+    wish = _wish("whole number", None, least, most)
+
+    def check(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            raise fault(value, wish)
+        if value < least or (most is not None and value > most):
+            raise fault(value, wish)
+        return int(value)
+
+    return BeforeValidator(check)
+
+
+def row(count: int, wish: str) -> BeforeValidator:
+    """A list, a tuple or an array of so many values.
+
+    Args:
+        count: How many.
+        wish: What to give instead of another.
+    """
+
+    def check(value: Any) -> Any:
+        plain = value.tolist() if isinstance(value, np.ndarray) else value
+        if not isinstance(plain, list | tuple) or len(plain) != count:
+            raise fault(plain, wish)
+        return tuple(plain)
+
+    return BeforeValidator(check)
+
+
+def _numbers(value: Any) -> Any:
+    plain = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(plain, list | tuple) or not plain:
+        raise fault(plain, "give a list of numbers")
+    return tuple(plain)
+
+
+def choice(names: Iterable[str]) -> BeforeValidator:
+    """One of some names; the nearest are offered for another."""
+    known = tuple(names)
+
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or value not in known:
+            raise fault(value, nearest(str(value), known))
+        return value
+
+    return BeforeValidator(check)
+
+
+def _switch(value: Any) -> bool:
+    if not isinstance(value, bool | np.bool_):
+        raise fault(value, "give true or false")
+    return bool(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise fault(value, "give a text (in quotes)")
+    return value.strip()
+
+
+def _wish(what: str, above: float | None, least: float | None, most: float | None) -> str:
+    """What to give, in words."""
+    if above is not None:
+        return f"give a {what} above {above:g}" + ("" if most is None else f", at most {most:g}")
+    if least is not None and most is not None:
+        return f"give {'' if what == 'number' else f'a {what} from '}{least} to {most}"
+    if least is not None:
+        return f"give a {what} of at least {least}"
+    return "give a finite number" if most is None else f"give a {what} of at most {most}"
+
+
+Number: TypeAlias = Annotated[float, number()]
+Numbers: TypeAlias = Annotated[tuple[Number, ...], BeforeValidator(_numbers)]
+Positive: TypeAlias = Annotated[float, number(above=0)]
+NonNegative: TypeAlias = Annotated[float, number(least=0)]
+Share: TypeAlias = Annotated[float, number(least=0, most=1)]
+Count: TypeAlias = Annotated[int, whole()]
+Switch: TypeAlias = Annotated[bool, BeforeValidator(_switch)]
+Text: TypeAlias = Annotated[str, BeforeValidator(_text)]
+Degrees: TypeAlias = Annotated[float, number(), AfterValidator(math.radians)]
+"""Degrees in files, radians in Python."""
+MountDegrees: TypeAlias = Annotated[
+    tuple[Number, Number, Degrees], row(3, "give three numbers [x, y, yaw_deg]")
+]
+"""x and y in metres, and yaw: degrees in files, radians in Python."""

@@ -1,0 +1,1 @@
+"""What reports share: tables of figures with intervals, the criterion, filled templates."""

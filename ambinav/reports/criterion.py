@@ -1,0 +1,38 @@
+"""What a route or a method is to reach against the baseline, written before any result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+# Two shares of the same count may differ by rounding.
+ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class AcceptanceCriterion:
+    """What is to be reached, all of it at once.
+
+    Attributes:
+        lost: Share of the baseline's lost rate that may be left.
+        error: Share of its error that may be left.
+        extra: Share of its length that the way may be longer.
+        easy: Metres: below this error, with none lost or collided, there is nothing to gain.
+    """
+
+    lost: float = 1.0 / 3.0
+    error: float = 0.5
+    extra: float = 0.1
+    easy: float = 0.15
+
+    def lost_met(self, ours: float, baseline: float) -> bool:
+        """Whether few enough are lost; where none was, none may be."""
+        return ours <= self.lost * baseline + ROUNDING
+
+    def error_met(self, ours: float, baseline: float) -> bool:
+        """Whether the error is small enough."""
+        return ours <= self.error * baseline + ROUNDING
+
+    def length_met(self, ratio: float) -> bool:
+        """Whether the way is short enough, by its length over the baseline's."""
+        return ratio <= 1.0 + self.extra + ROUNDING

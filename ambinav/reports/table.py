@@ -1,0 +1,118 @@
+"""Tables of figures: each with an interval, and its difference to that of a baseline."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from ambinav.drive.bootstrap import Interval
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What is told of a route, a method or a policy.
+
+    Attributes:
+        key: Name in files.
+        title: Heading of a column.
+        unit: Of what is shown: %, m, °, s or nothing.
+        digits: After the point, for readers.
+    """
+
+    key: str
+    title: str
+    unit: str
+    digits: int = field(default=2, kw_only=True)
+
+
+Kind = TypeVar("Kind", bound=Figure)
+
+
+@dataclass(frozen=True)
+class Cell(Generic[Kind]):
+    """One figure in a row.
+
+    Attributes:
+        figure: Which.
+        value: Over the runs or episodes, in the figure's unit.
+        difference: To the baseline, pair by pair; None for the baseline itself.
+        ratio: To the baseline; None likewise, and where it says nothing.
+    """
+
+    figure: Kind
+    value: Interval
+    difference: Interval | None
+    ratio: Interval | None = None
+
+
+class Cells(Generic[Kind]):
+    """What all rows of figures have in common.
+
+    Attributes:
+        cells: The figures in their order.
+    """
+
+    cells: tuple[Cell[Kind], ...]
+
+    def __getitem__(self, key: str) -> Cell[Kind]:
+        """The figure with a key."""
+        return next(cell for cell in self.cells if cell.figure.key == key)
+
+    @property
+    def is_baseline(self) -> bool:
+        """Whether it is what the others are compared with."""
+        return self.cells[0].difference is None
+
+
+def is_shown(difference: Interval) -> bool:
+    """Whether a difference is more than chance explains: its interval does not hold 0."""
+    return bool(difference.low > 0.0 or difference.high < 0.0)
+
+
+def value_text(cell: Cell[Kind], *, brief: bool = False) -> str:
+    """The figure with its interval, for readers; brief: whole percents."""
+    return interval_text(cell.value, 0 if brief and cell.figure.unit == "%" else cell.figure.digits)
+
+
+def difference_text(cell: Cell[Kind], *, bold: bool = False) -> str:
+    """The difference to the baseline with its interval and signs.
+
+    Args:
+        cell: The figure.
+        bold: Bold in Markdown where the difference is shown.
+    """
+    if cell.difference is None:
+        return ""
+    text = interval_text(cell.difference, cell.figure.digits, "+")
+    return f"**{text}**" if bold and is_shown(cell.difference) else text
+
+
+def ratio_text(cell: Cell[Kind]) -> str:
+    """The ratio to the baseline with its interval."""
+    return "" if cell.ratio is None else interval_text(cell.ratio, 2)
+
+
+def interval_text(interval: Interval, digits: int, sign: str = "") -> str:
+    """Value and interval for readers: "3.1 [2.0, 4.5]", "-" where there is none.
+
+    Args:
+        interval: The figure.
+        digits: After the point.
+        sign: "+" to show signs.
+    """
+    if math.isnan(interval.value):
+        return "-"
+    value, low, high = (
+        f"{round(f, digits) + 0.0:{sign}.{digits}f}"
+        for f in (interval.value, interval.low, interval.high)
+    )
+    return f"{value} [{low}, {high}]".replace("inf", "∞")
+
+
+def csv_cells(interval: Interval | None) -> list[str]:
+    """Value, low and high end for a line of CSV; empty where there is nothing to tell."""
+    if interval is None:
+        return ["", "", ""]
+    three = (interval.value, interval.low, interval.high)
+    return ["" if math.isnan(f) else f"{f:.6g}" for f in three]
