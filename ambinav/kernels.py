@@ -13,10 +13,9 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
-from numba.core.types import BaseTuple
 
 
 @overload
@@ -108,7 +107,7 @@ def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
     return tuple(
         (getattr(kind, "fields", ()), _fields(kind.types))
         for kind in kinds
-        if isinstance(kind, BaseTuple)
+        if isinstance(kind, types.BaseTuple)
     )
 
 
