@@ -13,10 +13,9 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
 import numpy as np
-from numba import njit, typeof
+from numba import njit, typeof, types
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
-from numba.core.types.containers import BaseTuple
 
 
 @overload
@@ -88,9 +87,9 @@ def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
         compiled: A kernel.
         arguments: Some with which it will be called.
     """
-    types = tuple(typeof(argument) for argument in arguments)
-    compiled.compile(types)
-    entry: Callable[..., Any] = compiled.overloads[types].entry_point
+    kinds = tuple(typeof(argument) for argument in arguments)
+    compiled.compile(kinds)
+    entry: Callable[..., Any] = compiled.overloads[kinds].entry_point
     return entry
 
 
@@ -125,7 +124,7 @@ def _fields(kinds: Iterable[Any]) -> tuple[Any, ...]:
     return tuple(
         (getattr(kind, "fields", ()), _fields(kind.types))
         for kind in kinds
-        if isinstance(kind, BaseTuple)
+        if isinstance(kind, types.BaseTuple)
     )
 
 

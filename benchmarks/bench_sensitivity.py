@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_truth import BAD, auc
 from harness import add_out, environment_path, report, table
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 from truth_case import scanner_of
+from truth_tables import BAD, auc
 
 import ambinav as an
 

@@ -30,8 +30,8 @@ SCANNERS = ("hokuyo-urg-04lx", "polaroid-6500-ring", "pioneer-sonar-laser")
 PLANNERS = {
     "reference": (),
     "prmstar": ("--time", "inf", "--iterations", "400"),
-    "rrtstar": ("--time", "inf", "--iterations", "2000"),
-    "bitstar": ("--time", "inf", "--iterations", "1000"),
+    "rrtstar": ("--space", "se2", "--time", "inf", "--iterations", "2000"),
+    "bitstar": ("--time", "inf", "--iterations", "60000"),
     "belief": (),
     "belief-roadmap": (),
 }

@@ -12,12 +12,13 @@ from ambinav.ambiguity.build import BEAMS_PER_TURN, HEADINGS, TILE_BYTES
 from ambinav.geometry.environment import Environment
 from ambinav.sensing.scanner import RangeScanner
 
-# Seconds of one thread, from benchmarks/results/map.md (2 cores, 2026-11-22): the kernel compares
-# 263 million beams a second on 2 threads with one heading, 213 million with 8; casting takes
-# 0.35 s for 136 229 poses of 60 rays, turning on the spot 1.0 s. A faster machine needs half.
-PER_COMPARISON: Final = 8.5e-9
-PER_RAY: Final = 90e-9
-PER_TURNED_BEAM: Final = 250e-9
+# Seconds of one thread, between what two processors took (benchmarks/results/map.md, and the same
+# at commit 04728c3): on 2 threads the kernel compares 832 and 263 million beams a second with one
+# heading; casting 136 000 poses of 60 rays takes 0.14 and 0.35 s, turning on the spot 0.42 and
+# 1.0 s.
+PER_COMPARISON: Final = 4.8e-9
+PER_RAY: Final = 55e-9
+PER_TURNED_BEAM: Final = 160e-9
 # Bytes, from the same run's peaks: the program; a pose, and one more heading of it; a cell of the
 # floor's bounding box, in all layers, and one more heading of it; a ray's hit from a pose.
 PROGRAM: Final = 230e6
@@ -31,7 +32,7 @@ _UNITS: Final = (("day", 1440.0), ("hour", 60.0), ("minute", 1.0))
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a map is expected to cost, to a factor of about two.
+    """What a map is expected to cost, to a factor of about two on today's processors.
 
     Attributes:
         spacing: Distance of its points, metres.

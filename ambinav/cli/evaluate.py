@@ -64,7 +64,7 @@ def evaluate(
     force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """Let a policy drive, and tell how often it arrives, gets lost, and collides.
+    """Let a policy drive, and report how often it arrives, gets lost, and collides.
 
     The environment is the one that the policy was trained in, but with buildings that it has not
     seen (number 1 000 000 and on of the suite). With another scanner or robot it is refused, unless
@@ -83,7 +83,7 @@ def evaluate(
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
-        # What a policy's file needs beside it is told when that is loaded.
+        # What a policy's file needs beside it is said when that is loaded.
         need("evaluating", ENVIRONMENTS)
         from ambinav_envs.leaderboard.evaluated import evaluate_policy, write_evaluation
 

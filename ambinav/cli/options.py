@@ -272,20 +272,20 @@ def announce(
 
     if not 0.0 < spacing <= radius:
         return  # which `build_map` refuses
-    told = estimate(environment, scanner, spacing, radius, headings)
-    if told.seconds < LONG_SECONDS and told.bytes < LARGE_BYTES:
+    needs = estimate(environment, scanner, spacing, radius, headings)
+    if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
         return
     wider = coarser(environment, scanner, spacing, radius, headings, LONG_SECONDS)
     remedy = "" if wider is None else f"; with --spacing {wider.spacing:g} {wider}"
-    if told.bytes > os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
+    if needs.bytes > os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
         remedy = f", more than this computer has{remedy}"
     besides = ", the further layers not counted" if layers else ""
-    headed = "" if told.headings == 1 else f" with {told.headings} headings"
-    millions = told.poses / 1e6
+    headed = "" if needs.headings == 1 else f" with {needs.headings} headings"
+    millions = needs.poses / 1e6
     poses = f"{millions:.0f}" if millions >= 10.0 else f"{millions:.2g}"
     note(
-        f"this map takes {told} ({poses} million poses{headed}, each compared with "
-        f"{told.neighbours:.0f} others by {told.beams} beams{besides}){remedy}."
+        f"this map takes {needs} ({poses} million poses{headed}, each compared with "
+        f"{needs.neighbours:.0f} others by {needs.beams} beams{besides}){remedy}."
     )
 
 

@@ -1,4 +1,4 @@
-"""`ambinav presets`: the scanners that come along."""
+"""`ambinav presets`: the scanners that are included."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def presets(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the scanners that come along, or print one as YAML.
+    """List the scanners that are included, or print one as YAML.
 
     Example: `ambinav presets hokuyo-urg-04lx > my-scanner.yaml`
     """

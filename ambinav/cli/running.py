@@ -50,7 +50,7 @@ def reporting() -> Iterator[None]:
         except (typer.Exit, typer.Abort):
             raise
         except BrokenPipeError:
-            # Whoever read our output has stopped; there is nobody left to tell.
+            # Whoever read our output has stopped.
             raise typer.Exit(OUR_FAULT) from None
         except Exception as error:
             traceback.print_exc()
@@ -62,7 +62,7 @@ class _Notes:
     """Prints input warnings, each once."""
 
     def __init__(self) -> None:
-        self.told: set[str] = set()
+        self.printed: set[str] = set()
 
     def __call__(
         self,
@@ -73,8 +73,8 @@ class _Notes:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        if str(message) not in self.told:
-            self.told.add(str(message))
+        if str(message) not in self.printed:
+            self.printed.add(str(message))
             _say(f"ambinav: note: {message}")
 
 

@@ -52,7 +52,7 @@ def train(
     ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Train a policy that finds its way with a localizer in the loop.
+    """Train a policy that navigates with a localizer in the loop.
 
     Writes policy files (best.zip, final.zip), the curve, checkpoints, TensorBoard's files where it
     is installed, and what is needed to run it again. After Ctrl-C `--resume` goes on.

@@ -89,7 +89,13 @@ def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
     ]
     instead = ["", ""]
     if theirs is not None:
-        instead = [f" instead of {text}" for text in (theirs.corridor_text(), theirs.open_text())]
+        instead = [
+            f" instead of {metres:.1f} m ({_longest(longest)})"
+            for metres, longest in (
+                (theirs.corridor, theirs.longest_corridor),
+                (theirs.open, theirs.longest_open),
+            )
+        ]
     parts = [
         f"{metres:.1f} m in {zone} (longest stretch {_longest(longest)}){than}"
         for (zone, metres, longest), than in zip(zones, instead, strict=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from ambinav.routes.route import Route
 
 IN_BRACKETS = "in brackets: the longest stretch"
-"""What readers are told of `stretch_text`."""
+"""How `stretch_text` is to be read, for readers."""
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ def waypoints(route: Route) -> Iterator[Waypoint]:
         )
 
 
-def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
+def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
     """The route that the figures and poses of a file describe.
 
     Raises:
@@ -124,7 +124,7 @@ def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
             "give it for all or for none."
         )
     try:
-        steering = Steering(told.space, told.turning_radius_m)
+        steering = Steering(saved.space, saved.turning_radius_m)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
     covariances = None
@@ -135,43 +135,43 @@ def route_of(told: Figures, points: list[Waypoint], where: str) -> Route:
     return Route(
         poses=np.array([(point.x, point.y, point.theta) for point in points]),
         steering=steering,
-        planner=told.planner,
-        seed=told.seed,
-        environment=told.environment,
-        scanner=told.scanner,
-        layer=told.layer,
-        weight=told.weight,
-        power=told.power,
-        clearance_weight=told.clearance_weight,
-        comfort=told.comfort_m,
-        length=told.length_m,
-        cost=told.cost,
-        exposure=told.exposure_m,
-        zone_metres={name: getattr(told, f"{name}_m") for name in ZONES},
-        longest_bad=told.longest_bad_m,
-        longest_corridor=_longest(told, told.longest_corridor_m, told.corridor_m, told.open_m),
-        longest_open=_longest(told, told.longest_open_m, told.open_m, told.corridor_m),
-        turn=told.turn_rad,
+        planner=saved.planner,
+        seed=saved.seed,
+        environment=saved.environment,
+        scanner=saved.scanner,
+        layer=saved.layer,
+        weight=saved.weight,
+        power=saved.power,
+        clearance_weight=saved.clearance_weight,
+        comfort=saved.comfort_m,
+        length=saved.length_m,
+        cost=saved.cost,
+        exposure=saved.exposure_m,
+        zone_metres={name: getattr(saved, f"{name}_m") for name in ZONES},
+        longest_bad=saved.longest_bad_m,
+        longest_corridor=_longest(saved, saved.longest_corridor_m, saved.corridor_m, saved.open_m),
+        longest_open=_longest(saved, saved.longest_open_m, saved.open_m, saved.corridor_m),
+        turn=saved.turn_rad,
         distance=np.array([point.distance for point in points]),
         spent=np.array([point.cost for point in points]),
         levels=np.array([point.level for point in points]),
         zones=np.array([ZONES.index(point.zone) for point in points], dtype=np.uint8),
-        seconds=told.seconds,
-        first_seconds=told.first_seconds,
-        iterations=told.iterations,
-        curve=told.curve,
+        seconds=saved.seconds,
+        first_seconds=saved.first_seconds,
+        iterations=saved.iterations,
+        curve=saved.curve,
         covariances=covariances,
     )
 
 
-def _longest(told: Figures, longest: float | None, own: float, other: float) -> float:
+def _longest(saved: Figures, longest: float | None, own: float, other: float) -> float:
     """The longest stretch in one of the two bad zones, metres; nan if it cannot be known.
 
     Files of older versions tell only the longest one over both. It is that of the zone where the
     route does not touch the other.
 
     Args:
-        told: The figures of a file.
+        saved: The figures of a file.
         longest: What they say of the zone.
         own: Metres in the zone.
         other: Metres in the other bad zone.
@@ -180,7 +180,7 @@ def _longest(told: Figures, longest: float | None, own: float, other: float) -> 
         return longest
     if own == 0.0:
         return 0.0
-    return told.longest_bad_m if other == 0.0 else math.nan
+    return saved.longest_bad_m if other == 0.0 else math.nan
 
 
 def known(metres: float) -> float | None:

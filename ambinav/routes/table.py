@@ -47,11 +47,11 @@ def route_of_text(text: str, where: str) -> Route:
         InputError: something is missing or wrong; the message names the line.
     """
     lines = list(enumerate(text.split("\n"), start=1))
-    told: dict[str, Any] = {}
+    saved: dict[str, Any] = {}
     for number, line in lines:
         if line.startswith("#") and not line.startswith("##"):
             name, value = _figure(line, f"{where}: line {number}")
-            told[name] = value
+            saved[name] = value
     table = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
     if not table:
         raise InputError(f"{where}: there is no table of poses in it; save the route again.")
@@ -74,7 +74,7 @@ def route_of_text(text: str, where: str) -> Route:
         if len(cells) > len(COLUMNS):
             plain["covariance"] = cells[len(COLUMNS) :]
         points.append(checked(Waypoint, plain, f"{where}: line {number}"))
-    return route_of(checked(Figures, told, where), points, where)
+    return route_of(checked(Figures, saved, where), points, where)
 
 
 def _figure(line: str, where: str) -> tuple[str, Any]:

@@ -117,11 +117,11 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
     nearest = checker.nearest_free(x, y, theta)
     where = "no place in this building is wide enough for the robot"
     if nearest is not None:
-        where = f"the nearest free place is {_told(nearest, checker)}, {nearest[3]:.2f} m away"
+        where = f"the nearest free place is {_to_digits(nearest, checker)}, {nearest[3]:.2f} m away"
     raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")
 
 
-def _told(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
+def _to_digits(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
     """A place near by to as many digits as it takes for it to be free when it is typed."""
     x, y, theta, _ = place
     for digits in (2, 3, 4, 6):

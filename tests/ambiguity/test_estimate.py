@@ -30,8 +30,11 @@ def test_neighbours_are_the_points_within_the_radius() -> None:
     assert estimate(HALL, LASER, 0.05, 0.5).neighbours == pytest.approx(count, rel=0.15)
 
 
-def test_it_is_the_published_run_to_a_factor_of_two() -> None:
-    """benchmarks/results/map.md: willow_full_005, 136 229 poses in a box of 58 x 47 m."""
+def test_it_is_between_the_published_runs_to_a_factor_of_two() -> None:
+    """willow_full_005, 136 229 poses in a box of 58 x 47 m, on two processors.
+
+    benchmarks/results/map.md, and the same at commit 04728c3: 1.37 and 3.72 s, 8.05 and 16.7 s.
+    """
     floor = shapely.box(0, 0, 58, 47)
     hole = shapely.box(1, 1, 57, 1 + (58 * 47 - 1362.29) / 56)
     willow = an.environment_from_shapes([floor], [hole])
@@ -44,8 +47,8 @@ def test_it_is_the_published_run_to_a_factor_of_two() -> None:
     finally:
         numba.set_num_threads(before)
     assert plain.poses == pytest.approx(136229, rel=1e-3)
-    assert 0.5 < plain.seconds / share / 3.72 < 2.0
-    assert 0.5 < turned.seconds / share / 16.68 < 2.0
+    assert 0.5 < plain.seconds / share / 2.26 < 2.0
+    assert 0.5 < turned.seconds / share / 11.6 < 2.0
     assert 0.5 < plain.bytes / 523e6 < 2.0
     assert 0.5 < turned.bytes / 1022e6 < 2.0
 

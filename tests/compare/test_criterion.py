@@ -139,8 +139,8 @@ def test_sentences() -> None:
     assert long.endswith("The criterion is not met (more than 10 % longer).")
     floors = BadFloor(3.0, 1.26, 0.0, 0.0), BadFloor(19.1, 14.5, 4.0, 4.0)
     assert floor_sentence(*floors) == (
-        "Planned with 3.0 m in corridor (longest stretch 1.3 m) instead of 19.1 (14.5) and "
-        "0.0 m in open zones (longest stretch 0.0 m) instead of 4.0 (4.0)."
+        "Planned with 3.0 m in corridor (longest stretch 1.3 m) instead of 19.1 m (14.5 m) "
+        "and 0.0 m in open zones (longest stretch 0.0 m) instead of 4.0 m (4.0 m)."
     )
     assert floor_sentence(floors[1]) == (
         "Planned with 19.1 m in corridor (longest stretch 14.5 m) and "

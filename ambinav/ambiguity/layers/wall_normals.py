@@ -118,6 +118,7 @@ LAYER = Layer(
     worse="low",
     compute=wall_normals,
     why_not=_why_not,
+    high_is_good=("wall_normals_strong",),
     companions={
         "wall_normals_strong": ("walls in range, largest eigenvalue of their normals", "m"),
         "wall_normals_direction": ("walls in range, axis that the fewest of them face", "rad"),

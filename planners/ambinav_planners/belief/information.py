@@ -111,8 +111,8 @@ class Information:
             turn, shift = turning.at(poses)
             if "heading" in at:
                 turn = np.minimum(turn, _along(at["heading"], at["heading_radius"]))
-            told = _told(at, turn, shift)
-            for part, values in zip(parts, told, strict=True):
+            entries = _entries(at, turn, shift)
+            for part, values in zip(parts, entries, strict=True):
                 part[row, column, k] = values
         for k in range(headings):
             nearest = nearest_possible(possible, k)
@@ -177,12 +177,12 @@ class _Turning:
 
     def at(self, poses: Floats) -> tuple[Floats, Floats]:
         """h, shape (N,), 1/rad^2, and c, shape (N, 2), metres, at poses (N, 3)."""
-        told = np.empty((len(poses), 3, 3))
-        informations(np.ascontiguousarray(poses), self.cast, self.noise, told)
-        turn = told[:, 2, 2]
+        matrices = np.empty((len(poses), 3, 3))
+        informations(np.ascontiguousarray(poses), self.cast, self.noise, matrices)
+        turn = matrices[:, 2, 2]
         # A scan that tells nothing of the heading has no coupling either.
         shift = np.divide(
-            told[:, :2, 2], turn[:, np.newaxis], out=np.zeros((len(poses), 2)),
+            matrices[:, :2, 2], turn[:, np.newaxis], out=np.zeros((len(poses), 2)),
             where=turn[:, np.newaxis] > 0.0,
         )  # fmt: skip
         return self.share * turn, shift
@@ -214,7 +214,7 @@ def _thinned(scanner: RangeScanner, headings: int) -> tuple[NDArray[np.int64], F
     return np.concatenate(chosen)[order].astype(np.int64), np.concatenate(weight)[order]
 
 
-def _told(at: dict[str, Floats], turn: Floats, shift: Floats) -> tuple[Floats, ...]:
+def _entries(at: dict[str, Floats], turn: Floats, shift: Floats) -> tuple[Floats, ...]:
     """The entries of the information, each of shape (N,), and the least about the position."""
     along = _along(at["major"], at["major_radius"])
     across = _along(at["minor"], at["minor_radius"])
