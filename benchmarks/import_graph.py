@@ -28,7 +28,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("ambiguity", "routes"),
     ("ambinav", "drive"),
     ("logs",),
-    ("plotting",),
+    ("plotting", "reports"),
     ("audit", "demo"),
     ("compare",),
     ("ambinav_envs", "ambinav_planners"),

@@ -124,7 +124,7 @@ def test_a_map_reader_and_a_layer(amap: Path) -> None:
 def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     where = ("--start", "1.5", "1.5", "--goal", "10", "1.5")
     ambinav(
-        folder, "plan", "floor.zarr", *where, "--planner", "straight", "--radius", "0.1",
+        folder, "plan", "floor.zarr", *where, "--planner", "straight", "--robot-radius", "0.1",
         "-o", "route.wkt",
     )  # fmt: skip
     assert (folder / "route.wkt").read_text() == "LINESTRING (1.5 1.5, 10 1.5)\n"

@@ -139,7 +139,10 @@ def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> t
                 if not one.slow and (scanner is None or one.why_not(scanner) is None)
             }
             continue
-        one = LAYERS.get(name)
+        try:
+            one = LAYERS.get(name)
+        except InputError as error:
+            raise InputError(f"layers: {error}") from error
         reason = None if scanner is None else one.why_not(scanner)
         if reason is not None:
             raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
