@@ -10,17 +10,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from ambinav.errors import InputError, InputWarning
+from ambinav.version import __version__
 
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import build_map
-    from ambinav.geometry.environment import Environment, load_environment
+    from ambinav.geometry.environment import Environment
+    from ambinav.geometry.io.load import load_environment
     from ambinav.geometry.io.shapes import environment_from_shapes
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.sensing.sensor import RangeSensor
     from ambinav.service.service import AmbiguityService
-
-__version__ = "0.1.0"
 
 __all__ = [
     "AmbiguityMap",
@@ -44,7 +44,7 @@ _HOME = {
     "RangeSensor": "ambinav.sensing.sensor",
     "build_map": "ambinav.ambiguity.build",
     "environment_from_shapes": "ambinav.geometry.io.shapes",
-    "load_environment": "ambinav.geometry.environment",
+    "load_environment": "ambinav.geometry.io.load",
 }
 
 

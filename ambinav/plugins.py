@@ -1,18 +1,172 @@
-"""Code that a scenario brings along: modules that register planners, and policies."""
+"""Plug-ins: registries that find what other distributions bring, and a scenario's own modules.
+
+Every kind of thing that can be added (a layer, a planner, a map reader ...) has one `Registry`, and
+all of them have the same three verbs: `register`, `names` and `get`. What is installed is found by
+its entry point, so that `pip install my-plugin` is enough; CONTRIBUTING.md has a recipe for each.
+"""
 
 from __future__ import annotations
 
+import functools
 import importlib
+import importlib.metadata
 import importlib.util
 import inspect
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Generic, NamedTuple, TypeVar
 
+from ambinav.config import nearest
 from ambinav.errors import InputError
+
+T = TypeVar("T")
+
+
+class InstalledEntry(NamedTuple):
+    """An entry point: its name, where the entry is ("module:ATTRIBUTE"), who brings it."""
+
+    name: str
+    place: str
+    distribution: str
+
+
+class Registry(Generic[T]):
+    """Entries of one kind by name: our own, those of installed plug-ins, and registered ones.
+
+    An entry is imported when it is asked for, so that a slow or broken one costs nobody else
+    anything.
+
+    Args:
+        what: What messages call an entry, such as "layer".
+        kind: The class of the entries; `names_of` reads their names.
+        group: The group of entry points, such as "ambinav.layers". The name of an entry point is
+            the name of its entry.
+        own: Our own entries: where each one is, as "module:ATTRIBUTE", or what gives it.
+        names_of: The names of an entry; by default its attribute `name` alone.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        kind: type[T],
+        group: str,
+        own: Mapping[str, str | Callable[[], T]],
+        names_of: Callable[[T], Iterable[str]] = lambda entry: (entry.name,),  # type: ignore[attr-defined]
+    ) -> None:
+        self._what = what
+        self._kind = kind
+        self._group = group
+        self._own = dict(own)
+        self._names_of = names_of
+        self._registered: dict[str, T] = {}
+
+    def register(self, entry: T) -> T:
+        """Add an entry for the life of this process.
+
+        Returns:
+            The entry.
+
+        Raises:
+            InputError: there is another one of that name.
+        """
+        names = tuple(self._names_of(entry))
+        for name in names:
+            if self._registered.get(name, entry) is not entry or name in self._installed():
+                raise InputError(
+                    f"{self._what} {name!r}: there is one of that name{self._origin(name)}; "
+                    "choose another name."
+                )
+        self._registered |= dict.fromkeys(names, entry)
+        return entry
+
+    def names(self) -> tuple[str, ...]:
+        """All names: our own, those of installed plug-ins, then those that were registered.
+
+        Raises:
+            InputError: an installed plug-in has a name that is taken.
+        """
+        return (*self._installed(), *self._registered)
+
+    def get(self, name: str) -> T:
+        """The entry of a name.
+
+        Raises:
+            InputError: there is none, and the nearest names are offered; or its plug-in cannot be
+                loaded, and the message names the distribution.
+        """
+        if name in self._registered:
+            return self._registered[name]
+        found = self._installed().get(name)
+        if found is None:
+            raise InputError(
+                f"there is no {self._what} {name!r}; {nearest(str(name), self.names())}."
+            )
+        if isinstance(found, str):
+            return self._checked(_attribute(found), name, found)
+        if not isinstance(found, InstalledEntry):
+            return found()
+        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
+        remedy = f"fix or uninstall {found.distribution}"
+        try:
+            entry = _attribute(found.place)
+        except Exception as error:
+            raise InputError(f"{whose} cannot be loaded ({_told(error)}); {remedy}.") from error
+        try:
+            return self._checked(entry, name, found.place)
+        except TypeError as error:
+            raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
+
+    def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
+        """Where the entries are that need no `register`, by name."""
+        found: dict[str, str | Callable[[], T] | InstalledEntry] = dict(self._own)
+        for point in _entry_points(self._group):
+            other = found.get(point.name)
+            if other is not None:
+                raise InputError(
+                    f"{self._what} {point.name!r} is both in {_bringer(other)} and in "
+                    f"{point.distribution}; uninstall one of the two."
+                )
+            found[point.name] = point
+        return found
+
+    def _origin(self, name: str) -> str:
+        found = self._installed().get(name)
+        return "" if found is None else f" in {_bringer(found)}"
+
+    def _checked(self, entry: Any, name: str, place: str) -> T:
+        if not isinstance(entry, self._kind):
+            raise TypeError(
+                f"{place} is of the type {type(entry).__name__}, not {self._kind.__name__}"
+            )
+        names = tuple(self._names_of(entry))
+        if name not in names:
+            raise TypeError(f"{place} has the name {', '.join(map(repr, names))}, not {name!r}")
+        return entry
+
+
+def _bringer(found: object) -> str:
+    return found.distribution if isinstance(found, InstalledEntry) else "ambinav"
+
+
+@functools.cache
+def _entry_points(group: str) -> tuple[InstalledEntry, ...]:
+    """The entry points of a group, sorted by name; looked for once in a process."""
+    # Not kept as they are: once a process has imported the back-port `importlib_metadata`, the
+    # standard library gives entry points of that one's class.
+    found = [
+        InstalledEntry(point.name, point.value, point.dist.name if point.dist else "unknown")
+        for point in importlib.metadata.entry_points(group=group)
+    ]
+    return tuple(sorted(found))
+
+
+def _attribute(place: str) -> Any:
+    """What "module:ATTRIBUTE" names."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(module), name)
 
 
 def load_module(name: str, folder: Path) -> ModuleType:
@@ -52,7 +206,7 @@ def load_module(name: str, folder: Path) -> ModuleType:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"{name} cannot be imported ({_told(error)}); mend it") from error
+        raise InputError(f"{name} cannot be imported ({_told(error)}); fix it") from error
 
 
 def load_callable(told: str, folder: Path) -> Callable[..., Any]:
@@ -82,7 +236,7 @@ def called(function: Callable[..., Any], told: str, *arguments: Any) -> Any:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"policy {told} failed ({_told(error)}); mend it") from error
+        raise InputError(f"policy {told} failed ({_told(error)}); fix it") from error
 
 
 def _check_signature(function: Callable[..., Any], told: str, arguments: tuple[Any, ...]) -> None:

@@ -1,4 +1,4 @@
-"""What a stored result was computed by and from: digests of the code, of maps and of values.
+"""What a stored result was computed by and from: digests of the code and of values.
 
 A result that is kept to be used again is named by digests of all that it depends on: the sources
 of the whole distribution, the versions of the libraries that decide numbers, and its inputs by
@@ -12,23 +12,19 @@ import functools
 import hashlib
 import importlib.metadata
 import importlib.util
-import inspect
 import json
 import shutil
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import shapely
 
 from ambinav.errors import InputWarning
 from ambinav.files import replacing
-
-if TYPE_CHECKING:
-    from ambinav.geometry.environment import Environment
-    from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.version import __version__
 
 PACKAGES: Final = ("ambinav", "ambinav_envs", "ambinav_planners")
 """The import packages of the distribution."""
@@ -44,10 +40,6 @@ STAMP: Final = "computed-by.json"
 
 # Made by running the code, or by editors beside it.
 _MADE: Final = (".pyc", ".pyo", ".nbi", ".nbc", ".orig", ".rej", ".swp", ".tmp", "~")
-# What an environment is called, and where it was read from; the rest decides numbers.
-_NAMES: Final = ("name", "source", "notes", "occupancy")
-# Attributes of an ambiguity map that say what it is; the others say when and where it was made.
-_MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "units")
 
 
 @functools.cache
@@ -108,11 +100,9 @@ class Provenance:
     @classmethod
     def here(cls, *libraries: str) -> Provenance:
         """This process: its code, with `LIBRARIES` and those that are named, where installed."""
-        import ambinav
-
         versions = {name: library_version(name) for name in sorted({*LIBRARIES, *libraries})}
         known = {name: version for name, version in versions.items() if version is not None}
-        return cls(ambinav.__version__, code_digest(), known)
+        return cls(__version__, code_digest(), known)
 
     @property
     def digest(self) -> str:
@@ -181,22 +171,6 @@ def _read_stamp(path: Path) -> Provenance | None:
         return Provenance(str(plain["ambinav"]), str(plain["code"]), dict(plain["libraries"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def environment_digest(environment: Environment) -> str:
-    """Digest of an environment's content: everything that it is made of but its name and place.
-
-    What a file's name and time of change say does not matter, only what was read from it.
-    """
-    made_of = [name for name in inspect.signature(type(environment)).parameters]
-    return digest_of({name: getattr(environment, name) for name in made_of if name not in _NAMES})
-
-
-def map_digest(amap: AmbiguityMap) -> str:
-    """Digest of an ambiguity map's content: all its arrays, its scanner and its parameters."""
-    dataset = amap.dataset
-    arrays = {str(name): (one.dims, one.values) for name, one in dataset.variables.items()}
-    return digest_of(arrays, {name: dataset.attrs.get(name) for name in _MAP_ATTRIBUTES})
 
 
 def digest_of(*values: object) -> str:

@@ -1,7 +1,7 @@
 """What the ambiguity reward does to a policy: trained without and with it, judged on what happens.
 
 Each arm is trained with the same seeds by `ambinav train` (benchmarks/ablation.yaml, another weight
-of the term `ambiguity`, and another `way_weight` where one is named; nothing else). Its last
+of the term `ambiguity`, and another `ambiguity_weight` where one is named; nothing else). Its last
 policy, not its best, then drives episodes in halls that no agent has seen, the same for all;
 planners follow their routes in them too. Written down before the first run: the arms are compared
 by the share of episodes in which the robot was ever lost, and by the length of the way of those
@@ -9,12 +9,12 @@ that arrive; wanted is half the share for at most 10 % more way.
 
 In a first run, weight 2 alone was lost 0.69 times as often (0.53 to 0.87) as weight 0, for 3 % more
 way: it sees no farther than its window, and its way point led it along the shortest way.
-`way_weight` came after that. That 3 is a weight to try was found in the halls of training, where a
-robot that drives from way point to way point was lost 0.50 times as often with it for 10 % more
-way. In a second run, weight 1 with way 3 was lost 0.515 times as often (0.38 to 0.66) for 1 % more
-way. Way 5, at which the way is the one that the reward of weight 1 asks for, came after that: 0.512
-(0.37 to 0.68) for 4 %. Trained again when way points led round corners in wider turns: 0.520 (0.37
-to 0.69) for 4 %.
+`ambiguity_weight` came after that. That 3 is a weight to try was found in the halls of training,
+where a robot that drives from way point to way point was lost 0.50 times as often with it for 10 %
+more way. In a second run, weight 1 with way 3 was lost 0.515 times as often (0.38 to 0.66) for 1 %
+more way. Way 5, at which the way is the one that the reward of weight 1 asks for, came after that:
+0.512 (0.37 to 0.68) for 4 %. Trained again when way points led round corners in wider turns: 0.520
+(0.37 to 0.69) for 4 %.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from typing import Any
 
 import numpy as np
 import yaml
+from ambinav.drive.intervals import interval_text
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
-from ambinav.drive.intervals import interval_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios
@@ -72,7 +72,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Arm:
-    """One weight of the term `ambiguity` and one `way_weight`, trained with some seeds."""
+    """One weight of the term `ambiguity` and one `ambiguity_weight`, trained with some seeds."""
 
     weight: float
     way: float
@@ -94,7 +94,7 @@ class Arm:
         """Its configuration, written to the folder."""
         told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
         told["environment"]["reward"] = {**PRESETS["shortest"], "ambiguity": self.weight}
-        told["environment"]["way_weight"] = self.way
+        told["environment"]["ambiguity_weight"] = self.way
         path = self.folder / f"{self._stem}.yaml"
         path.write_text(yaml.safe_dump(told, sort_keys=False), encoding="utf-8")
         return path
@@ -252,7 +252,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("out/ablation"), help="of trainings")
     parser.add_argument(
         "--arms", nargs="+", default=("0", "1:3", "1:5"), metavar="WEIGHT[:WAY]",
-        help="of the term `ambiguity`, and `way_weight`",
+        help="of the term `ambiguity`, and `ambiguity_weight`",
     )  # fmt: skip
     parser.add_argument("--seeds", type=int, default=5, help="how many")
     parser.add_argument("--apart", type=int, default=APART, help="from one seed to the next")

@@ -28,7 +28,7 @@ import ambinav as an
 from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, look_alikes
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_links
 from ambinav.audit.aliasing import SPACING, seek
@@ -70,16 +70,16 @@ class Repeated:
     turn: NDArray[np.float64]
 
 
-def ground_of(path: str, spacing: float, reach: float) -> Ground:
+def ground_of(path: str, spacing: float, reach: float) -> LayerContext:
     """Poses and beams of a case, without its map."""
     env = an.load_environment(path)
     sensor = an.RangeSensor(max_range=reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     model = AmbiguityModel(radius=0.5, map_std=env.map_std, tau=independent_tau(scanner))
-    return Ground(env, scanner, Lattice.over(env, spacing), np.zeros(1), False, model)
+    return LayerContext(env, scanner, Lattice.over(env, spacing), np.zeros(1), False, model)
 
 
-def passed(ground: Ground, poses: int = 200) -> float:
+def passed(ground: LayerContext, poses: int = 200) -> float:
     """Share of the pairs of poses that signatures let through, from some poses drawn by seed."""
     scans = Scans.of(ground)
     told = Signatures.of(scans, -math.log(LEAST_LIKENESS))
@@ -158,7 +158,7 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
         case.environment, scanner, spacing=case.spacing, radius=max(0.5, case.spacing)
     )
     spacing = max(amap.spacing, SPACING)
-    ground = Ground.of(amap, case.environment)
+    ground = LayerContext.of(amap, case.environment)
     if spacing > amap.spacing:
         ground = replace(ground, lattice=Lattice.over(case.environment, spacing))
     began = time.process_time()

@@ -33,12 +33,13 @@ from numpy.typing import NDArray
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
-from ambinav.compare.localizer_spec import guide_of, localizer_of
 from ambinav.drive.bootstrap import bootstrap
 from ambinav.drive.drive import drive
+from ambinav.drive.localizer_spec import chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
@@ -161,9 +162,9 @@ def errors_at(
 ) -> Floats:
     """Errors of the estimates where the drives pass the nodes of a route, shape (R, N, 3)."""
     args, number = case
-    guide = localizer_of(guide_of(parameters, noise, ROBOT, RATE), environment, scanner, args.runs)
+    localizer = chosen_localizer(parameters, noise, ROBOT, RATE)
     drives = drive(
-        environment, scanner, ROBOT, route, guide, np.random.default_rng([args.seed, number]),
+        environment, scanner, ROBOT, route, localizer, np.random.default_rng([args.seed, number]),
         args.runs, noise=noise, open_loop=True, rate=RATE, start_std=START_STD,
     )  # fmt: skip
     nodes, truth = cut(route), drives.truth[0]

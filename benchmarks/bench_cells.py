@@ -28,7 +28,7 @@ from raster import CELLS, busiest, medians
 import ambinav as an
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.segments import WALL
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.grid_map import map_from_log

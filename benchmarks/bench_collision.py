@@ -28,7 +28,7 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.motion.steering import Steering
 from ambinav.sensing.scanner import RangeScanner

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.gfm import DIRECTIONS, STEP, TURN, gfm, rank_masks
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.layers.wall_normals import wall_normals
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.segments import WALL
 
@@ -47,8 +48,8 @@ Mask = NDArray[np.bool_]
 class Shared:
     """Poses that maps of both spacings have: their numbers in each, and whether they are wide."""
 
-    fine: Ground
-    coarse: Ground
+    fine: LayerContext
+    coarse: LayerContext
     in_fine: NDArray[np.intp]
     in_coarse: NDArray[np.intp]
     wide: Mask
@@ -100,7 +101,9 @@ def main() -> None:
 
 def shared_poses(env: Environment) -> Shared:
     """Maps of both spacings; the poses of the coarse one are among those of the fine one."""
-    fine, coarse = (Ground.of(build_map(env, plain_scanner(), s), env) for s in (FINE, COARSE))
+    fine, coarse = (
+        LayerContext.of(build_map(env, plain_scanner(), s), env) for s in (FINE, COARSE)
+    )
     x, y = coarse.points
     column = np.rint((x - fine.lattice.x[0]) / FINE).astype(np.intp)
     row = np.rint((y - fine.lattice.y[0]) / FINE).astype(np.intp)
@@ -161,7 +164,7 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     cells = cells[np.sort(rng.permutation(len(cells))[:SAMPLE])]
     free = np.zeros_like(lattice.free)
     free[cells[:, 0], cells[:, 1]] = True
-    ground = Ground.of(build_map(env, plain_scanner(), COARSE), env)
+    ground = LayerContext.of(build_map(env, plain_scanner(), COARSE), env)
     ground = replace(ground, lattice=replace(lattice, free=free))
     ours = [
         np.bitwise_count(rank_masks(ground, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)

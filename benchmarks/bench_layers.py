@@ -16,9 +16,9 @@ from map_case import RADIUS, SPACING, plain_scanner, small_room
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import ALL, chosen_layers
-from ambinav.geometry.environment import load_environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing.scanner import RangeScanner
 
 LIBRARIES = ("ambinav", "numba", "llvmlite", "numpy", "scipy", "shapely", "xarray")
@@ -56,7 +56,7 @@ def main() -> None:
     for _ in range(args.repeats):
         for layer in chosen:
             # Casts are shared between layers: each starts here without.
-            ground = Ground.of(amap, env)
+            ground = LayerContext.of(amap, env)
             start = time.perf_counter()
             layer.compute(ground)
             seconds[layer.name].append(time.perf_counter() - start)
@@ -69,8 +69,8 @@ def main() -> None:
     body = "\n\n".join(
         [
             f"{args.environment}, {scanner.name}: {poses} poses, "
-            f"{Ground.of(amap, env).scanner.beams} beams; {args.threads} threads, {args.repeats} "
-            "repeats after a warm-up. The map itself is built before.",
+            f"{LayerContext.of(amap, env).scanner.beams} beams; {args.threads} threads, "
+            f"{args.repeats} repeats after a warm-up. The map itself is built before.",
             table(("layer", "s: median (extremes)", "us a pose"), rows),
             f"Asked for: all together in {WANTED:.0f} s on two cores, for {MAIN}.",
         ]

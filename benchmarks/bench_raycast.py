@@ -20,7 +20,8 @@ from embreex.rtcore_scene import EmbreeScene
 from harness import ENVIRONMENTS, add_out, environment_path, interleave, report, table
 from numpy.typing import NDArray
 
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.geometry.raycasting.raycast import cast_rays
 from ambinav.geometry.segments import Segments

@@ -18,7 +18,8 @@ from harness import ROOT, add_out, report, table
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputWarning
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.maps.ambiguity_map import ZoneShare
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.sensing.scanner import RangeScanner

@@ -50,7 +50,8 @@ from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION, metrics
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputWarning
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.parameters import ALPHAS, MclParameters
 from ambinav.maps.ambiguity_map import AmbiguityMap

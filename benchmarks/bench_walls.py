@@ -15,7 +15,8 @@ from scipy import ndimage
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import MIN_AREA, environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid, load_map_server
+from ambinav.geometry.io.map_server import load_map_server
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 
 FOLDERS = ("maps", "maps_research_only", "maps_from_logs", "planner_maps")
 SMALLEST_WALL = 10

@@ -1,7 +1,7 @@
 """Train the policies that ambinav ships, put each with its card into the package, and report.
 
 Both are trained by `ambinav train configs/ppo.yaml`: `ppo-ambiguity` as that is, `ppo-shortest`
-with the reward `shortest` and the shortest way to go by (`way_weight: 0`), and nothing else
+with the reward `shortest` and the shortest way to go by (`ambiguity_weight: 0`), and nothing else
 different. A training that is in its folder already is not run again. The report says how long the
 trainings took and how arrival rose; the picture of one of them goes to docs/images.
 """
@@ -37,7 +37,7 @@ OUT = ROOT / "benchmarks" / "results" / "baselines.md"
 PICTURE = ROOT / "docs" / "images" / "training-curve.png"
 PICTURED = "ppo-ambiguity"
 POLICIES: dict[str, dict[str, Any]] = {
-    "ppo-shortest": {"reward": "shortest", "way_weight": 0},
+    "ppo-shortest": {"reward": "shortest", "ambiguity_weight": 0},
     "ppo-ambiguity": {},
 }
 """Arguments of the environment that are not the configuration's."""
@@ -91,7 +91,7 @@ def card_text(name: str, card: Card, told: Mapping[str, Any], figures: str) -> s
     versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
     environment = told["environment"]
     trained = ", ".join(f"{key} {value}" for key, value in environment.items())
-    weight = environment["way_weight"]
+    weight = environment["ambiguity_weight"]
     way = f"way on which a metre counts 1 + {weight:g} * ambiguity" if weight else "shortest way"
     return f"""# {name}
 
@@ -115,7 +115,7 @@ and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/basel
 - One training with one seed. What the ambiguity reward does, over several seeds:
   benchmarks/results/ablation.md.
 - It sees a way point 1.5 m ahead on the {way},
-  from where it believes to be: it does not find the way by itself, it drives it.
+  from its estimated pose: it does not find the route by itself, it drives it.
 - Its laser has 60 beams of 4 m all around, its robot a radius of 0.22 m. Another scanner or robot
   is another task: train anew.
 """

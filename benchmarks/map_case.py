@@ -24,7 +24,8 @@ from harness import ENVIRONMENTS, environment_path
 from ambinav.ambiguity import build, kernel, reference
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.segments import Segments
 from ambinav.maps.ambiguity_map import AmbiguityMap

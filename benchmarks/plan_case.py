@@ -17,7 +17,7 @@ from harness import appended, environment_path, kept_rows
 
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
-from ambinav.geometry.environment import load_environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.routes.route import Route
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

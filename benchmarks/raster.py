@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.build import build_map
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav.sensing.scanner import RangeScanner
 
 CELLS = (0.025, 0.05, 0.1)

@@ -21,7 +21,8 @@ from truth_case import MIXED, NOISE, scanner_of
 from ambinav.ambiguity.build import build_map
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import metrics
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.route import Route

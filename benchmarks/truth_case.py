@@ -31,7 +31,8 @@ from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.files import replacing
 from ambinav.geometry.collision.checker import CollisionChecker
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import Segments
 from ambinav.localization.filter_state import filter_state

@@ -23,10 +23,11 @@ from truth_case import scanner_of
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.aliasing.layer import look_alikes
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.ambiguity.radius import position_radius
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
@@ -84,7 +85,7 @@ def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityM
 
 def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place]) -> list[Place]:
     """Aliasing at the nearest poses of a coarser lattice over the whole building."""
-    ground = replace(Ground.of(amap, environment), lattice=Lattice.over(environment, COARSE))
+    ground = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
     here = np.array([[place["x"], place["y"]] for place in places])
     _, nearest = cKDTree(np.column_stack(ground.points)).query(here)
     sought = np.zeros(len(ground.points[0]), dtype=np.bool_)

@@ -35,7 +35,7 @@ BAD = {
     "negative radius": (["--radius", "-0.2"], "radius is -0.2"),
     "negative weight": (["--weight", "-1"], "--weight: -1"),
     "weight nan": (["--weight", "nan"], "--weight: nan"),
-    "unknown planner": (["--planner", "rrtstr"], "did you mean 'rrtstar'?"),
+    "unknown planner": (["--planner", "rrtstr"], "did you mean rrtstar"),
     "refused planner": (["--planner", "aorrtc"], "is refused: OMPL's AORRTC never calls"),
     "missing layer": (["--layer", "levle"], "'levle'"),
     "time 0": (["--time", "0"], "--time: 0"),

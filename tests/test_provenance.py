@@ -16,15 +16,10 @@ import shapely
 
 from ambinav import provenance
 from ambinav.errors import InputWarning
-from ambinav.geometry.environment import Environment, load_environment
-from ambinav.provenance import (
-    STAMP,
-    Provenance,
-    code_digest,
-    digest_of,
-    discard_stale,
-    environment_digest,
-)
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
+from ambinav.maps.content_digest import environment_digest
+from ambinav.provenance import STAMP, Provenance, code_digest, digest_of, discard_stale
 from tests.compare.conftest import SCENARIO, write
 
 ROOT = Path(__file__).parents[1]

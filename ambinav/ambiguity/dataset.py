@@ -17,33 +17,15 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.tensor import classify, principal_axes, relative_radii
+from ambinav.ambiguity.tensor import classify, relative_radii
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import solid_cells
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.maps import schema
-from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.maps.zones import NOT_FREE
 from ambinav.sensing.scanner import RangeScanner
 
-# Long name and unit of each layer; aggregates over heading add theirs in brackets.
-LAYERS = {
-    "ambiguity": ("probability that a neighbouring pose gives the same scan", "1"),
-    "major": ("major ambiguity radius relative to the free neighbourhood", "1"),
-    "minor": ("minor ambiguity radius relative to the free neighbourhood", "1"),
-    "level": ("ambiguity level, mean of major and minor", "1"),
-    "major_radius": ("how far the robot can slide unseen in the weak direction", "m"),
-    "minor_radius": ("how far the robot can slide unseen across the weak direction", "m"),
-    "direction": ("weak direction, axis of the major radius", "rad"),
-    "zone": (", ".join(f"{code}: {name}" for code, name in enumerate(ZONES)), "code"),
-    "heading": ("how far the robot can turn unseen, relative to any turn", "1"),
-    "heading_radius": ("how far the robot can turn unseen", "rad"),
-    "unknown": ("share of the beams that end in unknown space, over possible headings", "1"),
-    "clearance": ("distance to the nearest wall or frontier", "m"),
-    "free": ("in the free space, and possible for body and sensors at some heading", "bool"),
-    "best_heading": ("heading of the lowest level", "rad"),
-}
-# Layers that are averaged over heading, and those that are also read at the best and worst one.
-AVERAGED = ("ambiguity", "major", "minor", "level", "major_radius", "minor_radius")
-CHOSEN = ("ambiguity", "major", "minor", "level", "zone")
 SUMMARY = {"mean": "mean over heading", "best": "at the best heading", "worst": "at the worst one"}
 LIBRARIES = ("numpy", "numba", "shapely", "xarray")
 
@@ -89,15 +71,15 @@ def assemble(
     variables: dict[str, xr.DataArray] = {}
 
     def add(name: str, values: NDArray[Any], summary: str = "") -> None:
-        long_name, units = LAYERS[name]
+        record = CORE_LAYERS[name]
         dtype: type[np.generic] = np.uint8 if name == "zone" else np.float32
         empty = NOT_FREE if name == "zone" else np.nan
         full = np.full((*lattice.free.shape, *values.shape[1:]), empty, dtype=dtype)
         full[lattice.free] = values
         dims = ("y", "x", "theta")[: full.ndim]
-        attrs = {"long_name": f"{long_name} ({SUMMARY[summary]})" if summary else long_name}
+        title = f"{record.title} ({SUMMARY[summary]})" if summary else record.title
         key = f"{name}_{summary}" if summary else name
-        variables[key] = xr.DataArray(full, dims=dims, attrs=attrs | {"units": units})
+        variables[key] = xr.DataArray(full, dims=dims, attrs=_attributes(title, record.unit))
 
     for name, values in (layers | {"zone": zone}).items():
         add(name, values[:, 0] if theta is None else values)
@@ -108,9 +90,9 @@ def assemble(
         add("heading", np.minimum(found.turning[:, 0] / found.turning[:, 1], 1.0))
     add("unknown", found.unknown)
     add("clearance", lattice.clearance(np.inf))
-    long_name, units = LAYERS["free"]
+    free = CORE_LAYERS["free"]
     variables["free"] = xr.DataArray(
-        lattice.free, dims=("y", "x"), attrs={"long_name": long_name, "units": units}
+        lattice.free, dims=("y", "x"), attrs=_attributes(free.title, free.unit)
     )
     variables[schema.BACKDROP] = xr.DataArray(
         solid_cells(lattice),
@@ -152,6 +134,11 @@ def assemble(
     return xr.Dataset(variables, coords, _provenance(lattice, scanner, thinned, model, theta))
 
 
+def _attributes(title: str, unit: str) -> dict[str, str]:
+    """What a variable says of itself."""
+    return {"long_name": title, "units": unit}
+
+
 def _summarize(
     layers: Values,
     zone: NDArray[np.uint8],
@@ -161,7 +148,11 @@ def _summarize(
     add: Callable[[str, NDArray[Any], str], None],
 ) -> None:
     """Add the aggregates over the headings that are possible."""
-    for name in AVERAGED:
+
+    def kept(summary: str) -> list[str]:
+        return [one.name for one in CORE_LAYERS.values() if summary in one.summaries]
+
+    for name in kept("mean"):
         add(name, np.nanmean(layers[name], axis=1), "mean")
     major, minor = np.nanmean(layers["major"], axis=1), np.nanmean(layers["minor"], axis=1)
     add("zone", classify(major, minor, model.low, model.high), "mean")
@@ -172,7 +163,7 @@ def _summarize(
     # Of equals the last.
     worst = level.shape[1] - 1 - np.nanargmax(level[:, ::-1], axis=1)
     for summary, place in (("best", best), ("worst", worst)):
-        for name in CHOSEN:
+        for name in kept(summary):
             values = zone if name == "zone" else layers[name]
             chosen = np.take_along_axis(values, place[:, np.newaxis], axis=1)
             add(name, chosen[:, 0], summary)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.ambiguity.layers.aliasing.layer import LookAlikes
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit.aliasing_groups import Cells, join
 from ambinav.audit.aliasing_tracks import LEAST_LIKENESS
 
@@ -67,7 +67,7 @@ class Link:
         return math.dist(*self.ends)
 
 
-def find_links(ground: Ground, found: LookAlikes, letters: int) -> tuple[Link, ...]:
+def find_links(ground: LayerContext, found: LookAlikes, letters: int) -> tuple[Link, ...]:
     """Join neighbouring poses whose look-alikes are neighbours in the same arrangement.
 
     Cells are joined along lattice steps while their look-alikes are where `stepped` expects them.
@@ -149,7 +149,7 @@ def _start(
 
 
 def _link(
-    ground: Ground, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
+    ground: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
 ) -> Link:
     """Describe the region of `cells`, whose look-alikes are `alike`, at the cell `start`."""
     x, y = ground.points

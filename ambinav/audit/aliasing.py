@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ambinav.ambiguity.layers.aliasing.layer import LookAlikes, look_alikes, squares
 from ambinav.ambiguity.layers.aliasing.settle import settle
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit.aliased_pairs import Link, find_links
 from ambinav.audit.aliasing_tracks import follow
 from ambinav.geometry.collision.reach import Reach
@@ -83,7 +83,7 @@ def find_alikes(
         reach: What the robot reaches; None: everything.
         report: Called with the share done.
     """
-    ground = Ground.of(amap, environment)
+    ground = LayerContext.of(amap, environment)
     spacing = max(amap.spacing, min(SPACING, ground.radius))
     if spacing > amap.spacing:
         ground = ground.over(Lattice.over(environment, spacing))
@@ -128,7 +128,7 @@ def _counted(amap: AmbiguityMap, lattice: Lattice, reach: Reach | None) -> Latti
 
 
 def seek(
-    amap: AmbiguityMap, ground: Ground, report: Callable[[float], None] | None = None
+    amap: AmbiguityMap, ground: LayerContext, report: Callable[[float], None] | None = None
 ) -> tuple[LookAlikes, NDArray[np.bool_]]:
     """Look-alikes for links, up to `COUNT` of each pose, and the cells that were sought from.
 
@@ -154,7 +154,7 @@ def seek(
     return dataclasses.replace(found, found=alike), sought
 
 
-def pose_count(ground: Ground) -> int:
+def pose_count(ground: LayerContext) -> int:
     """How many poses differ: of a scanner that looks all around one heading stands for all."""
     return len(ground.points[0]) * (1 if ground.turns_in_place else len(ground.headings))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.intp]
@@ -45,7 +45,7 @@ def same(spacing: float, one: Floats, other: Floats) -> NDArray[np.bool_]:
     return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))
 
 
-def neighbours(ground: Ground, cells: Cells, step: tuple[int, int]) -> Cells:
+def neighbours(ground: LayerContext, cells: Cells, step: tuple[int, int]) -> Cells:
     """The free cell a step away from each cell, -1 where there is none."""
     index = np.pad(ground.lattice.index, 1, constant_values=-1)
     row, column = ground.lattice.rows_columns[cells].T + 1
@@ -53,7 +53,7 @@ def neighbours(ground: Ground, cells: Cells, step: tuple[int, int]) -> Cells:
 
 
 def join(
-    ground: Ground, entries: Floats, linked: NDArray[np.bool_], least: int
+    ground: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
 ) -> list[tuple[Cells, Cells]]:
     """Join cells along lattice steps while their look-alikes are where they are expected.
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.aliasing.settle import settle_at
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit.aliasing_groups import STEPS, neighbours, same, stepped
 
 Floats = NDArray[np.float64]
@@ -17,7 +17,7 @@ CHUNK = 1 << 16
 """So many are looked at at a time, which bounds the memory."""
 
 
-def follow(ground: Ground, found: Floats) -> Floats:
+def follow(ground: LayerContext, found: Floats) -> Floats:
     """Scan where the look-alikes of a pose's neighbours lead to expect one of its own.
 
     Args:
@@ -37,7 +37,7 @@ def follow(ground: Ground, found: Floats) -> Floats:
     return full
 
 
-def _follow(ground: Ground, heading: int, entries: Floats) -> None:
+def _follow(ground: LayerContext, heading: int, entries: Floats) -> None:
     """Fill up the look-alikes of the poses at one heading, shape (P, count, 4)."""
     spacing = ground.spacing
     cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
@@ -70,7 +70,7 @@ def _missing(
 
 
 def _expected(
-    ground: Ground, cell: NDArray[np.intp], alike: Floats
+    ground: LayerContext, cell: NDArray[np.intp], alike: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
     """Neighbours of cells, and where they are expected to have a look-alike, shape (M, 3)."""
     to = np.stack([neighbours(ground, cell, step) for step in STEPS], axis=1)

@@ -92,7 +92,7 @@ def evaluate(
         if map_file is not None:
             changed["map"] = map_file
             if level is not None or unit is not None:
-                from ambinav.geometry.environment import load_environment
+                from ambinav.geometry.io.load import load_environment
 
                 changed["map"] = load_environment(map_file, level=level, unit=unit)
         with progress_bars(as_json) as bars:

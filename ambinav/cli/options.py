@@ -180,7 +180,7 @@ def load(
     Raises:
         InputError: one cannot be used, or the spacing exceeds the building.
     """
-    from ambinav.geometry.environment import load_environment
+    from ambinav.geometry.io.load import load_environment
     from ambinav.sensing.presets import preset_names
     from ambinav.sensing.scanner import RangeScanner
 

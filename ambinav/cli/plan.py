@@ -17,7 +17,6 @@ from ambinav.errors import InputError
 if TYPE_CHECKING:
     from ambinav_planners.belief.place_search import BeliefModel
 
-ROUTE_FILES = (".csv", ".geojson", ".json")
 PICTURES = (".png", ".pdf", ".svg")
 
 Point = tuple[float, float]
@@ -276,7 +275,9 @@ def plan(
         if pareto:
             check_writable(output)
         else:
-            _check_suffix(output, "--output", ROUTE_FILES)
+            from ambinav.export.registry import formats
+
+            _check_suffix(output, "--output", tuple(f".{name}" for name in formats("route")))
             check_file(output)
         if picture is not None:
             _check_suffix(picture, "--picture", PICTURES)

@@ -28,10 +28,11 @@ def presets(
     Example: `ambinav presets hokuyo-urg-04lx > my-scanner.yaml`
     """
     with reporting():
-        from ambinav.sensing.presets import preset_path, preset_summaries
+        from ambinav.sensing.preset_summary import preset_summaries
+        from ambinav.sensing.presets import PRESETS
 
         if name is not None:
-            text = preset_path(name).read_text(encoding="utf-8")
+            text = PRESETS.get(name).yaml
             if as_json:
                 import yaml
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.registry import on_request
-from ambinav.drive.drive import PATIENCE, PERFECT, SPARE, drive
+from ambinav.drive.drive import PATIENCE, SPARE, drive
 from ambinav.drive.world import OUTCOMES
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
@@ -198,7 +198,7 @@ def driven_route(loaded: Loaded, amap: AmbiguityMap, driver: Driver) -> Route:
         loaded.scanner,
         robot,
         evaluate_route(service, straight, Steering(), planner="straight"),
-        PERFECT,
+        "perfect",
         np.random.default_rng(how.seed),
         1,
         follower=scenario.follower,

@@ -8,8 +8,6 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-import ambinav
-from ambinav.compare.localizer_spec import name_of, note_on
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
 from ambinav.compare.scenario_file import Loaded
@@ -25,6 +23,7 @@ from ambinav.config import ConfigModel
 from ambinav.drive.bootstrap import Interval
 from ambinav.reports.table import Cell
 from ambinav.routes.bad_floor import BadFloor
+from ambinav.version import __version__
 
 FORMAT = "ambinav-compare/1"
 
@@ -157,7 +156,7 @@ def document(
     scenario = loaded.scenario
     return Document(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        ambinav_version=ambinav.__version__,
+        ambinav_version=__version__,
         name=scenario.name,
         baseline=scenario.baseline,
         environment={
@@ -172,7 +171,8 @@ def document(
             "yaml": loaded.scanner.to_yaml(),
         },
         localizer=LocalizerPart(
-            name=name_of(scenario.guide), note=note_on(scenario.guide, loaded.scanner)
+            name=scenario.chosen_localizer.title,
+            note=scenario.chosen_localizer.note(loaded.scanner),
         ),
         criterion=criterion_text(),
         verdicts={pair: _judged(rows, pair) for pair in pairs_of(rows)},
@@ -275,7 +275,6 @@ def _interval(interval: Interval) -> IntervalPart:
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
     """All that the figures depend on, defaults written out."""
-    guide = scenario.guide
     return {
         "map": scenario.map.model_dump(),
         "robot": asdict(scenario.robot),
@@ -286,6 +285,6 @@ def _parameters(scenario: Scenario) -> dict[str, Any]:
         "odometry": asdict(scenario.odometry),
         "people": asdict(scenario.people),
         "obstacles": scenario.obstacles.model_dump(),
-        "localizer": guide if isinstance(guide, str) else asdict(guide),
+        "localizer": scenario.chosen_localizer.plain,
         "follower": asdict(scenario.follower),
     }

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from ambinav.compare.plans import Plan
 from ambinav.compare.runs import BLOCK, items_of
+from ambinav.compare.scenario_schema import ExportsPart
 from ambinav.compare.workers import Item, Setup, drive_item, in_workers
 from ambinav.errors import InputError
 from ambinav.files import replacing
@@ -61,7 +62,7 @@ def export_all(
         items = tuple(item for item in items_of(setup, plan) if item.block in blocks)
         piece = Piece(plan, items, folder / name)
         written.append(name)
-        if not _is_there(piece, asked.numbers):
+        if not _is_there(piece, asked):
             pieces.append(piece)
     for _ in in_workers(setup, _export, pieces, jobs):
         pass
@@ -72,8 +73,9 @@ def _export(setup: Setup, piece: Piece) -> None:
     """Drive the runs of a route again, and write them whole or not at all."""
     from ambinav.logs.export_drive import drive_log, export_drive
 
-    numbers = setup.scenario.exports.numbers
-    about = _about(piece, numbers) | {"scanner": setup.scanner.to_yaml()}
+    asked = setup.scenario.exports
+    numbers = asked.numbers
+    about = _about(piece, asked) | {"scanner": setup.scanner.to_yaml()}
     with replacing(piece.folder) as fresh:
         fresh.mkdir()
         for item in piece.items:
@@ -87,26 +89,28 @@ def _export(setup: Setup, piece: Piece) -> None:
             for number in numbers:
                 if number // BLOCK == item.block:
                     run = number - BLOCK * item.block
-                    export_drive(drives, run, fresh / _run_name(number), scanner)
+                    files = fresh / _run_name(number)
+                    export_drive(drives, run, files, scanner, asked.formats)
         (fresh / ABOUT).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
 
 
-def _about(piece: Piece, numbers: tuple[int, ...]) -> dict[str, Any]:
-    return {
+def _about(piece: Piece, asked: ExportsPart) -> dict[str, Any]:
+    about: dict[str, Any] = {
         "pair": piece.plan.pair,
         "route": piece.plan.name,
-        "runs": [number + 1 for number in numbers],
+        "runs": [number + 1 for number in asked.numbers],
         "keys": [item.key for item in piece.items],
     }
+    return about if asked.formats is None else about | {"formats": list(asked.formats)}
 
 
-def _is_there(piece: Piece, numbers: tuple[int, ...]) -> bool:
+def _is_there(piece: Piece, asked: ExportsPart) -> bool:
     try:
         told = json.loads((piece.folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    wanted = _about(piece, numbers)
-    runs = all((piece.folder / _run_name(number)).is_dir() for number in numbers)
+    wanted = _about(piece, asked)
+    runs = all((piece.folder / _run_name(number)).is_dir() for number in asked.numbers)
     return isinstance(told, dict) and runs and {key: told.get(key) for key in wanted} == wanted
 
 

@@ -23,15 +23,9 @@ from ambinav.compare.workers import Setup
 from ambinav.compare.worlds import make_worlds
 from ambinav.files import replacing, write_text
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.content_digest import environment_digest
 from ambinav.maps.drawing import save_figure
-from ambinav.provenance import (
-    PLANNING,
-    POLICIES,
-    Provenance,
-    digest_of,
-    discard_stale,
-    environment_digest,
-)
+from ambinav.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
 from ambinav.reports.pages import data_uri, fill
 from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text

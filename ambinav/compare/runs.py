@@ -9,7 +9,8 @@ from ambinav.compare.controllers import Driver
 from ambinav.compare.plans import Plan
 from ambinav.compare.results import Results, joined, load_results, results_of, save_results
 from ambinav.compare.workers import Item, Setup, drive_item, in_workers
-from ambinav.provenance import POLICIES, Provenance, digest_of, environment_digest, map_digest
+from ambinav.maps.content_digest import environment_digest, map_digest
+from ambinav.provenance import POLICIES, Provenance, digest_of
 
 BLOCK = 10
 """Runs in one piece of work."""
@@ -105,7 +106,7 @@ def _common(setup: Setup) -> str:
         map_digest(setup.amap),
         environment_digest(setup.environment),
         scenario.map.layer,
-        scenario.guide,
+        scenario.chosen_localizer.identity,
         scenario.drive.model_dump(exclude={"runs"}),
         [getattr(scenario, name) for name in PARTS],
     )

@@ -6,7 +6,6 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field, InstanceOf, model_validator
 
-from ambinav.compare.localizer_spec import Guide, guide_of
 from ambinav.compare.route_part import RoutePart
 from ambinav.compare.scenario_schema import (
     DrivePart,
@@ -17,11 +16,13 @@ from ambinav.compare.scenario_schema import (
     PlanningPart,
 )
 from ambinav.config import ConfigModel, nearest, of_mapping
+from ambinav.drive.localizer_spec import ChosenLocalizer, chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
+from ambinav.export.registry import EXPORTERS
 
 ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""
@@ -61,7 +62,7 @@ class Scenario(ConfigModel):
                     raise InputError(f"{name}: {one!r} is there twice; give each a name of its own")
         self._check_pairs()
         try:
-            self.guide  # noqa: B018 - it checks the parameters
+            self.chosen_localizer  # noqa: B018 - it checks the parameters
         except InputError as error:
             raise InputError(f"localizer: {str(error).removeprefix('localizer: ')}") from error
         self._check_exports()
@@ -100,15 +101,17 @@ class Scenario(ConfigModel):
                     f"exports: there is no run {number + 1}; runs are counted from 1 to "
                     f"{self.drive.runs}"
                 )
+        for name in self.exports.formats or ():
+            EXPORTERS.get(f"drive-{name}")
         names = [route.name for route in self.routes]
         for name in self.exports.routes or ():
             if name not in names:
                 raise InputError(f"exports: there is no route {name!r}; {nearest(name, names)}")
 
     @property
-    def guide(self) -> Guide:
+    def chosen_localizer(self) -> ChosenLocalizer:
         """The localizer; alphas that the file leaves out are those of the simulated odometry."""
-        return guide_of(self.localizer, self.odometry, self.robot, self.drive.rate)
+        return chosen_localizer(self.localizer, self.odometry, self.robot, self.drive.rate)
 
     @property
     def baseline(self) -> str:

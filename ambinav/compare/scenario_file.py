@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.compare.localizer_spec import note_on, suited
 from ambinav.compare.scenario import Scenario
 from ambinav.config import checked, parse_yaml, read_text
+from ambinav.drive.localizer_spec import suited
 from ambinav.errors import InputError, InputWarning
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 
@@ -65,7 +65,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
         read = scenario.map.model_copy(update={"layer": cost_layer(scanner)})
         scenario = scenario.model_copy(update={"map": read})
     scenario = scenario.model_copy(update={"localizer": suited(scenario.localizer, scanner)})
-    note = note_on(scenario.guide, scanner)
+    note = scenario.chosen_localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
     return Loaded(scenario, path.parent, _environment(scenario, path), scanner, force)
@@ -93,7 +93,7 @@ def parse_scenario(
 
 
 def _environment(scenario: Scenario, path: Path) -> Environment:
-    from ambinav.geometry.environment import load_environment
+    from ambinav.geometry.io.load import load_environment
 
     building = path.parent / scenario.environment
     if not building.exists():

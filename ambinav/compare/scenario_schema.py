@@ -166,10 +166,12 @@ class ExportsPart(ConfigModel):
     Attributes:
         runs: How many of each route, from the first on; or their numbers, counted from 1.
         routes: Names of the routes; None: all.
+        formats: Names of formats (`export.registry.formats("drive")`); None: our own three.
     """
 
     runs: int | tuple[int, ...] = 0
     routes: tuple[str, ...] | None = None
+    formats: tuple[str, ...] | None = None
 
     @property
     def numbers(self) -> tuple[int, ...]:

@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ambinav.compare.controllers import PolicyController
-from ambinav.compare.localizer_spec import localizer_of
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import Scenario
 from ambinav.drive.drives import Drives
@@ -91,7 +90,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
         setup.scanner,
         scenario.robot,
         item.plan.route,
-        localizer_of(scenario.guide, setup.environment, setup.scanner, item.runs),
+        scenario.chosen_localizer,
         np.random.default_rng([how.seed, zlib.crc32(item.plan.pair.encode()), item.block]),
         item.runs,
         world=setup.worlds[item.plan.pair],

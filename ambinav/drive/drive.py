@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_count, nearest
+from ambinav.config import as_count
 from ambinav.drive.controller import Controller
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
-from ambinav.drive.localizers import DeadReckoning, Localizer
+from ambinav.drive.localizer_spec import (
+    ChosenLocalizer,
+    LocalizerContext,
+    chosen_localizer,
+    suited,
+)
+from ambinav.drive.localizers import Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import Crowd, People
@@ -36,9 +42,6 @@ if TYPE_CHECKING:
 # so many seconds more.
 PATIENCE, SPARE = 3.0, 10.0
 
-PERFECT, ODOMETRY = "perfect", "odometry"
-"""Names of the two simplest localizers: one that knows the truth, and dead reckoning."""
-
 Floats = NDArray[np.float64]
 
 
@@ -47,7 +50,7 @@ def drive(
     scanner: RangeScanner,
     robot: Robot,
     route: Route,
-    localizer: Localizer | MclParameters | str,
+    localizer: ChosenLocalizer | Localizer | MclParameters | str,
     rng: np.random.Generator,
     runs: int = 30,
     *,
@@ -78,8 +81,9 @@ def drive(
         scanner: What the robot sees with.
         robot: What drives.
         route: The way.
-        localizer: Parameters of Monte Carlo localization, the name "perfect" or "odometry", or a
-            localizer made for this number of runs, such as an `ExtendedKalmanFilter`.
+        localizer: A name of `LOCALIZERS`, with parameters that suit scanner and odometry; one that
+            is chosen with its parameters; parameters of Monte Carlo localization; or a localizer
+            made for this number of runs, such as an `ExtendedKalmanFilter`.
         rng: The source of randomness; the same seed gives the same drives.
         runs: How many, R.
         world: What is truly there, where that differs from the map (see `clutter`).
@@ -128,7 +132,8 @@ def drive(
     crowd, size = None, 0.0
     if people is not None and people.count:
         crowd, size = Crowd(world, people, robot.radius, robots.truth, walkers), people.radius
-    guide = _localizer(environment, scanner, localizer, noise, own, runs)
+    context = LocalizerContext(environment, scanner, noise, runs, own)
+    guide = _localizer(localizer, context, robot, rate)
     covariance = np.zeros((runs, 3, 3))
     if guide is not None:
         guide.start(robots.truth + deviations * standard_normals(begin, 3), np.diag(deviations**2))
@@ -186,27 +191,20 @@ def _patience(
 
 
 def _localizer(
-    environment: Environment,
-    scanner: RangeScanner,
-    localizer: Localizer | MclParameters | str,
-    noise: OdometryNoise,
-    rng: np.random.Generator,
-    runs: int,
+    localizer: ChosenLocalizer | Localizer | MclParameters | str,
+    context: LocalizerContext,
+    robot: Robot,
+    rate: float,
 ) -> Localizer | None:
     """The localizer that is meant; None is one that knows the truth."""
-    if isinstance(localizer, str):
-        if localizer == PERFECT:
-            return None
-        if localizer == ODOMETRY:
-            return DeadReckoning(noise, runs)
-        raise InputError(
-            f"localizer: {localizer!r} is unknown; {nearest(localizer, (PERFECT, ODOMETRY))}, or "
-            "give parameters of Monte Carlo localization."
-        )
+    from ambinav.drive.own_localizers import monte_carlo
     from ambinav.localization.parameters import MclParameters
 
+    if isinstance(localizer, str):
+        plain = suited(localizer, context.scanner)
+        localizer = chosen_localizer(plain, context.noise, robot, rate)
+    if isinstance(localizer, ChosenLocalizer):
+        return localizer.make(context)
     if isinstance(localizer, MclParameters):
-        from ambinav.localization.mcl import MonteCarloLocalizer
-
-        return MonteCarloLocalizer(environment, scanner, localizer, runs=runs, rng=rng)
+        return monte_carlo(localizer, context)
     return localizer

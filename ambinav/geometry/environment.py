@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -14,16 +13,13 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
-from ambinav.geometry.io.border_cover import longest_bare
+from ambinav.geometry.border_cover import longest_bare
+from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.raycasting.grid import SegmentGrid
 from ambinav.geometry.raycasting.raycast import cast_rays, clearances
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.raycasting.walk import walk_rays
-from ambinav.geometry.segments import WALL, Segments
-from ambinav.mistaken import kind_of_path, refuse, refuse_image
-
-if TYPE_CHECKING:
-    from ambinav.geometry.io.occupancy import OccupancyGrid
+from ambinav.geometry.segments import WALL, Segments, edges_of
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
@@ -127,8 +123,6 @@ class Environment:
         drivable = self.drivable
         if drivable is None:
             return self
-        from ambinav.geometry.collision.collision_geometry import edges_of
-
         if drivable.is_empty:
             raise InputError(
                 f"{self.source or self.name}: no free space is left beside its occupied cells; "
@@ -317,55 +311,3 @@ def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.flo
     if values.shape != shape or not values.flags.writeable:
         return np.broadcast_to(values, shape).flatten()
     return np.ascontiguousarray(values).reshape(-1)
-
-
-def load_environment(
-    path: str | Path,
-    *,
-    level: str | int | None = None,
-    unit: str | None = None,
-    tolerance: float | None = None,
-    gap: float | None = None,
-) -> Environment:
-    """Read an environment: map_server YAML, GeoJSON or WKT, told apart by the file's suffix.
-
-    Args:
-        path: .yaml or .yml with its image beside it; .geojson or .json; .wkt.
-        level: The floor of a plan that holds several, by name or by position from 0 on (plans
-            only).
-        unit: What a plan's coordinates are in: "m", "cm" or "mm" (plans only; metres if None,
-            where that makes a building).
-        tolerance: How far a wall may move when a map is simplified, metres (maps only; two cells
-            if None).
-        gap: Gaps in walls and specks up to this size are closed, metres (maps only; one cell if
-            None).
-
-    Raises:
-        InputError: the file cannot be used; the message says why.
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    refuse_image(path)
-    if path.is_dir():
-        refuse(f"{path}", kind_of_path(path), "a building")
-    if suffix in (".yaml", ".yml"):
-        from ambinav.geometry.io.boundary import environment_from_grid
-        from ambinav.geometry.io.occupancy import load_map_server
-
-        if level is not None or unit is not None:
-            raise InputError(
-                f"{path}: level and unit are for drawn plans; leave them out for an occupancy map."
-            )
-        return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
-    if suffix in (".geojson", ".json", ".wkt"):
-        from ambinav.geometry.io.polygons import load_polygons
-
-        if tolerance is not None or gap is not None:
-            raise InputError(
-                f"{path}: tolerance and gap are for occupancy maps; leave them out for polygons."
-            )
-        return load_polygons(path, level=level, unit=unit)
-    raise InputError(
-        f"{path}: the suffix {suffix or '(none)'} names no known format; "
-        "give a map_server .yaml, a .geojson or a .wkt file."
-    )

@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.geometry.io.occupancy import OCCUPIED
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.occupancy_grid import OCCUPIED
 
 MOST_SAMPLES: Final = 3
 """Points along the side of a lattice's cell at which a finer grid is looked at, at most."""

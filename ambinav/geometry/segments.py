@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 WALL: Final = 0
 FRONTIER: Final = 1
@@ -65,3 +67,11 @@ class Segments:
         turned[:, 0::2] = c * x - s * y + dx
         turned[:, 1::2] = s * x + c * y + dy
         return Segments(turned, self.kind)
+
+
+def edges_of(shape: BaseGeometry) -> NDArray[np.float64]:
+    """End points ax, ay, bx, by of the edges of polygons, shape (N, 4), in their unit."""
+    rings = shapely.get_rings(shapely.get_parts(shape))
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    edges: NDArray[np.float64] = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
+    return edges

@@ -17,6 +17,7 @@ from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
+from ambinav.maps.lattice_values import bilinear
 from ambinav.threads import run_rows
 
 # A lattice of more points than this (1.6 GB) is refused.
@@ -140,9 +141,10 @@ def hit_at(u, v, hits, smooth):
             return 0.0
         column, row = int(u), int(v)
         a, b = u - column, v - row
-        lower = hits[row, column] * (1.0 - a) + hits[row, column + 1] * a
-        upper = hits[row + 1, column] * (1.0 - a) + hits[row + 1, column + 1] * a
-        return lower * (1.0 - b) + upper * b
+        return bilinear(
+            hits[row, column], hits[row, column + 1],
+            hits[row + 1, column], hits[row + 1, column + 1], a, b,
+        )  # fmt: skip
     u += 0.5
     v += 0.5
     if not (u >= 0.0 and v >= 0.0 and u < columns and v < rows):

@@ -31,9 +31,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.localization.casting import cast_tables
 from ambinav.localization.dynamic_objects import weighted_informations
 from ambinav.localization.information import as_map_std, as_poses, beam_noise

@@ -3,30 +3,64 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.drives import Drives
 from ambinav.errors import InputError
+from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.logs.export import pose_columns, save_carmen, save_table, save_tum
 from ambinav.logs.log import SAME_PLACE, Log
 from ambinav.sensing.scanner import RangeScanner
 
 
+class RecordedDrive(NamedTuple):
+    """One run, as exporters of drives take it.
+
+    Attributes:
+        drives: What was recorded.
+        run: Which run.
+        scanner: What the robot saw with, or None.
+    """
+
+    drives: Drives
+    run: int
+    scanner: RangeScanner | None
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Seconds, shape (N,)."""
+        return self.drives.time[: int(self.drives.samples[self.run])]
+
+    @property
+    def tracks(self) -> dict[str, NDArray[np.float64]]:
+        """Poses x, y, theta, shape (N, 3): truth, estimate, and odometry in its own frame."""
+        n = len(self.time)
+        drives = self.drives
+        every = {"truth": drives.truth, "estimate": drives.estimate, "odometry": drives.odometry}
+        return {name: poses[self.run, :n] for name, poses in every.items()}
+
+
 def export_drive(
-    drives: Drives, run: int, folder: str | Path, scanner: RangeScanner | None = None
+    drives: Drives,
+    run: int,
+    folder: str | Path,
+    scanner: RangeScanner | None = None,
+    formats: Sequence[str] | None = None,
 ) -> tuple[Path, ...]:
     """Write one run, so that another localizer can be run on it and others can judge it.
 
-    - `truth.tum`, `estimate.tum`, `odometry.tum`: trajectories as `evo` reads them, for instance
-      `evo_ape tum truth.tum estimate.tum`. The odometry is in its own frame.
-    - `drive.log`, with a scanner: a CARMEN log of ROBOTLASER1 lines. The pose of the laser is the
-      truth, the pose of the robot its odometry; `read_carmen` gives them back. (Where the two are
-      the same throughout, it takes them for odometry alone.)
-    - `drive.csv`: time, odometry, truth (x, y, theta), estimate and its covariance, and whether
-      the localizer took the readings in (1 or 0), a line for each sample.
+    - carmen: `drive.log`, with a scanner: a CARMEN log of ROBOTLASER1 lines. The pose of the laser
+      is the truth, the pose of the robot its odometry; `read_carmen` gives them back. (Where the
+      two are the same throughout, it takes them for odometry alone.)
+    - tum: `truth.tum`, `estimate.tum`, `odometry.tum`: trajectories as `evo` reads them, for
+      instance `evo_ape tum truth.tum estimate.tum`. The odometry is in its own frame.
+    - csv: `drive.csv`: time, odometry, truth (x, y, theta), estimate and its covariance, and
+      whether the localizer took the readings in (1 or 0), a line for each sample.
 
     Args:
         drives: What was recorded.
@@ -34,31 +68,46 @@ def export_drive(
         folder: Where to; it is made if it is missing, and older files are replaced.
         scanner: What the robot saw with. None: no CARMEN log, as for scanners whose beams start
             in several places or whose readings were not kept.
+        formats: Names of formats (`export.registry.formats("drive")`); None: the three above.
 
     Returns:
         The files.
 
     Raises:
-        InputError: there is no such run, or what `drive_log` and `save_carmen` refuse; then no
-            file is written.
+        InputError: there is no such run or format, or what `drive_log` and `save_carmen` refuse;
+            then no file is written.
     """
     folder = Path(folder)
     _check_run(drives, run)
-    n = int(drives.samples[run])
-    time = drives.time[:n]
-    tracks = {
-        "truth": drives.truth[run, :n],
-        "estimate": drives.estimate[run, :n],
-        "odometry": drives.odometry[run, :n],
-    }
+    # The log first of all: it is what can be refused.
+    names = DRIVE_FORMATS if formats is None else tuple(formats)
+    chosen = [
+        EXPORTERS.get(f"drive-{name}") for name in names if name != "carmen" or scanner is not None
+    ]
+    drive = RecordedDrive(drives, run, scanner)
+    folder.mkdir(parents=True, exist_ok=True)
+    return tuple(path for one in chosen for path in one.write(drive, folder))
+
+
+def _write_carmen(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:
+    if drive.scanner is None:
+        raise InputError("a CARMEN log holds the readings of a scanner; give the scanner.")
+    path = folder / "drive.log"
+    save_carmen(path, drive_log(drive.drives, drive.run, drive.scanner))
+    return (path,)
+
+
+def _write_tum(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:
     files = []
-    if scanner is not None:
-        # First of all: it is what can be refused.
-        files.append(folder / "drive.log")
-        save_carmen(files[-1], drive_log(drives, run, scanner))
-    for name, track in tracks.items():
+    for name, track in drive.tracks.items():
         files.append(folder / f"{name}.tum")
-        save_tum(files[-1], time, track)
+        save_tum(files[-1], drive.time, track)
+    return tuple(files)
+
+
+def _write_table(drive: RecordedDrive, folder: Path) -> tuple[Path, ...]:
+    time, tracks = drive.time, drive.tracks
+    drives, run, n = drive.drives, drive.run, len(time)
     columns: dict[str, NDArray[np.generic]] = {"sample": np.arange(n), "time": time}
     for prefix, name in (("odometry_", "odometry"), ("", "truth"), ("estimate_", "estimate")):
         columns |= pose_columns(prefix, tracks[name])
@@ -66,9 +115,28 @@ def export_drive(
         for j, b in enumerate(("x", "y", "theta")[i:], start=i):
             columns[f"covariance_{a}_{b}"] = drives.covariance[run, :n, i, j]
     columns["updated"] = drives.updated[run, :n].astype(np.int64)
-    files.append(folder / "drive.csv")
-    save_table(files[-1], columns)
-    return tuple(files)
+    path = folder / "drive.csv"
+    save_table(path, columns)
+    return (path,)
+
+
+DRIVE_FORMATS: Final = ("carmen", "tum", "csv")
+"""Our own formats of drives."""
+CARMEN: Final = Exporter(
+    subject="drive",
+    format="carmen",
+    title="a CARMEN log of ROBOTLASER1 lines",
+    write=_write_carmen,
+)
+TUM: Final = Exporter(
+    subject="drive", format="tum", title="trajectories as `evo` reads them", write=_write_tum
+)
+TABLE: Final = Exporter(
+    subject="drive",
+    format="csv",
+    title="a table with a line for each sample: odometry, truth, estimate, covariance",
+    write=_write_table,
+)
 
 
 def drive_log(drives: Drives, run: int, scanner: RangeScanner, *, name: str = "drive") -> Log:

@@ -12,16 +12,8 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import MIN_AREA, environment_from_grid
-from ambinav.geometry.io.occupancy import (
-    COARSEST,
-    FINEST,
-    FREE,
-    FURTHEST,
-    MAX_CELLS,
-    OCCUPIED,
-    UNKNOWN,
-    OccupancyGrid,
-)
+from ambinav.geometry.io.map_server import COARSEST, FINEST, FURTHEST, MAX_CELLS
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.logs.log import Log
 from ambinav.logs.ray_counts import count_rays
 

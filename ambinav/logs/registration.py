@@ -54,7 +54,7 @@ class Registration:
 def register(log: Log, environment: Environment) -> Registration:
     """Find the rigid motion under which a log's scans fit a map best.
 
-    Ground truth is often measured, or worked out, in a frame of its own: then every localizer
+    LayerContext truth is often measured, or worked out, in a frame of its own: then every localizer
     shows an error that is none. The scans at the poses of the log tell the two frames apart
     without any localizer. The motion minimizes the mean distance from the ends of the beams to
     the nearest wall, each at most 0.3 m (a robust form of scan matching, for all scans at once).

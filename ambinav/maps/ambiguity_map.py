@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
-from ambinav.maps import interpolation, schema, store
+from ambinav.maps import lattice_values, schema, store
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
 
 Floats = NDArray[np.float64]
@@ -276,12 +276,12 @@ class AmbiguityMap:
         origin = (self._origin[0], self._origin[1], self._origin[2])
         step = (self._step[0], self._step[1], self._step[2])
         if nearest:
-            values = interpolation.nearest(parts[0], origin, step, *flat)
+            values = lattice_values.nearest(parts[0], origin, step, *flat)
             if name == "free":
                 values = np.nan_to_num(values)
         else:
             stands = self._possible if parts[0].shape[2] > 1 else self._free[:, :, np.newaxis]
-            found = [interpolation.linear(p, stands, origin, step, *flat) for p in parts]
+            found = [lattice_values.linear(p, stands, origin, step, *flat) for p in parts]
             values = found[0]
             if len(found) == 2:
                 values = 0.5 * np.arctan2(found[1], found[0])
@@ -387,11 +387,11 @@ class AmbiguityMap:
         if layer not in self._layers:
             close = difflib.get_close_matches(layer, self._layers, n=3, cutoff=0.4)
             there = ", ".join(sorted({schema.base_name(name) for name in self._layers}))
-            offer = f"did you mean {' or '.join(close)}?" if close else f"there are {there}."
-            from ambinav.ambiguity.layers.registry import layers  # it imports this module
-
-            if (base := schema.base_name(layer)) in layers():
-                offer = f"make it with `ambinav map --layers {base}`."
+            offer = f"there are {there}, and `ambinav map --layers` makes further ones."
+            if close:
+                offer = (
+                    f"did you mean {' or '.join(close)}, or one that `ambinav map --layers` makes?"
+                )
             raise InputError(f"{layer!r}: the map has no such layer; {offer}")
         if has_heading or "theta" not in self.dataset[layer].dims:
             return layer

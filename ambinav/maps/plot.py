@@ -30,9 +30,6 @@ from ambinav.maps.zones import COLOURS, NOT_FREE, UNKNOWN_COLOUR, ZONES
 
 Heading = str | float
 
-_SHARES: Final = frozenset({"ambiguity", "major", "minor", "level", "heading"})
-"""Layers that run from 0 to 1: drawn on that scale, so that pictures can be compared."""
-
 WIDE: Final = 1e4
 """Ratio of the highest values to the lowest from which an added layer is drawn on a log scale."""
 
@@ -283,7 +280,7 @@ def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
 
 def _scale(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize:
     """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
-    if schema.base_name(layer) in _SHARES:
+    if schema.is_share(layer):
         return Normalize(0.0, 1.0)
     known = values[np.isfinite(values)]
     if not known.size:

@@ -11,31 +11,18 @@ import numpy as np
 import xarray as xr
 
 from ambinav.errors import InputError
+from ambinav.maps.core_layers import AGGREGATES as AGGREGATES
+from ambinav.maps.core_layers import CORE_LAYERS
 
-REQUIRED_LAYERS: Final = (
-    "ambiguity",
-    "major",
-    "minor",
-    "major_radius",
-    "minor_radius",
-    "direction",
-    "level",
-    "zone",
-    "free",
-    "clearance",
-)
+REQUIRED_LAYERS: Final = tuple(one.name for one in CORE_LAYERS.values() if one.required)
 REQUIRED: Final = (*REQUIRED_LAYERS, "segments", "segment_kind", "floor")
 REQUIRED_ATTRS: Final = ("environment", "scanner", "parameters")
 
 CORE: Final = frozenset(
-    {*REQUIRED_LAYERS, "heading", "heading_radius", "unknown", "best_heading", "segments",
-     "segment_kind", "floor", "drivable", "solid", "x", "y", "theta"}
-) - {"clearance"}  # fmt: skip
+    {*CORE_LAYERS, "segments", "segment_kind", "floor", "drivable", "solid", "x", "y", "theta"}
+) - {"clearance"}
 """Names of what every map is made of: no layer that is added may take one. `clearance` may be
 asked for as a layer too, and is the same."""
-
-AGGREGATES: Final = ("mean", "best", "worst")
-"""Suffixes of the two-dimensional summaries over heading: `level_mean`, `level_best` ..."""
 
 BACKDROP: Final = "solid"
 """Cells with something in them that is known to be solid, bool, over (y, x). Pictures are drawn
@@ -57,7 +44,7 @@ def is_axis(layer: str) -> bool:
     The axes of layers that were added are named after them: `fisher_direction`.
     """
     base = base_name(layer)
-    return base == "direction" or base.endswith("_direction")
+    return _read(base) == "axis" or base.endswith("_direction")
 
 
 def is_nearest(layer: str) -> bool:
@@ -65,7 +52,19 @@ def is_nearest(layer: str) -> bool:
 
     A zone is a class. The best heading belongs to its cell: it jumps from one to the next.
     """
-    return base_name(layer) in ("zone", "free", "best_heading")
+    return _read(base_name(layer)) == "nearest"
+
+
+def is_share(layer: str) -> bool:
+    """Whether the layer runs from 0 to 1 and is drawn on that scale."""
+    core = CORE_LAYERS.get(base_name(layer))
+    return core is not None and core.share
+
+
+def _read(base: str) -> str:
+    """How the values of a layer are read between cells."""
+    core = CORE_LAYERS.get(base)
+    return "linear" if core is None else core.read
 
 
 def layers(dataset: xr.Dataset) -> tuple[str, ...]:

@@ -11,13 +11,14 @@ import numpy as np
 
 from ambinav.config import checked, read_text
 from ambinav.errors import InputError
+from ambinav.export.registry import Exporter, exporter
 from ambinav.files import replacing
 from ambinav.routes import table
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
 from ambinav.routes.route import Floats, Route
 
 FORMATS: Final = (".csv", ".geojson", ".json")
-"""Endings that a route's file may have."""
+"""Endings of files that a route can be read from again."""
 
 TRACE_STEP: Final = 0.05
 """Metres between the points that curves are drawn with for those who only know straight lines."""
@@ -36,20 +37,13 @@ def save_route(route: Route, path: str | Path) -> None:
 
     Args:
         route: What to write.
-        path: Where to; the ending says the format.
+        path: Where to; the ending says the format. Plug-ins may know more of them.
 
     Raises:
         InputError: another ending, or the place is not writable.
     """
     path = Path(path)
-    kind = check_format(path)
-    if kind == ".csv":
-        text = table.text_of(route)
-    else:
-        whole = _feature(route) if kind == ".geojson" else _path_message(route)
-        text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    with replacing(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")
+    exporter("route", path).write(route, path)
 
 
 def load_route(path: str | Path) -> Route:
@@ -60,7 +54,7 @@ def load_route(path: str | Path) -> Route:
             field and the value.
     """
     path = Path(path)
-    kind = check_format(path)
+    kind = _readable(path)
     text = read_text(path)
     if kind == ".csv":
         return table.route_of_text(text, str(path))
@@ -87,16 +81,17 @@ def load_route(path: str | Path) -> Route:
     return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
 
 
-def check_format(path: Path) -> str:
+def _readable(path: Path) -> str:
     """The ending of a route's file, in lower case.
 
     Raises:
-        InputError: no format has this ending.
+        InputError: no format that can be read has this ending.
     """
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise InputError(
-            f"{path}: the ending {kind!r} names no format of routes; choose {', '.join(FORMATS)}."
+            f"{path}: the ending {kind!r} names no format that routes are read from; choose "
+            f"{', '.join(FORMATS)}."
         )
     return kind
 
@@ -148,3 +143,34 @@ def _path_message(route: Route) -> dict[str, Any]:
         ],
         "ambinav": _record(route),
     }
+
+
+def _write(path: Path, text: str) -> tuple[Path, ...]:
+    with replacing(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+    return (path,)
+
+
+def _write_json(path: Path, whole: dict[str, Any]) -> tuple[Path, ...]:
+    text = json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
+    return _write(path, text + "\n")
+
+
+CSV: Final = Exporter(
+    subject="route",
+    format="csv",
+    title="figures in lines that begin with #, then a table of the poses",
+    write=lambda route, path: _write(path, table.text_of(route)),
+)
+GEOJSON: Final = Exporter(
+    subject="route",
+    format="geojson",
+    title="a Feature with a LineString in the map frame, figures and poses as its properties",
+    write=lambda route, path: _write_json(path, _feature(route)),
+)
+PATH_MESSAGE: Final = Exporter(
+    subject="route",
+    format="json",
+    title="the fields of a ROS nav_msgs/Path in the frame `map`, with figures and poses",
+    write=lambda route, path: _write_json(path, _path_message(route)),
+)

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from ambinav.sensing.calibration import CalibrationFit
 from ambinav.sensing.curves import Polynomial, Table
-from ambinav.sensing.presets import PresetSummary, preset_names, preset_path, preset_summaries
+from ambinav.sensing.preset_summary import PresetSummary, preset_summaries
+from ambinav.sensing.presets import PRESETS, ScannerPreset, preset_names
 from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 
 __all__ = [
+    "PRESETS",
     "CalibrationFit",
     "Polynomial",
     "PresetSummary",
     "RangeScanner",
     "RangeSensor",
     "RayTable",
+    "ScannerPreset",
     "Table",
     "preset_names",
-    "preset_path",
     "preset_summaries",
 ]

@@ -19,7 +19,7 @@ from ambinav.files import replacing
 from ambinav.mistaken import kind_of_path, refuse
 from ambinav.sensing.casting import cast_beams
 from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring
-from ambinav.sensing.presets import preset_names, preset_path
+from ambinav.sensing.presets import PRESETS, preset_names
 from ambinav.sensing.rays import RayTable, make_rays
 from ambinav.sensing.scanner_file import parse_scanner, render_scanner
 from ambinav.sensing.sensor import RangeSensor
@@ -178,12 +178,14 @@ class RangeScanner:
 
     @classmethod
     def from_preset(cls, name: str) -> RangeScanner:
-        """Load a scanner that comes with ambinav (see `preset_names`).
+        """Load a scanner that comes with ambinav or a plug-in (see `preset_names`).
 
         Raises:
-            InputError: there is no such preset; the nearest names are offered.
+            InputError: there is no such preset, and the nearest names are offered; or that of a
+                plug-in cannot be used.
         """
-        return cls.from_yaml(preset_path(name))
+        preset = PRESETS.get(name)
+        return cls.from_yaml_text(preset.yaml, file=preset.origin, default_name=name)
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> RangeScanner:

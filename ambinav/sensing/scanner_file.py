@@ -32,12 +32,11 @@ from ambinav.config import (
     fault,
     number,
     parse_yaml,
-    read_text,
 )
 from ambinav.errors import InputError
 from ambinav.mistaken import SCANNER, kind_of, refuse
 from ambinav.sensing.layout import CENTRE, Mounts, Part, Planar, Ring
-from ambinav.sensing.presets import preset_path
+from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
 
 EXAMPLE = "`ambinav presets NAME` prints one as an example"
@@ -85,8 +84,8 @@ def _sensor(plain: object) -> RangeSensor:
     """A sensor from its fields, or that of a preset."""
     if not isinstance(plain, str):
         return RangeSensor.from_plain(plain, "sensor")
-    path = preset_path(plain)
-    kinds = {part.sensor for part in parse_scanner(read_text(path), str(path), plain).parts}
+    preset = PRESETS.get(plain)
+    kinds = {part.sensor for part in parse_scanner(preset.yaml, preset.origin, plain).parts}
     if len(kinds) != 1:
         raise InputError(
             f"the preset {plain!r} has {len(kinds)} kinds of sensor; name one that has a single "

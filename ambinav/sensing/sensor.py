@@ -252,7 +252,7 @@ class RangeSensor:
 
     def to_plain(self) -> dict[str, object]:
         """Return the YAML form as a mapping."""
-        return render_sensor(self)
+        return render_sensor(vars(self))
 
     def to_yaml(self, path: str | Path | None = None) -> str:
         """Return the sensor as YAML text, and write it to `path` if one is given."""

@@ -15,13 +15,11 @@ lost_share: 0.0             # the default
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from ambinav.config import ConfigModel, Degrees, Number, Text, as_degrees, checked
 from ambinav.sensing import curves
-
-if TYPE_CHECKING:
-    from ambinav.sensing.sensor import RangeSensor
 
 
 class _SensorModel(ConfigModel):
@@ -50,20 +48,24 @@ def parse_sensor(plain: object, where: str) -> dict[str, Any]:
     return {key.removesuffix("_deg"): value for key, value in told}
 
 
-def render_sensor(sensor: RangeSensor) -> dict[str, object]:
-    """Return the YAML form of a sensor as a mapping; empty texts are left out."""
+def render_sensor(fields: Mapping[str, Any]) -> dict[str, object]:
+    """Return the YAML form of a sensor as a mapping; empty texts are left out.
+
+    Args:
+        fields: The arguments of `RangeSensor`, as `parse_sensor` gives them.
+    """
     plain: dict[str, object] = {
-        "name": sensor.name,
-        "source": sensor.source,
-        "aperture_deg": as_degrees(sensor.aperture),
-        "min_range": sensor.min_range,
-        "max_range": sensor.max_range,
-        "resolution": sensor.resolution,
-        "bias": curves.to_plain(sensor.bias),
-        "std": curves.to_plain(sensor.std),
-        "random_share": sensor.random_share,
-        "lost_share": sensor.lost_share,
+        "name": fields["name"],
+        "source": fields["source"],
+        "aperture_deg": as_degrees(fields["aperture"]),
+        "min_range": fields["min_range"],
+        "max_range": fields["max_range"],
+        "resolution": fields["resolution"],
+        "bias": curves.to_plain(fields["bias"]),
+        "std": curves.to_plain(fields["std"]),
+        "random_share": fields["random_share"],
+        "lost_share": fields["lost_share"],
     }
-    if sensor.max_incidence is not None:
-        plain["max_incidence_deg"] = as_degrees(sensor.max_incidence)
+    if fields["max_incidence"] is not None:
+        plain["max_incidence_deg"] = as_degrees(fields["max_incidence"])
     return {key: value for key, value in plain.items() if value != ""}

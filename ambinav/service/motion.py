@@ -13,13 +13,104 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.motion.curves import FACING, STRAIGHT, advance, curve_pieces
 from ambinav.kernels import kernel
-from ambinav.service.field import corner, integral_straight, value_at
+from ambinav.maps.lattice_values import value_at, value_on_floor
 from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
 POINTS = 4
 """On an arc, per cell of the lattice and per heading of the field; no arc has fewer."""
+
+
+@kernel(inline="always")
+def next_crossing(u, rate):
+    """Share of a motion from lattice coordinate u to the next whole number, at `rate` per share."""
+    if rate > 0.0:
+        return (math.floor(u + 1e-9) + 1.0 - u) / rate
+    if rate < 0.0:
+        return (math.ceil(u - 1e-9) - 1.0 - u) / rate
+    return math.inf
+
+
+@kernel
+def integral_straight(x0, y0, theta0, x1, y1, theta1, values, left, low, inverse):
+    """Exact integral of the field over the length of one straight motion."""
+    length = math.hypot(x1 - x0, y1 - y0)
+    if length == 0.0:
+        return 0.0
+    u, v = (x0 - left) * inverse, (y0 - low) * inverse
+    du, dv = (x1 - x0) * inverse, (y1 - y0) * inverse
+    headings = values.shape[2]
+    if headings == 1:
+        return length * _mean_on_floor(u, v, du, dv, values)
+    per_turn = headings / (2.0 * math.pi)
+    turn = (theta1 - theta0 + math.pi) % (2.0 * math.pi) - math.pi
+    return length * _mean_turning(u, v, theta0 * per_turn, du, dv, turn * per_turn, values)
+
+
+@kernel(forceinline=True)
+def _mean_on_floor(u0, v0, du, dv, values):
+    """Mean of a field without headings along a line, in lattice coordinates.
+
+    In a cell the field is f + a (x) + b (y) + d (x y): along a line a parabola, whose mean is its
+    value in the middle plus d du dv step^2 / 12. So one cell costs one value.
+    """
+    rows, columns, _ = values.shape
+    c, r = int(math.floor(u0)), int(math.floor(v0))
+    to_u, each_u, side_u = _first_line(u0, du, c)
+    to_v, each_v, side_v = _first_line(v0, dv, r)
+    bend = du * dv / 12.0
+    total, t = 0.0, 0.0
+    while t < 1.0:
+        end = min(to_u, to_v, 1.0)
+        step, half = end - t, 0.5 * (t + end)
+        inside = 0 <= c < columns - 1 and 0 <= r < rows - 1
+        c0, r0 = min(max(c, 0), columns - 1), min(max(r, 0), rows - 1)
+        c1, r1 = min(max(c + 1, 0), columns - 1), min(max(r + 1, 0), rows - 1)
+        f, right = values[r0, c0, 0], values[r0, c1, 0]
+        above, across = values[r1, c0, 0], values[r1, c1, 0]
+        a, b = u0 + half * du - c, v0 + half * dv - r
+        d = f - right - above + across
+        mean = f + a * (right - f) + b * (above - f) + a * b * d
+        if inside:
+            mean += d * bend * step * step
+        total += step * mean
+        if to_u <= to_v:
+            c += side_u
+            to_u += each_u
+        else:
+            r += side_v
+            to_v += each_v
+        t = end
+    return total
+
+
+@kernel(inline="always")
+def _first_line(u, du, cell):
+    """Share of the way to the next lattice line, share from line to line, and the cell's step."""
+    if du > 0.0:
+        return (cell + 1.0 - u) / du, 1.0 / du, 1
+    if du < 0.0:
+        return (cell - u) / du, -1.0 / du, -1
+    return math.inf, math.inf, 0
+
+
+@kernel(forceinline=True)
+def _mean_turning(u0, v0, w0, du, dv, dw, values):
+    """Mean of a field with headings along a line: a cubic between lattice planes, by Simpson."""
+    total, t = 0.0, 0.0
+    first = value_at(u0, v0, w0, values)
+    while t < 1.0:
+        u, v, w = u0 + t * du, v0 + t * dv, w0 + t * dw
+        step = min(next_crossing(u, du), next_crossing(v, dv), next_crossing(w, dw))
+        end = min(t + max(step, 1e-9), 1.0)
+        half = 0.5 * (t + end)
+        middle = value_at(u0 + half * du, v0 + half * dv, w0 + half * dw, values)
+        last = value_at(u0 + end * du, v0 + end * dv, w0 + end * dw, values)
+        total += (end - t) * (first + 4.0 * middle + last)
+        first = last
+        t = end
+    return total / 6.0
 
 
 @kernel
@@ -86,7 +177,7 @@ def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
     total = 0.0
     for i in range(count):
         if headings == 1:
-            total += _value_on_floor(u + radius * sine, v - radius * cosine, values)
+            total += value_on_floor(u + radius * sine, v - radius * cosine, values)
         else:
             w = (t + (i + 0.5) * each) * per_turn
             total += value_at(u + radius * sine, v - radius * cosine, w, values)
@@ -95,17 +186,6 @@ def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
             cosine * step_cosine - sine * step_sine,
         )
     return total * abs(length) / count
-
-
-@kernel(inline="always")
-def _value_on_floor(u, v, values):
-    """As `value_at`, of a field without headings."""
-    c, a = corner(u, values.shape[1])
-    r, b = corner(v, values.shape[0])
-    c1, r1 = min(c + 1, values.shape[1] - 1), min(r + 1, values.shape[0] - 1)
-    low = values[r, c, 0] * (1.0 - a) + values[r, c1, 0] * a
-    high = values[r1, c, 0] * (1.0 - a) + values[r1, c1, 0] * a
-    return low * (1.0 - b) + high * b
 
 
 @kernel

@@ -25,7 +25,7 @@ from ambinav_envs.simulation.layout import (
     TIMEOUT,
 )
 from ambinav_envs.simulation.simulation import Simulation
-from ambinav_envs.spaces import action_space, observation_of, observation_space
+from ambinav_envs.spaces import action_space, observation_space
 
 UNSEEN: Final = 1_000_000
 """Number of the first building that policies and planners are judged in, where nobody says another:
@@ -59,9 +59,9 @@ class Episodes:
         was_lost: Whether the robot was ever lost.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
-        exposure: The ambiguity layer summed over the way driven, metres.
+        exposure: The ambiguity layer summed over the path driven, metres.
         travelled: Metres truly driven.
-        shortest: Length of the shortest way from start to goal, metres.
+        shortest: Length of the shortest path from start to goal, metres.
         seconds: How long it took.
         reward: Sum of the rewards, undiscounted.
         cost: Sum of the costs.
@@ -92,7 +92,7 @@ class Episodes:
 
     @property
     def length_ratio(self) -> Floats:
-        """Way driven by shortest way, of those that arrived; nan for the others."""
+        """Length driven over the shortest path, of those that arrived; nan for the others."""
         return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
 
     def summary(self) -> dict[str, float]:
@@ -210,7 +210,7 @@ def _drive(
         part[:] = 0.0
     generators = [seeding.np_random(int(seed))[0] for seed in seeds]
     simulation.reset(range(count), generators, None, out)
-    for part in out.view:
+    for part in out.observation.values():
         part[count:] = part[0]
     driver.begin(simulation, range(count))
     active = np.arange(simulation.count) < count
@@ -219,7 +219,7 @@ def _drive(
     largest = np.zeros(simulation.count)
     state, steps = simulation.state, 0
     while active.any():
-        actions = driver.act(observation_of(out.view), starts, simulation)
+        actions = driver.act(out.observation, starts, simulation)
         chosen = checked_actions(
             getattr(driver, "name", None), actions, simulation.count, parameters.discrete, active
         )

@@ -59,7 +59,7 @@ def info_of_all(simulation: Simulation, out: Outcome, done: Bools) -> Info:
 robot is lost; their sum |
     | error | distance of the estimate from the truth, metres |
     | exposure, travelled | so far, metres |
-    | shortest | length of the shortest way from start to goal, metres |
+    | shortest | length of the shortest path from start to goal, metres |
     | lost, was_lost | now; ever in the episode |
     | true_pose, estimate, odometry | x, y, theta |
     | outcome, is_success | in the last step only |
@@ -72,8 +72,8 @@ robot is lost; their sum |
     state, figures = simulation.state, out.figures.T
     everyone = np.ones(simulation.count, dtype=np.bool_)
     info: Info = {
-        "terms": _named(figures[VALUES:], everyone),
-        "reward_terms": _named(figures[WEIGHTED:], everyone),
+        "terms": _named(figures[VALUES:], out.plugged.terms, everyone),
+        "reward_terms": _named(figures[WEIGHTED:], out.plugged.weighted, everyone),
         **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=False)),
         "lost": state["lost"].copy(),
         "was_lost": state["was_lost"].copy(),
@@ -93,8 +93,9 @@ def info_of_one(simulation: Simulation, out: Outcome, done: bool) -> Info:
     """As `info_of_all` for the only robot, as plain values and poses of shape (3,)."""
     state, figures = simulation.state[0], out.figures[0].tolist()
     info: Info = {
-        "terms": dict(zip(TERMS, figures[VALUES:], strict=False)),
-        "reward_terms": dict(zip(TERMS, figures[WEIGHTED:], strict=False)),
+        "terms": dict(zip(TERMS, figures[VALUES:], strict=False)) | _first(out.plugged.terms),
+        "reward_terms": dict(zip(TERMS, figures[WEIGHTED:], strict=False))
+        | _first(out.plugged.weighted),
         **dict(zip(FIGURES, figures[FIRST_FIGURE:], strict=False)),
         "lost": bool(state["lost"]),
         "was_lost": bool(state["was_lost"]),
@@ -123,6 +124,12 @@ def part_of(info: Info, mask: Bools) -> Info:
     return part
 
 
-def _named(rows: NDArray[np.float64], everyone: Bools) -> Info:
-    named: Info = dict(zip(TERMS, rows, strict=False))
-    return named | dict.fromkeys(_TERM_MASKS, everyone)
+def _named(
+    rows: NDArray[np.float64], plugged: dict[str, NDArray[np.float64]], everyone: Bools
+) -> Info:
+    named: Info = dict(zip(TERMS, rows, strict=False)) | plugged
+    return named | dict.fromkeys((*_TERM_MASKS, *(f"_{term}" for term in plugged)), everyone)
+
+
+def _first(plugged: dict[str, NDArray[np.float64]]) -> dict[str, float]:
+    return {name: float(values[0]) for name, values in plugged.items()}

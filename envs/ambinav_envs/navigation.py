@@ -1,4 +1,4 @@
-"""The navigation environment: one robot that finds its way with a localizer in the loop."""
+"""The navigation environment: one robot that drives to a goal with a localizer in the loop."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ambinav_envs.scenario import scenario
 from ambinav_envs.seeds import as_seed
 from ambinav_envs.simulation.layout import REWARD, RUNNING, TIMEOUT
 from ambinav_envs.simulation.simulation import Outcome, Simulation
-from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+from ambinav_envs.spaces import action_space, continuous, observation_space
 
 Observation = dict[str, Any]
 """Rows of float32 by name, see `spaces.observation_space`."""
 
 
 class NavigationEnv(gym.Env[Observation, Any]):
-    """A robot with a range scanner finds its way in a building, by where it believes to be.
+    """A robot with a range scanner drives to a goal in a building by its own estimate of its pose.
 
     ## Description
 
-    The robot never sees where it truly is: a localizer in the loop tells it where it believes to
-    be and how sure it is of that. Where the scanner sees too little, as in a bare corridor or in
-    the middle of a wide hall, the belief drifts, and a robot that trusts it misses the goal or
-    drives into a wall. A map of the building tells where that is; the reward may count it.
+    The robot never sees where it truly is: a localizer in the loop estimates its pose and the
+    covariance of that. Where the scanner sees too little, as in a bare corridor or in the middle
+    of a wide hall, the estimate drifts, and a robot that trusts it misses the goal or drives into
+    a wall. A map of the building tells where that is; the reward may count it.
 
     The robot is a disc that drives on exact arcs among exact walls, with limited acceleration.
     Lengths are metres, angles radians counter-clockwise, one step is `dt` = 0.1 seconds.
@@ -65,12 +65,12 @@ class NavigationEnv(gym.Env[Observation, Any]):
     |               | 4       | deviation of the heading (rad)                | 0   | 2   |
     | `window`      | 0-255   | ambiguity around it, 16 x 16 cells of 0.4 m   | 0   | 1   |
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
-    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the way there       |     |     |
+    | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the route there     |     |     |
 
     Goal, window and waypoint are seen from the *estimated* pose. The window's rows go from ahead
     to behind, each from left to right. `window` is left out with `window=False`, `waypoint` is
-    there with `waypoint=True` only: ahead on the shortest way, or with `way_weight` on the way
-    that costs least where a metre counts 1 + way_weight * ambiguity.
+    there with `waypoint=True` only: ahead on the shortest route, or with `ambiguity_weight` on the
+    cheapest one where a metre costs 1 + ambiguity_weight * ambiguity.
     `gymnasium.wrappers.FilterObservation` and `FlattenObservation` take parts of it and make one
     row of it; see `ambinav_envs.wrappers`.
 
@@ -81,12 +81,12 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     | Term        | Meaning                                                | ambiguity, by default |
     |-------------|--------------------------------------------------------|-----------------------|
-    | `progress`  | metres by which the way to the goal has become shorter | 1                     |
+    | `progress`  | metres by which the path to the goal became shorter    | 1                     |
     | `arrival`   | 1 on truly arriving                                    | 10                    |
     | `collision` | -1 on touching a wall or a box                         | 10                    |
     | `time`      | minus seconds                                          | 0.1                   |
-    | `ambiguity` | minus the map's layer `level` along the way (m)        | 1                     |
-    | `fisher`    | minus its layer `fisher` along the way                 | 0                     |
+    | `ambiguity` | minus the map's layer `level` along the path (m)       | 1                     |
+    | `fisher`    | minus its layer `fisher` along the path                | 0                     |
     | `error`     | minus error (m) times metres driven; privileged        | 0                     |
     | `lost`      | minus seconds while lost; privileged                   | 0                     |
 
@@ -97,11 +97,11 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     ## Starting State
 
-    A building of the suite, one of its goals (32 to 256, the same for everyone, since the ways to
-    them are worked out once) and a start anywhere are drawn: the shortest way between them is
-    `shortest` to `longest` long (2 to 15 m). The robot stands and faces any way; its first
+    A building of the suite, one of its goals (32 to 256, the same for everyone, since the costs to
+    go to them are computed once) and a start anywhere are drawn: the shortest path between them is
+    `shortest` to `longest` long (2 to 15 m), the heading is any. The robot stands; its first
     estimate errs by draws of the deviations `start_std` (5 cm, 5 cm, 0.02 rad), which the
-    localizer is told. `reset(options={"start": (x, y, theta), "goal": (x, y), "building": key})`
+    localizer knows. `reset(options={"start": (x, y, theta), "goal": (x, y), "building": key})`
     fixes any of them. `reset(seed=...)` makes the same episode, and the same ones after it.
 
     ## Episode End
@@ -260,4 +260,4 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
 
 def _first(out: Outcome) -> Observation:
-    return {name: part[0] for name, part in observation_of(out.view).items()}
+    return {name: part[0] for name, part in out.observation.items()}

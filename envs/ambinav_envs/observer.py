@@ -1,4 +1,4 @@
-"""What the environment would show of robots that somebody else simulates."""
+"""Observations of robots that something else simulates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.simulation.simulation import Simulation
-from ambinav_envs.spaces import observation_of
 
 Floats = NDArray[np.float64]
 
@@ -22,12 +21,12 @@ class Observer:
     Args:
         source: The building.
         parameters: What is seen, and of which robot.
-        start: x, y, theta of a place where the robot fits.
+        start: x, y, theta where the robot fits.
         goal: x and y.
         count: R.
 
     Raises:
-        InputError: the robot does not fit at the start or the goal, or no way joins them.
+        InputError: the robot does not fit at the start or the goal, or there is no path.
     """
 
     def __init__(
@@ -46,22 +45,22 @@ class Observer:
 
     @property
     def distance(self) -> float:
-        """Length of the shortest way from start to goal, metres."""
+        """Length of the shortest path from start to goal, metres."""
         return float(self._simulation.state["shortest"][0])
 
     def see(
         self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
     ) -> Observation:
-        """What robots see; the next call writes to the same arrays.
+        """Observations; the next call writes to the same arrays.
 
         Args:
-            belief: Where they believe to be, shape (R, 3), metres and radians, map frame.
-            covariance: How sure they are, shape (R, 3, 3).
+            belief: Estimated poses, shape (R, 3), metres and radians, map frame.
+            covariance: Their covariances, shape (R, 3, 3).
             speeds: Speed (m/s) and turn rate (rad/s), shape (R, 2).
             ranges: Readings, shape (R, B), metres: inf no echo, -inf too near.
         """
         state = self._simulation.state
         state["mean"], state["covariance"], state["speeds"] = belief, covariance, speeds
         self._simulation.readings[:] = ranges
-        self._simulation.look(self._out)
-        return observation_of(self._out.view)
+        self._simulation.observe(self._out)
+        return self._out.observation

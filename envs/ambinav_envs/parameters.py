@@ -20,14 +20,15 @@ from ambinav.config import (
     Positive,
     Switch,
     check_fields,
-    choice,
     fault,
     from_mapping,
+    nearest,
     number,
     of_mapping,
     row,
     whole,
 )
+from ambinav.drive.localizer_spec import LOCALIZERS as ALL_LOCALIZERS
 from ambinav.drive.metrics import ARRIVAL
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.people import People
@@ -37,10 +38,11 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.scanner_settings import settings_for
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
-from ambinav_envs.rewards import weights_of
+from ambinav_envs.observations import OBSERVATIONS, ObservationPart
+from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
 from ambinav_envs.simulation.layout import LOCALIZERS
 
-MOST_WAY_WEIGHT: Final = 100.0
+MOST_AMBIGUITY_WEIGHT: Final = 100.0
 MOST_AROUND: Final = 1000
 """So many people, and so many boxes, may be around a robot; each robot of a batch has its own."""
 
@@ -77,6 +79,28 @@ def _people(value: object) -> People:
     return people
 
 
+def _localizer(value: object) -> str:
+    """The name of a localizer that is compiled into the environments."""
+    if value in LOCALIZERS:
+        return str(value)
+    if value in ALL_LOCALIZERS.names():
+        raise FaultError(
+            f"is {value!r}, which is not compiled into the environments; they have "
+            f"{', '.join(LOCALIZERS)}"
+        )
+    raise fault(value, nearest(str(value), LOCALIZERS))
+
+
+def _observations(value: object) -> tuple[str, ...]:
+    """Names of parts of the observation that plug-ins bring."""
+    if not isinstance(value, list | tuple):
+        raise fault(value, "give a list of names")
+    for name in map(str, value):
+        if OBSERVATIONS.get(name).function is None:
+            raise InputError(f"{name!r} is one of ours, which need not be named; leave it out.")
+    return tuple(map(str, value))
+
+
 @dataclass(frozen=True, kw_only=True)
 class NavigationParameters:
     """Parameters of the navigation environments; metres, seconds, radians.
@@ -96,30 +120,32 @@ class NavigationParameters:
         iterations: Rounds of the Kalman filter's update, at most 1000; later ones stay on the
             walls that the first one met. One round alone is surer of itself than it may be.
         gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
-        map_std: Deviation of the walls' position that the filter reckons with; None: as the map's.
+        map_std: Deviation of the walls' position that the filter assumes; None: as the map's.
         mcl: Parameters of the Monte Carlo localizer: `MclParameters`, which are taken as they are,
             or some by name, the others as suits the scanner (`MclParameters.for_scanner`); None:
             all so, with the odometry's alphas.
-        odometry: How odometry errs, as the localizer is told (biases it is not told).
+        odometry: How odometry errs, as the localizer models it (it knows nothing of biases).
         odometry_scale: How many times as much it truly errs.
-        start_std: Deviations of x, y and heading of the first estimate, which the localizer is
-            told.
+        start_std: Deviations of x, y and heading of the first estimate, which the localizer
+            knows.
         goal_radius: The robot stops when its estimate is this near to the goal.
         success_radius: It has arrived if it truly is this near then.
         end_when_lost: Whether to end an episode when the robot is lost.
-        shortest: Least length of the shortest way from start to goal.
+        shortest: Least length of the shortest path from start to goal.
         longest: Greatest length of it.
         window: Whether the observation holds a window of the ambiguity map.
         window_cells: Its edge, cells; at most 256.
         window_spacing: Edge of a cell.
-        way_weight: What ambiguity adds to a metre of the way that the term `progress` and the
-            waypoint go by: it counts 1 + way_weight * layer metres, as `AmbiguityService` and
-            the planners have it. 0: the shortest way; at most 100. See `rewards.PRESETS`.
-        waypoint: Whether the observation holds the place ahead on that way.
+        ambiguity_weight: What ambiguity adds to a metre of the route that the term `progress` and
+            the waypoint follow: it costs 1 + ambiguity_weight * layer metres, as in
+            `AmbiguityService` and the planners. 0: the shortest path; at most 100. See
+            `rewards.PRESETS`.
+        waypoint: Whether the observation holds a point ahead on that route.
         waypoint_distance: How far ahead.
         reward: Name of a preset, or weights by term; see `rewards`.
+        observations: Names of parts of the observation that plug-ins bring; ours have switches.
         gamma: Discount in the progress term. 1 counts plain metres. At the agent's own discount
-            the terms of an episode add up to the length of the way at its start, less what is
+            the terms of an episode add up to the length of the route at its start, less what is
             left at its end, discounted: so all that the term changes is what an end is worth, by
             how far from the goal it is.
         layer: Layer of the ambiguity map for reward, exposure and window; None: the one that suits
@@ -127,7 +153,7 @@ class NavigationParameters:
         people: Who walks about: how many (at most 1000), or `People`. They turn away from the
             robot, and walk through boxes; who is driven into a corner stands there, and to touch
             a person is no collision.
-        obstacles: How many boxes stand in the way that the map does not have, at most (and at most
+        obstacles: How many boxes stand about that the map does not have, at most (and at most
             1000): those that find no room are left out.
         obstacle_sizes: Their least and greatest edge.
 
@@ -143,7 +169,7 @@ class NavigationParameters:
     min_speed: Number = 0.0
     discrete: Switch = False
     max_steps: Annotated[int, whole(most=10**9)] = 600
-    localizer: Annotated[str, choice(LOCALIZERS)] = "ekf"
+    localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
     iterations: Annotated[int, whole(most=1000)] = 2
     gate: Positive = 3.0
     map_std: NonNegative | None = None
@@ -163,10 +189,11 @@ class NavigationParameters:
     window: Switch = True
     window_cells: Annotated[int, whole(most=256)] = 16
     window_spacing: Positive = 0.4
-    way_weight: Annotated[float, number(least=0, most=MOST_WAY_WEIGHT)] = 0.0
+    ambiguity_weight: Annotated[float, number(least=0, most=MOST_AMBIGUITY_WEIGHT)] = 0.0
     waypoint: Switch = False
     waypoint_distance: Positive = 1.5
     reward: Annotated[str | Mapping[str, float], SkipValidation] = "ambiguity"
+    observations: Annotated[tuple[str, ...], BeforeValidator(_observations)] = ()
     gamma: Annotated[float, number(above=0, most=1)] = 1.0
     layer: str | None = None
     people: Annotated[InstanceOf[People], BeforeValidator(_people)] = field(
@@ -211,8 +238,24 @@ class NavigationParameters:
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """Weight of each term of the reward, in the order of `rewards.TERMS`."""
-        return weights_of(self.reward)
+        """Weight of each of our own terms of the reward, in the order of `rewards.TERMS`."""
+        weights = weights_of(self.reward)
+        return tuple(weights[term] for term in TERMS)
+
+    @property
+    def plugged_terms(self) -> tuple[tuple[RewardTerm, float], ...]:
+        """Terms of the reward that plug-ins bring, with their weights."""
+        weights = weights_of(self.reward)
+        return tuple(
+            (REWARD_TERMS.get(term), weight)
+            for term, weight in weights.items()
+            if term not in TERMS
+        )
+
+    @property
+    def plugged_parts(self) -> tuple[ObservationPart, ...]:
+        """Parts of the observation that plug-ins bring."""
+        return tuple(map(OBSERVATIONS.get, self.observations))
 
     @property
     def cost_layer(self) -> str:
@@ -220,7 +263,7 @@ class NavigationParameters:
         return cost_layer(self.scanner) if self.layer is None else self.layer
 
     @property
-    def wheels(self) -> OdometryNoise:
+    def true_odometry(self) -> OdometryNoise:
         """How odometry truly errs."""
         return replace(self.odometry, scale=self.odometry.scale * self.odometry_scale)
 

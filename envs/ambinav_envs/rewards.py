@@ -2,26 +2,92 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.config import as_number, nearest
 from ambinav.errors import InputError
+from ambinav.plugins import Registry
+from ambinav_envs.robot_states import Stepped
 from ambinav_envs.simulation.layout import TERMS as TERMS
 
-MEANINGS = {
-    "progress": "metres by which the way from the true place to the goal has become shorter, at "
-    "the prices of `way_weight`: d - gamma d', a difference of potentials as in Ng, Harada & "
-    "Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to the "
-    "goal it is",
-    "arrival": "1 when the robot believes to be at the goal and truly is near it",
-    "collision": "-1 when it touches a wall or a box",
-    "time": "minus the seconds of the step",
-    "ambiguity": "minus the ambiguity map's layer, integrated over the metres of the step",
-    "fisher": "minus the layer `fisher`, likewise",
-    "error": "minus the error of the estimate in metres times the metres of the step; privileged",
-    "lost": "minus the seconds of the step while the robot is lost; privileged",
-}
-"""What each term is, before its weight."""
+
+@dataclass(frozen=True, kw_only=True)
+class RewardTerm:
+    """An entry of the registry.
+
+    Attributes:
+        name: What `reward` and `info` call it.
+        unit: Of its values: "m", "s", "1" ...
+        meaning: What it is, before its weight.
+        function: Its value in a step, shape (n,), of n robots at once; see
+            `robot_states.Stepped`. None: it is one of ours, compiled into the step
+            (`simulation.step.judge`).
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    function: Callable[[Stepped], NDArray[np.generic]] | None = None
+
+
+PROGRESS = RewardTerm(
+    name="progress",
+    unit="m",
+    meaning=(
+        "metres by which the path from the true position to the goal became shorter, at the "
+        "prices of `ambiguity_weight`: d - gamma d', a difference of potentials as in Ng, Harada "
+        "& Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to "
+        "the goal it is"
+    ),
+)
+ARRIVAL = RewardTerm(
+    name="arrival",
+    unit="1",
+    meaning="1 when the robot believes it is at the goal and truly is near it",
+)
+COLLISION = RewardTerm(
+    name="collision",
+    unit="1",
+    meaning="-1 when it touches a wall or a box",
+)
+TIME = RewardTerm(
+    name="time",
+    unit="s",
+    meaning="minus the seconds of the step",
+)
+AMBIGUITY = RewardTerm(
+    name="ambiguity",
+    unit="m",
+    meaning="minus the ambiguity map's layer, integrated over the metres of the step",
+)
+FISHER = RewardTerm(
+    name="fisher",
+    unit="m^2",
+    meaning="minus the layer `fisher`, likewise",
+)
+ERROR = RewardTerm(
+    name="error",
+    unit="m^2",
+    meaning="minus the error of the estimate in metres times the metres of the step; privileged",
+)
+LOST = RewardTerm(
+    name="lost",
+    unit="s",
+    meaning="minus the seconds of the step while the robot is lost; privileged",
+)
+
+REWARD_TERMS: Final = Registry(
+    "reward term",
+    RewardTerm,
+    "ambinav.rewards",
+    {name: f"ambinav_envs.rewards:{name.upper()}" for name in TERMS},
+)
+"""The terms of the reward: ours, which the step computes in the order of `TERMS`, and plug-ins'."""
 
 _TASK = {"progress": 1.0, "arrival": 10.0, "collision": 10.0, "time": 0.1}
 PRESETS: dict[str, dict[str, float]] = {
@@ -33,14 +99,14 @@ PRESETS: dict[str, dict[str, float]] = {
 """Weights by name; terms that are left out have the weight 0.
 
 Driving at 0.5 m/s a metre costs 0.2 of `time`. So with "ambiguity" a metre at level 1 costs as
-much as 5 more metres, which is `AmbiguityService`'s default weight, and the `way_weight` with which
-the way of `progress` is the one that this reward asks for. The other two weigh about as
+much as 5 more metres, which is `AmbiguityService`'s default weight, and the `ambiguity_weight` with
+which the route of `progress` is the one that this reward asks for. The other two weigh about as
 much as that on the whole: in procedural buildings a metre's `fisher` is a fifth of its `level`.
 """
 
 
-def weights_of(reward: str | Mapping[str, float]) -> tuple[float, ...]:
-    """The weight of each of `TERMS`.
+def weights_of(reward: str | Mapping[str, float]) -> dict[str, float]:
+    """The weight of each term that has one, and of each of `TERMS`.
 
     Args:
         reward: Name of a preset, or weights by term.
@@ -56,7 +122,9 @@ def weights_of(reward: str | Mapping[str, float]) -> tuple[float, ...]:
         reward = PRESETS[reward]
     if not isinstance(reward, Mapping):
         raise InputError(f"reward is {reward!r}; give a preset's name or weights by term.")
+    known = REWARD_TERMS.names()
     for term in reward:
-        if term not in TERMS:
-            raise InputError(f"reward: the term {term!r} is unknown; {nearest(str(term), TERMS)}.")
-    return tuple(as_number(reward.get(term, 0.0), f"reward: {term}") for term in TERMS)
+        if term not in known:
+            raise InputError(f"reward: the term {term!r} is unknown; {nearest(str(term), known)}.")
+    given = {term: as_number(weight, f"reward: {term}") for term, weight in reward.items()}
+    return {**dict.fromkeys(TERMS, 0.0), **given}

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.layout import View
 
@@ -21,10 +22,6 @@ ACTIONS: Floats = np.array(
 """The nine discrete actions as continuous ones: stand, half speed and full speed (of what lies
 between the lowest and the highest), each turning left, straight on and turning right at half the
 turn rate; shape (9, 2)."""
-
-# Highest values: 100 m for distances in units of 10 m, 2 m and 2 rad for deviations.
-_POLAR = ((0.0, -1.0, -1.0), (10.0, 1.0, 1.0))
-_UNCERTAINTY = ((0.0, 0.0, -1.0, -1.0, 0.0), (2.0, 2.0, 1.0, 1.0, 2.0))
 
 
 def observation_space(parameters: NavigationParameters) -> spaces.Dict:
@@ -39,19 +36,18 @@ def observation_space(parameters: NavigationParameters) -> spaces.Dict:
 sine of the double angle of that axis in the robot's frame, deviation of the heading (rad) |
     | window | 2 K^2 | around the estimated pose, K rows from ahead to behind, each from left to \
 right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
-    | waypoint | 3 | as goal: a place ahead on the way (`way_weight`) from the estimated pose |
+    | waypoint | 3 | as goal: a point ahead on the route (`ambiguity_weight`), from the estimate |
+
+    The parts that plug-ins bring (`NavigationParameters.observations`) come after them.
     """
-    parts: dict[str, spaces.Space[Any]] = {
-        "scan": _row(0.0, 1.0, parameters.scanner.beams),
-        "goal": _row(*_POLAR),
-        "velocity": _row(-1.0, 1.0, 2),
-        "uncertainty": _row(*_UNCERTAINTY),
-    }
-    if parameters.window:
-        parts["window"] = _row(0.0, 1.0, 2 * parameters.window_cells**2)
-    if parameters.waypoint:
-        parts["waypoint"] = _row(*_POLAR)
-    return spaces.Dict(parts)
+    parts = (*map(OBSERVATIONS.get, View._fields), *parameters.plugged_parts)
+    return spaces.Dict(
+        {
+            part.name: spaces.Box(*part.bounds(parameters), dtype=np.float32)
+            for part in parts
+            if part.size(parameters) > 0
+        }
+    )
 
 
 def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
@@ -61,21 +57,9 @@ def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
     return spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def _row(low: Any, high: Any, size: int | None = None) -> spaces.Box:
-    shape = (len(low),) if size is None else (size,)
-    lows, highs = (np.broadcast_to(np.float32(value), shape).copy() for value in (low, high))
-    return spaces.Box(lows, highs, dtype=np.float32)
-
-
 def columns_of(parameters: NavigationParameters) -> tuple[int, ...]:
     """Columns of each part of a `View`, none for parts that are off."""
-    window = 2 * parameters.window_cells**2 if parameters.window else 0
-    return parameters.scanner.beams, 3, 2, 5, window, 3 if parameters.waypoint else 0
-
-
-def observation_of(view: View) -> dict[str, NDArray[np.float32]]:
-    """The parts that are on, by name."""
-    return {name: part for name, part in view._asdict().items() if part.shape[1] > 0}
+    return tuple(OBSERVATIONS.get(name).size(parameters) for name in View._fields)
 
 
 def continuous(

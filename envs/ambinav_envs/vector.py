@@ -24,7 +24,7 @@ from ambinav_envs.scenario import scenario
 from ambinav_envs.seeds import as_seeds
 from ambinav_envs.simulation.layout import REWARD
 from ambinav_envs.simulation.simulation import Outcome, Simulation
-from ambinav_envs.spaces import action_space, continuous, observation_of, observation_space
+from ambinav_envs.spaces import action_space, continuous, observation_space
 
 Bools = NDArray[np.bool_]
 Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
@@ -127,12 +127,12 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         self._seed(seed, chosen)
         out = self.simulation.outcome()
         if not chosen.all():
-            self.simulation.look(out)
+            self.simulation.observe(out)
         self._begin(np.flatnonzero(chosen).tolist(), options, out)
         self._ended[chosen] = False
         self._show()
         info = info_of_all(self.simulation, out, np.zeros(self.num_envs, dtype=np.bool_))
-        return observation_of(out.view), info if chosen.all() else part_of(info, chosen)
+        return out.observation, info if chosen.all() else part_of(info, chosen)
 
     def step(self, actions: Any) -> Step:
         """Drive on for one time step; see `NavigationEnv.step`.
@@ -172,7 +172,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         else:
             info = info_of_all(self.simulation, out, done)
         self._show()
-        return observation_of(out.view), rewards, terminated, truncated, info
+        return out.observation, rewards, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """The picture of each robot, shape (640, 960, 3); see `NavigationEnv.render`."""
@@ -220,7 +220,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
         final = np.full(self.num_envs, None, dtype=object)
         rows = np.flatnonzero(done).tolist()
         for i in rows:
-            parts = observation_of(out.view).items()
+            parts = out.observation.items()
             final[i] = {name: part[i].copy() for name, part in parts}
         self._begin(rows, None, out)
         nobody = np.zeros(self.num_envs, dtype=np.bool_)

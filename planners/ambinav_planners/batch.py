@@ -10,7 +10,7 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Watch, found_poses, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner, register
+from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner
 
 FIRST_SAMPLES = 500
 
@@ -48,11 +48,11 @@ def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Bu
     return solve
 
 
-def _add(name: str, make: Callable[[Any], Any], text: str) -> None:
-    register(
-        Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
-    )
+def _fmt(name: str, make: Callable[[Any], Any], text: str) -> Planner:
+    return Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
 
 
-_add("fmt", og.FMT, "FMT*, with doubled numbers of samples (Janson et al. 2015)")
-_add("bfmt", og.BFMT, "FMT* from both ends, with doubled numbers of samples (Starek et al. 2015)")
+FMT = _fmt("fmt", og.FMT, "FMT*, with doubled numbers of samples (Janson et al. 2015)")
+BFMT = _fmt(
+    "bfmt", og.BFMT, "FMT* from both ends, with doubled numbers of samples (Starek et al. 2015)"
+)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.plugins import Registry
 from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")
@@ -104,14 +103,28 @@ class Planner:
     make: Callable[[Any], Any] | None = None
 
 
-@dataclass
-class _Registry:
-    planners: dict[str, Planner] = field(default_factory=dict)
-    loaded: bool = False
+PLANNERS: Final = Registry(
+    "planner",
+    Planner,
+    "ambinav.planners",
+    {
+        "rrtstar": "ambinav_planners.tree:RRTSTAR",
+        "informed-rrtstar": "ambinav_planners.tree:INFORMED_RRTSTAR",
+        "sorrtstar": "ambinav_planners.tree:SORRTSTAR",
+        "bitstar": "ambinav_planners.tree:BITSTAR",
+        "fmt": "ambinav_planners.batch:FMT",
+        "bfmt": "ambinav_planners.batch:BFMT",
+        "prmstar": "ambinav_planners.roadmap:PRMSTAR",
+        "reference": "ambinav_planners.search.reference:REFERENCE",
+        "belief": "ambinav_planners.belief.planners:BELIEF",
+        "belief-roadmap": "ambinav_planners.belief.planners:BELIEF_ROADMAP",
+    },
+)
+"""All planners.
 
-
-_registry = _Registry()
-_HOMES = ("tree", "batch", "roadmap", "search.reference", "belief.planners")
+Seeded plans run in fresh processes, which know our own planners and those of installed plug-ins;
+one that is only registered and sets `uses_ompl` can be seeded in the first plan of a process alone.
+"""
 
 _NOT_OPTIMISING = "it stops at the first way that it finds and never looks at the cost"
 REFUSED = {
@@ -126,28 +139,9 @@ REFUSED = {
 """OMPL's other geometric planners, by their name in lower case, and why they are not offered."""
 
 
-def register(planner: Planner) -> Planner:
-    """Add a planner.
-
-    Seeded plans run in fresh processes, which know the planners of this package only: one from
-    elsewhere that sets `uses_ompl` can be seeded in the first plan of a process alone.
-
-    Raises:
-        ValueError: the name is taken.
-    """
-    if planner.name in _registry.planners:
-        raise ValueError(f"planner {planner.name!r} is registered already")
-    _registry.planners[planner.name] = planner
-    return planner
-
-
 def planners() -> dict[str, Planner]:
     """All planners by name."""
-    if not _registry.loaded:
-        for home in _HOMES:
-            importlib.import_module(f"ambinav_planners.{home}")
-        _registry.loaded = True
-    return dict(_registry.planners)
+    return {name: PLANNERS.get(name) for name in PLANNERS.names()}
 
 
 def planner(name: str) -> Planner:
@@ -156,16 +150,13 @@ def planner(name: str) -> Planner:
     Raises:
         InputError: there is none, or it is refused; the message says why.
     """
-    known = planners()
-    if name in known:
-        return known[name]
-    names = ", ".join(sorted(known))
+    known = PLANNERS.names()
     reason = REFUSED.get(name.lower().replace("-", "").replace("_", ""))
-    if reason is not None:
-        raise InputError(f"planner {name!r} is refused: {reason}; give one of {names}.")
-    close = difflib.get_close_matches(name.lower(), known, n=1, cutoff=0.5)
-    offer = f"did you mean {close[0]!r}? There are" if close else "there are"
-    raise InputError(f"planner {name!r} is not known; {offer} {names}.")
+    if reason is not None and name not in known:
+        raise InputError(
+            f"planner {name!r} is refused: {reason}; give one of {', '.join(sorted(known))}."
+        )
+    return PLANNERS.get(name)
 
 
 def check_suits(chosen: Planner, problem: Problem, budget: Budget) -> None:

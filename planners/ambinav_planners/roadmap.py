@@ -13,7 +13,7 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Setup, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.registry import Budget, Found, Planner
 from ambinav_planners.sampler import FreeSampler
 from ambinav_planners.search.cheapest import cheapest_on
 from ambinav_planners.search.graph import MotionGraph
@@ -146,12 +146,10 @@ def solve_roadmap(problem: Problem, budget: Budget) -> Found:
             return Found(best, tuple(curve), roadmap.milestones)
 
 
-register(
-    Planner(
-        "prmstar",
-        solve_roadmap,
-        "PRM* grown as a roadmap and searched apart (Karaman and Frazzoli 2011)",
-        iteration="milestones",
-        keeps_limit=True,
-    )
+PRMSTAR = Planner(
+    "prmstar",
+    solve_roadmap,
+    "PRM* grown as a roadmap and searched apart (Karaman and Frazzoli 2011)",
+    iteration="milestones",
+    keeps_limit=True,
 )

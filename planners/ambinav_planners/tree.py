@@ -10,7 +10,7 @@ from ompl import geometric as og
 
 from ambinav_planners.ompl_setup import Watch, found_poses, prepare
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner, register
+from ambinav_planners.registry import SYMMETRIC_SPACES, Budget, Found, Planner
 
 # Neighbours that RRT* tries are rewire_factor 2^(d+1) e (1 + 1/d) log n in OMPL, some 300 in the
 # plane, and each is a call from C++ into Python. This makes them e (1 + 1/d) log n, just above the
@@ -40,31 +40,27 @@ def _solver(make: Callable[[ob.SpaceInformation], Any]) -> Callable[[Problem, Bu
     return solve
 
 
-def _add_rrt(name: str, make: Callable[[Any], Any], text: str) -> None:
-    """Add a kind of RRT*: OMPL's rewire in the belief that the way back is as long and as dear."""
+def _rrt_star(name: str, make: Callable[[Any], Any], text: str) -> Planner:
+    """A kind of RRT*: OMPL's rewire in the belief that the way back is as long and as dear."""
     make = _rrt(make)
-    register(
-        Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
-    )
+    return Planner(name, _solver(make), text, "samples", SYMMETRIC_SPACES, one_way=False, make=make)
 
 
-_add_rrt("rrtstar", og.RRTstar, "RRT* (Karaman and Frazzoli 2011)")
-_add_rrt(
+RRTSTAR = _rrt_star("rrtstar", og.RRTstar, "RRT* (Karaman and Frazzoli 2011)")
+INFORMED_RRTSTAR = _rrt_star(
     "informed-rrtstar",
     og.InformedRRTstar,
     "Informed RRT*: samples only what can still be better (Gammell et al. 2014)",
 )
-_add_rrt(
+SORRTSTAR = _rrt_star(
     "sorrtstar",
     og.SORRTstar,
     "Informed RRT* with samples sorted by what they promise (Gammell et al. 2015)",
 )
-register(
-    Planner(
-        "bitstar",
-        _solver(og.BITstar),
-        "BIT*: batches of samples searched in order of promise (Gammell et al. 2015)",
-        iteration="edges",
-        make=og.BITstar,
-    )
+BITSTAR = Planner(
+    "bitstar",
+    _solver(og.BITstar),
+    "BIT*: batches of samples searched in order of promise (Gammell et al. 2015)",
+    iteration="edges",
+    make=og.BITstar,
 )

@@ -8,7 +8,7 @@ import pytest
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.sensing import RangeScanner
 from benchmarks.raster import busiest, medians
 

@@ -11,7 +11,7 @@ import xarray as xr
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.aliasing.layer import look_alikes
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.standing import can_stand
 from ambinav.audit.ambiguous_regions import find_places
 from ambinav.geometry.motion.steering import Steering
@@ -114,7 +114,7 @@ def test_sample_and_cost(amap: AmbiguityMap, possible: np.ndarray) -> None:
 
 
 def test_aliases_are_possible_poses(amap: AmbiguityMap) -> None:
-    ground = Ground.of(amap)
+    ground = LayerContext.of(amap)
     found = look_alikes(ground, 3, least=1e-4).found
     x, y = ground.points
     for k, heading in enumerate(ground.headings):

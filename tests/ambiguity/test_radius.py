@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.context import Ground
-from ambinav.ambiguity.layers.registry import layer
+from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.layers.registry import LAYERS
 from ambinav.ambiguity.radius import position_radius
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -127,6 +127,6 @@ def test_a_scanner_with_headings_has_one_value_a_place(fan: RangeScanner) -> Non
 
 def test_ground_without_a_map_has_no_position(laser: RangeScanner) -> None:
     amap = build_map(scenes.room(4.0, 3.0), laser, 0.5)
-    ground = replace(Ground.of(amap), amap=None)
+    ground = replace(LayerContext.of(amap), amap=None)
     with pytest.raises(InputError, match="build the map first"):
-        layer("position").compute(ground)
+        LAYERS.get("position").compute(ground)

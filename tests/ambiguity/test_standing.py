@@ -20,8 +20,8 @@ from ambinav.ambiguity.tensor import relative_radii
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid
 from ambinav.geometry.lattice import STEPS, Lattice
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav.maps.zones import NOT_FREE
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes

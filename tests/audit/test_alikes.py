@@ -11,7 +11,7 @@ import shapely
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit import aliasing as module
 from ambinav.audit.aliasing import Alikes, find_alikes, own_places, seek
 from ambinav.audit.audit import audit
@@ -91,7 +91,7 @@ def test_turned_places_are_linked(make, fold, laser):
 
 def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
     amap, alikes = found
-    here = Ground.of(amap, rooms)
+    here = LayerContext.of(amap, rooms)
     assert seek(amap, here)[1].all()
     monkeypatch.setattr(module, "MOST_POSES", len(here.points[0]) // 3)
     some, sought = seek(amap, here)

@@ -8,7 +8,7 @@ import pytest
 import ambinav as an
 from ambinav.ambiguity.layers.aliasing.layer import look_alikes, squares
 from ambinav.ambiguity.layers.aliasing.settle import settle
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit.aliasing_groups import join, neighbours, same, stepped
 from ambinav.audit.aliasing_tracks import LEAST_LIKENESS, follow
 from tests.audit import symmetric
@@ -16,8 +16,8 @@ from tests.audit import symmetric
 SPACING = 0.25
 
 
-def ground(environment: an.Environment, scanner: an.RangeScanner) -> Ground:
-    return Ground.of(an.build_map(environment, scanner, spacing=SPACING), environment)
+def ground(environment: an.Environment, scanner: an.RangeScanner) -> LayerContext:
+    return LayerContext.of(an.build_map(environment, scanner, spacing=SPACING), environment)
 
 
 @pytest.mark.parametrize("every", [1, 4], ids=["all", "some"])

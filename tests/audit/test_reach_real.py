@@ -18,9 +18,10 @@ from ambinav.audit.audit import audit
 from ambinav.audit.document import document
 from ambinav.errors import InputWarning
 from ambinav.geometry.collision.reach import find_reach
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import GAP_CELLS, LARGEST_DEFAULT_GAP, TOLERANCE_CELLS
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED
+from ambinav.geometry.io.load import load_environment
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED
 from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

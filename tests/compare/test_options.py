@@ -195,7 +195,7 @@ POLICIES = {
     "no route": ("p.py:nothing", "it returned a list; return an ambinav.routes.route.Route"),
     "through a wall": ("p.py:through", "reached through a wall; give a route that leaves room"),
     "other arguments": ("p.py:alone", "takes (), but is called with 4 arguments (Environment,"),
-    "fails": ("p.py:fails", "failed (ZeroDivisionError: division by zero, p.py line 24); mend it"),
+    "fails": ("p.py:fails", "failed (ZeroDivisionError: division by zero, p.py line 24); fix it"),
 }
 
 
@@ -219,10 +219,10 @@ def test_modules_are_imported(scenario: dict[str, Any], tmp_path: Path) -> None:
     assert "modules: m.py cannot be imported (ZeroDivisionError" in found.stderr
     (tmp_path / "m.py").write_text(
         "import numpy as np\n"
-        "from ambinav_planners.registry import Found, Planner, register\n"
+        "from ambinav_planners.registry import PLANNERS, Found, Planner\n"
         "way = np.array([[1, 1, 0], [4.5, 0.6, 0], [7, 2, 0]], dtype=float)\n"
-        "register(Planner('straight-on', lambda problem, budget: Found(way, finished=True),\n"
-        "                 'one way', uses_ompl=False))\n"
+        "PLANNERS.register(Planner('straight-on', lambda *given: Found(way, finished=True),\n"
+        "                          'one way', uses_ompl=False))\n"
     )
     found = compare(path, tmp_path / "out", "--runs", "1")
     try:
@@ -230,6 +230,6 @@ def test_modules_are_imported(scenario: dict[str, Any], tmp_path: Path) -> None:
         report = json.loads((tmp_path / "out" / "report.json").read_text())
         assert report["plans"][0]["planner"] == "straight-on"
     finally:
-        from ambinav_planners import registry
+        from ambinav_planners.registry import PLANNERS
 
-        registry._registry.planners.pop("straight-on", None)
+        PLANNERS._registered.pop("straight-on", None)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
-from ambinav.compare.localizer_spec import EkfParameters
 from ambinav.compare.scenario_file import Loaded, load_scenario, parse_scenario
+from ambinav.drive.own_localizers import EkfParameters
 from ambinav.errors import InputError, InputWarning
 from ambinav.localization.parameters import MclParameters
 from ambinav.sensing.scanner import RangeScanner
@@ -28,11 +28,11 @@ ROOT = Path(__file__).parents[2]
 def test_the_localizer_is_told_how_odometry_errs(scenario: Plain) -> None:
     scenario["odometry"] = {"alpha1": 0.4, "scale": 0.5}
     scenario["localizer"] = {"alpha2": 0.3}
-    guide = parse_scenario(scenario, "x.yaml", "x").guide
-    assert isinstance(guide, MclParameters)
-    assert guide.alpha1 == pytest.approx(0.1)
-    assert guide.alpha2 == 0.3
-    assert guide.alpha3 == pytest.approx(0.05)
+    told = parse_scenario(scenario, "x.yaml", "x").chosen_localizer.parameters
+    assert isinstance(told, MclParameters)
+    assert told.alpha1 == pytest.approx(0.1)
+    assert told.alpha2 == 0.3
+    assert told.alpha3 == pytest.approx(0.05)
 
 
 def test_kinds_of_localizers(scenario: Plain) -> None:
@@ -40,11 +40,12 @@ def test_kinds_of_localizers(scenario: Plain) -> None:
     found = []
     for told in ("perfect", {"type": "odometry"}, {"type": "mcl"}, {"type": "ekf", "gate": 4}):
         scenario["localizer"] = told
-        found.append(parse_scenario(scenario, "x.yaml", "x").guide)
-    assert found[:2] == ["perfect", "odometry"]
-    assert isinstance(found[2], MclParameters)
+        found.append(parse_scenario(scenario, "x.yaml", "x").chosen_localizer)
+    assert [one.plain for one in found[:2]] == ["perfect", "odometry"]
+    assert [one.title for one in found[:2]] == ["the truth", "dead reckoning"]
+    assert isinstance(found[2].parameters, MclParameters)
     # Ten scans a second at 0.5 m/s and 2 rad/s: every 5 cm or 0.2 rad, not every 25 cm.
-    assert found[3] == EkfParameters(0.1, 0.25, 0.25, 0.05, gate=4)
+    assert found[3].parameters == EkfParameters(0.1, 0.25, 0.25, 0.05, gate=4)
 
 
 @pytest.mark.parametrize("rate", [5.0, 10.0])
@@ -55,18 +56,19 @@ def test_the_kalman_filter_believes_in_the_odometry_that_is_driven(
     scenario |= {"odometry": {"scale": 0.5}, "localizer": "ekf", "robot": {"max_speed": 0.25}}
     scenario["drive"] = {**scenario.get("drive", {}), "rate": rate}
     parsed = parse_scenario(scenario, "x.yaml", "x")
-    assert isinstance(parsed.guide, EkfParameters)
+    parameters = parsed.chosen_localizer.parameters
+    assert isinstance(parameters, EkfParameters)
     steps = round(4.0 * rate / 0.25)
     poses = np.column_stack([np.linspace(0.0, 4.0, steps + 1), np.zeros((steps + 1, 2))])
     told, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     for before, after in itertools.pairwise(poses[:, None]):
-        told = parsed.guide.odometry.covariances(before, told, before, after)
+        told = parameters.odometry.covariances(before, told, before, after)
         true = parsed.odometry.spread(before, true, before, after)
     np.testing.assert_allclose(told, true, rtol=1e-9, atol=1e-15)
     on_the_spot = np.array([[[0.0, 0.0, k * 2.0 / rate]] for k in range(11)])
     told, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     for before, after in itertools.pairwise(on_the_spot):
-        told = parsed.guide.odometry.covariances(before, told, before, after)
+        told = parameters.odometry.covariances(before, told, before, after)
         true = parsed.odometry.spread(before, true, before, after)
     np.testing.assert_allclose(told, true, rtol=1e-9, atol=1e-15)
 
@@ -77,28 +79,32 @@ def test_cones_are_localized_by_the_product_unless_said_otherwise(
     alphas = {f"alpha{k}": 0.2 * 0.25**2 for k in range(1, 5)}
     ring = RangeScanner.from_preset("hc-sr04")
 
-    def guide(localizer: object, scanner: str = "hc-sr04") -> object:
+    def parameters(localizer: object, scanner: str = "hc-sr04") -> object:
         scenario.update(localizer=localizer, scanner=scanner)
-        return load_scenario(write(tmp_path, scenario)).scenario.guide
+        return load_scenario(write(tmp_path, scenario)).scenario.chosen_localizer.parameters
 
     suited = MclParameters.for_scanner(ring, **alphas)
     assert suited.laser_model_type == "beam_prob"
-    assert guide({}) == guide("mcl") == guide({"type": "mcl"}) == suited
+    assert parameters({}) == parameters("mcl") == parameters({"type": "mcl"}) == suited
     # What is given stands, the rest is as it suits the scanner.
     given = {"z_hit": 0.6, "alpha1": 0.3, "beam_table_resolution": 0.0}
-    assert guide(given) == replace(suited, **given)
+    assert parameters(given) == replace(suited, **given)
     # AMCL's own goes by its name, for any scanner; lasers have it anyhow.
     with pytest.warns(InputWarning, match=r"flat\.yaml: the localizer.*take what suits .*type mcl"):
-        assert guide("amcl") == MclParameters(**alphas)
-    assert guide({"type": "amcl", "laser_model_type": "beam"}) == MclParameters(
+        assert parameters("amcl") == MclParameters(**alphas)
+    assert parameters({"type": "amcl", "laser_model_type": "beam"}) == MclParameters(
         laser_model_type="beam", **alphas
     )
-    assert guide("amcl", "rplidar-a1") == guide("mcl", "rplidar-a1") == MclParameters(**alphas)
+    assert (
+        parameters("amcl", "rplidar-a1")
+        == parameters("mcl", "rplidar-a1")
+        == MclParameters(**alphas)
+    )
     with pytest.warns(InputWarning, match="likelihood_field_prob .* choose beam_prob"):
-        assert guide({"laser_model_type": "likelihood_field_prob"}) == MclParameters(
+        assert parameters({"laser_model_type": "likelihood_field_prob"}) == MclParameters(
             laser_model_type="likelihood_field_prob", **alphas
         )
-    assert guide("perfect") == "perfect" and isinstance(guide("ekf"), EkfParameters)
+    assert isinstance(parameters("ekf"), EkfParameters)
 
 
 def test_names_and_baseline(scenario: Plain) -> None:
@@ -112,7 +118,7 @@ def test_names_and_baseline(scenario: Plain) -> None:
 
 def test_the_demo_writes_its_alphas_out() -> None:
     read = load_scenario(ROOT / "configs" / "compare-demo.yaml").scenario
-    told = read.guide
+    told = read.chosen_localizer.parameters
     assert isinstance(told, MclParameters) and isinstance(read.localizer, dict)
     for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
         assert read.localizer[name] == getattr(read.odometry, name) * read.odometry.scale**2
@@ -136,7 +142,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "unknown localizer": (lambda p: p.update(localizer="odomtry"), "did you mean odometry"),
     "unknown type": (
         lambda p: p.update(localizer={"type": "efk"}),
-        "x.yaml: localizer: type is 'efk'; did you mean ekf",
+        "x.yaml: localizer: there is no localizer 'efk'; did you mean ekf",
     ),
     "name with parameters": (
         lambda p: p.update(localizer={"type": "perfect", "gate": 3}),
@@ -144,7 +150,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "unknown filter parameter": (
         lambda p: p.update(localizer={"type": "ekf", "gates": 3}),
-        "localizer: the key 'gates' is unknown; did you mean gate",
+        "localizer: the parameter 'gates' of the localizer 'ekf' is unknown; did you mean gate",
     ),
     "filter's gate": (
         lambda p: p.update(localizer={"type": "ekf", "gate": 0}),

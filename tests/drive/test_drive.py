@@ -218,7 +218,7 @@ def test_a_run_is_given_up_in_the_end(hall: Environment) -> None:
     ("options", "words"),
     [
         ({"runs": 0}, "runs is 0"),
-        ({"localizer": "perfekt"}, "'perfekt' is unknown; did you mean perfect"),
+        ({"localizer": "perfekt"}, "no localizer 'perfekt'; did you mean perfect"),
         ({"rate": 0.0}, "rate is 0"),
         ({"max_time": -1.0}, "max_time is -1"),
         ({"start_std": (0.1, 0.1)}, "start_std"),

@@ -20,7 +20,7 @@ from ambinav.localization.random import uniform, ziggurat
 from ambinav.sensing import RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv
-from ambinav_envs.simulation.layout import EYES, TERMS, WHEELS
+from ambinav_envs.simulation.layout import ODOMETRY_NOISE, SCANNER, TERMS
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +37,10 @@ class SlowNavigation:
         self.truth, self.odometry = state["truth"].copy(), state["odometry"].copy()
         self.mean, self.cov = state["mean"].copy(), state["covariance"].copy()
         self.speeds, self.distance = np.zeros(2), float(state["distance"])
-        self.wheels, self.eyes = state["random"][WHEELS].copy(), state["random"][EYES].copy()
+        self.odometry_random, self.scanner_random = (
+            state["random"][ODOMETRY_NOISE].copy(),
+            state["random"][SCANNER].copy(),
+        )
         self.exposure = self.travelled = 0.0
         self.level = AmbiguityService(self.building.amap, self.p.cost_layer)
         self.fisher = AmbiguityService(self.building.amap, "fisher")
@@ -52,8 +55,10 @@ class SlowNavigation:
             *before, *self.speeds, p.dt, robot.radius, *self.building.checker.arrays[:2]
         )
         self.truth = np.array(pose)
-        noise = p.wheels.packed
-        self.odometry = np.array(report(*reported, *before, *self.truth, noise, self.wheels))
+        noise = p.true_odometry.packed
+        self.odometry = np.array(
+            report(*reported, *before, *self.truth, noise, self.odometry_random)
+        )
         self.cov = p.odometry.spread(
             self.mean[None], self.cov[None], reported[None], self.odometry[None]
         )[0]
@@ -64,7 +69,7 @@ class SlowNavigation:
         error = float(np.hypot(*(self.mean - self.truth)[:2]))
         # An arc, whose chord is shorter by far less than a millimetre.
         way = abs(self.speeds[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
-        here = self.building.places.distance(self.task.way.costs, *self.truth[:2])
+        here = self.building.lattice.distance(self.task.cost_to_go.costs, *self.truth[:2])
         terms = dict.fromkeys(TERMS, 0.0)
         terms["progress"] = self.distance - p.gamma * here
         terms["collision"] = -float(met)
@@ -89,7 +94,7 @@ class SlowNavigation:
         )
         true = np.where(true <= [s.max_range for s in sensors], true, math.inf)
         out = np.empty_like(true)
-        noises = [ziggurat(self.eyes) for _ in true]
+        noises = [ziggurat(self.scanner_random) for _ in true]
         for b, (d, s, noise) in enumerate(zip(true, sensors, noises, strict=True)):
             value = d + float(s.bias_at(d)) + float(s.std_at(d)) * noise
             if value >= s.max_range:
@@ -101,10 +106,10 @@ class SlowNavigation:
         share = sensors[0].random_share + sensors[0].lost_share
         b = -1
         while True:
-            b += 1 + int(math.log(1.0 - uniform(self.eyes)) / math.log1p(-share))
+            b += 1 + int(math.log(1.0 - uniform(self.scanner_random)) / math.log1p(-share))
             if b >= len(out):
                 return out
-            chance = share * uniform(self.eyes) / sensors[b].random_share
+            chance = share * uniform(self.scanner_random) / sensors[b].random_share
             low = sensors[b].min_range + sensors[b].resolution * chance * sensors[b].bins
             out[b] = middle(sensors[b], low) if chance < 1.0 else math.inf
 

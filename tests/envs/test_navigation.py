@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from ambinav.errors import InputError
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.rewards import MEANINGS, PRESETS, TERMS, weights_of
+from ambinav_envs.rewards import PRESETS, REWARD_TERMS, TERMS, weights_of
 from ambinav_envs.spaces import ACTIONS
 from tests.envs.cases import equal, room
 
@@ -216,10 +216,10 @@ def test_bad_actions_are_refused() -> None:
 
 
 def test_weights_by_name() -> None:
-    assert tuple(MEANINGS) == TERMS
+    assert REWARD_TERMS.names() == TERMS
     assert all(set(preset) <= set(TERMS) for preset in PRESETS.values())
-    assert weights_of({"time": 2}) == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0)
-    assert weights_of("shortest")[TERMS.index("ambiguity")] == 0.0 < weights_of("ambiguity")[4]
+    assert tuple(weights_of({"time": 2}).values()) == (0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0)
+    assert weights_of("shortest")["ambiguity"] == 0.0 < weights_of("ambiguity")["ambiguity"]
 
 
 def test_parameters_from_plain_values() -> None:

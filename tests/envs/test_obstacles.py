@@ -55,12 +55,12 @@ def test_rays_meet_boxes_and_people_as_they_meet_walls() -> None:
         world = with_obstacles(room(), [polygon(box) for box in boxes])
         people = simulation.people
         wanted = Readings(world, p.scanner).true_ranges(state["truth"][None], people, 0.25)[0]
-        cast_rays(*state["truth"], site.tables, scratch.cast)
+        cast_rays(*state["truth"], site.record.cast, scratch.cast)
         shade(
-            *state["truth"], people, 0.25, simulation.boxes, len(boxes), 0, site.tables,
+            *state["truth"], people, 0.25, simulation.boxes, len(boxes), 0, site.record.cast,
             scratch.cast, 4.0,
         )  # fmt: skip
-        nearest_echoes(site.tables, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
+        nearest_echoes(site.record.cast, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
         assert np.allclose(scratch.ranges, wanted, atol=1e-5)
         # What hit no wall has no edge, so the filter cannot take it for one.
         plain = p.scanner.scan(room(), *state["truth"])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ambinav.geometry.environment import load_environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.navigation import NavigationEnv
@@ -25,7 +25,12 @@ WEIGHTS = dict(zip(TERMS, (1.0, 9.0, 7.0, 0.5, 0.8, 3.0, 2.0, 0.4), strict=True)
 @pytest.mark.parametrize(("name", "seed"), [("room", 1), ("room", 2), ("demo", 3), ("demo", 4)])
 def test_every_number_is_that_of_the_slow_way(name: str, seed: int) -> None:
     environment = room() if name == "room" else load_environment(DEMO)
-    options = {"reward": WEIGHTS, "gamma": 0.97, "odometry_scale": 1.5, "way_weight": seed % 2}
+    options = {
+        "reward": WEIGHTS,
+        "gamma": 0.97,
+        "odometry_scale": 1.5,
+        "ambiguity_weight": seed % 2,
+    }
     env = NavigationEnv(map=environment, **options)
     env.reset(seed=seed)
     slow = SlowNavigation(env)
@@ -142,7 +147,7 @@ def test_waypoints_lie_ahead_on_the_shortest_way() -> None:
         away, ahead, aside = seen["waypoint"]
         angle = theta + math.atan2(aside, ahead)
         x, y = x + 10 * away * math.cos(angle), y + 10 * away * math.sin(angle)
-        left = site.places.distance(task.way.costs, x, y)
+        left = site.lattice.distance(task.cost_to_go.costs, x, y)
         assert left == pytest.approx(max(info["shortest"] - 1.5, 0.0), abs=0.4)
 
 
@@ -156,16 +161,15 @@ def test_the_way_that_waypoints_lie_on_is_the_cheapest_one(fan: bool, rtol: floa
     costs = []
     for seed in range(10):
         for weight in (5.0, 0.0):
-            env = NavigationEnv(**building, way_weight=weight)
+            env = NavigationEnv(**building, ambiguity_weight=weight)
             _, info = env.reset(seed=seed)
             (site,), (task,) = env.simulation.sites, env.simulation.tasks
-            where = env.simulation._memory.where[0]
             assert site is not None and task is not None
             service = AmbiguityService(site.building.amap, "level", 5.0)
             assert (service.ambiguity.values.shape[2] > 1) == fan
             place, cost = tuple(info["true_pose"][:2]), 0.0
             while place != tuple(task.goal):
-                there = ahead(*place, task.goal, 0.5, where)
+                there = ahead(*place, task.goal, 0.5, task.cost_to_go.towards, site.lattice.frame)
                 facing = math.atan2(there[1] - place[1], there[0] - place[0])
                 cost += float(service.motion_cost(*place, *there, facing, facing))
                 place = there

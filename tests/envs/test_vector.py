@@ -27,7 +27,7 @@ from tests.envs.cases import equal, room
 # Short episodes with all that can be in a scene.
 OPTIONS: dict[str, Any] = {
     "longest": 8.0, "max_steps": 40, "people": 2, "obstacles": 3, "waypoint": True,
-    "way_weight": 2.0, "odometry_scale": 2.0,
+    "ambiguity_weight": 2.0, "odometry_scale": 2.0,
 }  # fmt: skip
 # The fewest that threads share, and one more.
 COUNT = SHARED + 1

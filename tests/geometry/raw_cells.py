@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 
 Array = NDArray[Any]
 EIGHT = np.ones((3, 3), dtype=bool)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.io.occupancy import OCCUPIED, OccupancyGrid
 from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
 
 Array = NDArray[Any]
 

@@ -17,7 +17,7 @@ from PIL import Image
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.io.polygons import load_polygons
 
 SETTINGS = settings(max_examples=150, deadline=None)

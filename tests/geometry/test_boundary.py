@@ -11,8 +11,9 @@ import shapely
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.io.ring_checks import crossing
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.geometry.segments import FRONTIER, WALL
 
 CELL = {".": FREE, "#": OCCUPIED, "?": UNKNOWN}

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from ambinav.geometry.collision.checker import CollisionChecker, motion_free, pose_free
 from ambinav.geometry.collision.polygon_sweep import SKIN
 from ambinav.geometry.collision.sweep import line_free
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.curves import motion_length
 from ambinav.geometry.motion.steering import Steering
 from tests.geometry import scenes

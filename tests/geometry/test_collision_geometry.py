@@ -23,8 +23,9 @@ from ambinav.geometry.collision.collision_geometry import NOTCH_CELLS, cut_notch
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from tests.geometry import raw_intrusion, scenes
 
 Array = NDArray[Any]

@@ -10,7 +10,8 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError
-from ambinav.geometry.environment import DRAWING_STD, MAPPING_STD, Environment, load_environment
+from ambinav.geometry.environment import DRAWING_STD, MAPPING_STD, Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.segments import Segments
 from tests.geometry import scenes
 
@@ -106,7 +107,7 @@ def test_what_is_wrong_is_said_with_the_file() -> None:
 def test_unknown_suffix_and_options_that_do_not_fit(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.stl names no known format"):
         load_environment(tmp_path / "house.stl")
-    with pytest.raises(InputError, match="tolerance and gap"):
+    with pytest.raises(InputError, match="tolerance means nothing for a drawn plan"):
         load_environment(DEMO, tolerance=0.1)
 
 

@@ -9,13 +9,8 @@ import pytest
 from PIL import Image
 
 from ambinav.errors import InputError
-from ambinav.geometry.io.occupancy import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    OccupancyGrid,
-    load_map_server,
-)
+from ambinav.geometry.io.map_server import load_map_server
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 HEADER = {
     "image": "map.pgm",

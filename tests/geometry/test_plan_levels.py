@@ -10,7 +10,8 @@ import pytest
 import shapely
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 
 
 def load(folder: Path, *features: tuple[Any, dict[str, Any]], **options: Any) -> Environment:

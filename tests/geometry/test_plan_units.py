@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 
 # Metres along a degree of latitude; of longitude times the cosine of the latitude.
 DEGREE = 111_320.0
@@ -189,7 +190,7 @@ def test_a_box_without_a_room_counts(tmp_path: Path) -> None:
 def test_units_and_levels_are_not_for_occupancy_maps(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("image: map.pgm")
     for option in ({"unit": "m"}, {"level": "EG"}):
-        with pytest.raises(InputError, match="are for drawn plans"):
+        with pytest.raises(InputError, match=r"means nothing for an occupancy map \(\.yaml\)"):
             load_environment(tmp_path / "map.yaml", **option)
 
 

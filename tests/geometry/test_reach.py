@@ -21,10 +21,10 @@ from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.geometry.io.polygons import load_polygons
 from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 CELL = 0.05
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, load_map_server
+from ambinav.geometry.io.map_server import load_map_server
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from tests.geometry import raw_cells
 
 FOLDERS = ("maps", "maps_research_only", "maps_from_logs", "planner_maps")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import MAPPING_STD
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from ambinav.geometry.segments import WALL
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.grid_map import RayCounts, map_from_log, ray_counts

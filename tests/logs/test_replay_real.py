@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.environment import load_environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.logs.carmen import read_carmen
 from ambinav.logs.frames import between

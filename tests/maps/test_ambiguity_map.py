@@ -11,8 +11,8 @@ import shapely
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import OccupancyGrid
 from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.localization.information_gain import information_gain
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -162,7 +162,7 @@ def test_unknown_layer_offers_the_nearest_names(flat):
     with pytest.raises(InputError, match="no such layer"):
         flat.floor("xyzzy")
     # Not what it is nearest to by letters, where it could be there.
-    with pytest.raises(InputError, match="make it with `ambinav map --layers position`"):
+    with pytest.raises(InputError, match="or one that `ambinav map --layers` makes"):
         flat.floor("position")
 
 

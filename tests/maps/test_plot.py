@@ -17,8 +17,8 @@ from PIL import Image
 from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import OccupancyGrid
 from ambinav.geometry.io.shapes import environment_from_shapes
+from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.backdrop import _padded_solid

@@ -15,7 +15,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
 from ambinav_planners.planning import NotFoundError, RoutePlanner, default_planner, plan
-from ambinav_planners.registry import Planner, planners, register
+from ambinav_planners.registry import PLANNERS, Planner, planners
 
 START, GOAL = (3.0, 3.0), (42.0, 20.0)
 # Left and right of the hall, whose middle is open.
@@ -250,5 +250,5 @@ def bends(dense: NDArray[np.float64]) -> float:
 
 
 def test_names_are_taken_once() -> None:
-    with pytest.raises(ValueError, match="'fmt' is registered already"):
-        register(Planner("fmt", lambda problem, budget: None, ""))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="planner 'fmt': there is one of that name in ambinav"):
+        PLANNERS.register(Planner("fmt", lambda problem, budget: None, ""))  # type: ignore[arg-type]

@@ -57,9 +57,9 @@ def test_refused_planners(robot: RoutePlanner, name: str, reason: str) -> None:
 
 def test_unknown_planners(robot: RoutePlanner) -> None:
     for name, close in (("rrtstarr", "rrtstar"), ("RRTstar", "rrtstar"), ("inform", "informed")):
-        with pytest.raises(InputError, match=f"is not known; did you mean '{close}"):
+        with pytest.raises(InputError, match=f"there is no planner '{name}'; did you mean {close}"):
             robot.plan(START, GOAL, planner_name=name)
-    with pytest.raises(InputError, match=r"planner 'xy' is not known; there are belief, .*\.$"):
+    with pytest.raises(InputError, match=r"there is no planner 'xy'; choose from belief, .*\.$"):
         robot.plan(START, GOAL, planner_name="xy")
 
 

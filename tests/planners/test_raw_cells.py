@@ -24,8 +24,9 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.io.boundary import environment_from_grid
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, OccupancyGrid, load_map_server
+from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
 from ambinav_planners import NotFoundError, RoutePlanner, planners
 from ambinav_planners.search.lattice_graph import lattice_of
 from tests.geometry import raw_intrusion

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from ambinav.errors import InputError
-from ambinav.sensing import RangeScanner, preset_names, preset_path, preset_summaries
+from ambinav.sensing import PRESETS, RangeScanner, preset_names, preset_summaries
 
 DOCS = Path(__file__).parents[2] / "docs" / "scanners.md"
 
@@ -108,13 +108,13 @@ def test_figures_of_the_sensor(name: str) -> None:
 
 def test_preset_files_say_what_is_assumed() -> None:
     for name in preset_names():
-        assert "ssum" in preset_path(name).read_text()
+        assert "ssum" in PRESETS.get(name).yaml
 
 
 def test_a_figure_without_a_document_says_so() -> None:
     """Every deviation has a remark: the document and its figure, or that none was found."""
     for name in preset_names():
-        text = preset_path(name).read_text()
+        text = PRESETS.get(name).yaml
         for match in re.finditer(r"^( +)std:", text, re.MULTILINE):
             before = text[: match.start()].splitlines()[-1].strip()
             line = text[match.start() :].splitlines()[0]
@@ -189,7 +189,7 @@ def test_unknown_preset_offers_the_nearest() -> None:
 
 def test_the_files_hold_nothing_but_known_fields() -> None:
     for name in preset_names():
-        found = set(yaml.safe_load(preset_path(name).read_text()))
+        found = set(yaml.safe_load(PRESETS.get(name).yaml))
         assert found - {"robot_radius"} == {"name", "description", "source", "parts"}
 
 

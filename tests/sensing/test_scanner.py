@@ -12,7 +12,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-import ambinav.geometry
+import ambinav.geometry.raycasting
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
@@ -72,7 +72,7 @@ def brute_force(
 def plain_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cast by brute force, on environments that are plain arrays of segments."""
     stand_in = SimpleNamespace(scan_rays=brute_force)
-    monkeypatch.setattr(ambinav.geometry, "fan", stand_in, raising=False)
+    monkeypatch.setattr(ambinav.geometry.raycasting, "fan", stand_in, raising=False)
 
 
 # A room of 6 m x 4 m about the origin, walls as ax, ay, bx, by.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ambinav.ambiguity.layers.context import WHOLE, Ground
+from ambinav.ambiguity.layers.context import WHOLE, LayerContext
 
 # Bytes of beam returns that are held at a time.
 BAND_BYTES = 256_000_000
@@ -32,22 +32,22 @@ class Band:
     part: slice
 
 
-def bands(ground: Ground, reach: int, scans: int = 1) -> Iterator[Band]:
+def bands(context: LayerContext, reach: int, scans: int = 1) -> Iterator[Band]:
     """Bands such that the beam returns of one and its neighbours take about `BAND_BYTES`.
 
     It is exceeded only where a single row and its neighbours are more.
 
     Args:
-        ground: The map's lattice and beams.
+        context: The map's lattice and beams.
         reach: How many rows a neighbour may be off.
         scans: How many scans are held of each pose.
     """
-    poses = len(ground.points[0])
-    most = BAND_BYTES // (scans * 5 * 4 * len(ground.table.limit))
+    poses = len(context.points[0])
+    most = BAND_BYTES // (scans * 5 * 4 * len(context.table.limit))
     if poses <= most:
         yield Band(0, poses, 0, poses, WHOLE)
         return
-    before = np.concatenate([[0], np.cumsum(ground.free.sum(axis=1))])
+    before = np.concatenate([[0], np.cumsum(context.free.sum(axis=1))])
     rows, row = len(before) - 1, 0
     while row < rows:
         first, until = int(before[max(row - reach, 0)]), row + 1

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer, chosen_layers
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -36,7 +36,7 @@ def with_layers(
 
     Args:
         amap: The map.
-        names: Names of layers (see `registry.layers`), or "all" for every layer that the scanner
+        names: Names of layers (see `registry.LAYERS`), or "all" for every layer that the scanner
             can have, but those that are slow.
         environment: What the map was built of, where that is at hand; None: as the map stores it.
         report: Called with the share done, from 0 to 1.
@@ -53,11 +53,11 @@ def with_layers(
     _check_options(chosen, options)
     if not chosen:
         return amap
-    ground = Ground.of(amap, environment)
+    context = LayerContext.of(amap, environment)
     added: dict[str, xr.DataArray] = {}
     for done, layer in enumerate(chosen):
         given = dict(options.get(layer.name, {}))
-        added |= _variables(layer, ground, layer.compute(ground, **given), given)
+        added |= _variables(layer, context, layer.compute(context, **given), given)
         if report is not None:
             report((done + 1) / len(chosen))
     dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())
@@ -89,7 +89,7 @@ def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str,
                 f"options of {name!r}: this layer is not asked for; the layers are "
                 f"{', '.join(by_name) or 'none'}."
             )
-        # The first is the ground.
+        # The first is the context.
         known = list(inspect.signature(by_name[name].compute).parameters)[1:]
         for key in given:
             if key not in known:
@@ -98,15 +98,15 @@ def _check_options(chosen: tuple[Layer, ...], options: Mapping[str, Mapping[str,
 
 
 def _variables(
-    layer: Layer, ground: Ground, found: Mapping[str, Values], options: Mapping[str, object]
+    layer: Layer, context: LayerContext, found: Mapping[str, Values], options: Mapping[str, object]
 ) -> dict[str, xr.DataArray]:
     """A layer, its companions and their summaries over heading as variables of a dataset."""
     called = {layer.name: (layer.title, layer.unit), **layer.companions}
     if found.keys() != called.keys():
         raise ValueError(f"layer {layer.name} gave {sorted(found)}, not {sorted(called)}")
-    shape = (*ground.free.shape, len(ground.headings))
+    shape = (*context.free.shape, len(context.headings))
     for name, values in found.items():
-        if values.shape not in (shape[:2], shape) or (values.ndim == 3 and not ground.has_theta):
+        if values.shape not in (shape[:2], shape) or (values.ndim == 3 and not context.has_theta):
             raise ValueError(f"layer {layer.name} gave {name} in the shape {values.shape}")
     variables: dict[str, xr.DataArray] = {}
 
@@ -132,14 +132,14 @@ def _variables(
     if found[layer.name].ndim == 3:
         for name, values in found.items():
             if values.ndim == 3:
-                floors = _summaries(layer, ground, found[layer.name], name, values)
+                floors = _summaries(layer, context, found[layer.name], name, values)
                 for summary, floor in floors.items():
                     add(name, floor, summary)
     return variables
 
 
 def _summaries(
-    layer: Layer, ground: Ground, main: Values, name: str, values: Values
+    layer: Layer, context: LayerContext, main: Values, name: str, values: Values
 ) -> dict[str, Values]:
     """Mean over possible headings, and the values at the layer's own best and worst heading."""
     order = np.where(np.isnan(main), np.inf, main if layer.worse == "high" else -main)
@@ -147,19 +147,19 @@ def _summaries(
     best = order.argmin(axis=2)[..., np.newaxis]
     worst = np.where(np.isnan(main), -np.inf, order).argmax(axis=2)[..., np.newaxis]
     return {
-        "mean": _mean(ground, name, values),
+        "mean": _mean(context, name, values),
         "best": np.take_along_axis(values, best, axis=2)[..., 0],
         "worst": np.take_along_axis(values, worst, axis=2)[..., 0],
     }
 
 
-def _mean(ground: Ground, name: str, values: Values) -> Values:
+def _mean(context: LayerContext, name: str, values: Values) -> Values:
     """NaN where a possible heading has no value, and in cells that are not free."""
-    full = np.full(ground.free.shape, np.nan, dtype=np.float32)
-    some = ground.possible.any(axis=1)
-    cells = np.zeros_like(ground.free)
-    cells[ground.free] = some
-    floor, where = values[cells].astype(np.float64), ground.possible[some]
+    full = np.full(context.free.shape, np.nan, dtype=np.float32)
+    some = context.possible.any(axis=1)
+    cells = np.zeros_like(context.free)
+    cells[context.free] = some
+    floor, where = values[cells].astype(np.float64), context.possible[some]
     if schema.is_axis(name):
         double = np.exp(2j * floor).mean(axis=1, where=where)
         full[cells] = np.mod(0.5 * np.angle(double), np.pi)

@@ -10,20 +10,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.maps.core_layers import CORE_LAYERS
 
 
-def clearance(ground: Ground) -> dict[str, NDArray[np.float32]]:
+def clearance(context: LayerContext) -> dict[str, NDArray[np.float32]]:
     """Distance from each free cell's centre to the nearest segment, metres."""
-    return {"clearance": ground.spread(ground.lattice.clearance(np.inf))}
+    return {"clearance": context.spread(context.lattice.clearance(np.inf))}
 
 
+_CORE = CORE_LAYERS["clearance"]
 LAYER = Layer(
-    name="clearance",
-    title="distance to the nearest wall or frontier",
-    unit="m",
-    source="own: a rule of thumb, which coastal navigation improves on (Roy et al. 1999, ICRA)",
-    worse="high",
+    name=_CORE.name,
+    title=_CORE.title,
+    unit=_CORE.unit,
+    source=_CORE.source,
+    worse=_CORE.worse,
     compute=clearance,
 )

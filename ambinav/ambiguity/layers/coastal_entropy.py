@@ -54,7 +54,7 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
 from ambinav.ambiguity.kernel import FAST, compare, reach
 from ambinav.ambiguity.layers.bands import bands
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BeamTable, beam_returns
 from ambinav.ambiguity.standing import can_stand
@@ -81,11 +81,13 @@ SHIFTS = np.array(
 WEIGHTS = np.array([1 / 2, *[1 / 12] * 6])
 
 
-def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDArray[np.float32]]:
+def coastal_entropy(
+    context: LayerContext, *, people: float = PEOPLE
+) -> dict[str, NDArray[np.float32]]:
     """Expected entropy of the pose after a scan, among the cells within the map's radius.
 
     Args:
-        ground: What the map was made of.
+        context: What the map was made of.
         people: How many people a beam meets in a metre in the mean, 1 / metres; 0: none.
 
     Returns:
@@ -97,18 +99,18 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
     people = as_number(people, "people")
     if people < 0.0:
         raise InputError(f"people is {people}; give at least 0 per metre.")
-    lattice, table, model = ground.lattice, ground.table, ground.model
+    lattice, table, model = context.lattice, context.table, context.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(table)
     told = _evidence(table, share)
     # What is known before the scan is the neighbourhood.
     prior = 4.0 / model.radius**2
     offsets = _disc(steps, model.radius / lattice.spacing)
-    found = np.empty((2, len(ground.points[0]), len(ground.headings)), dtype=np.float32)
-    for h in range(len(ground.headings)):
-        links = ground.links(h)
-        for band in bands(ground, steps, 2 * (1 + len(QUARTERS))):
-            data, rows = _quarters(ground, h, band.part)
+    found = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
+    for h in range(len(context.headings)):
+        links = context.links(h)
+        for band in bands(context, steps, 2 * (1 + len(QUARTERS))):
+            data, rows = _quarters(context, h, band.part)
             run_rows(
                 _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
                 lattice.index, links[band.first : band.last], STEPS, offsets, rows,
@@ -116,7 +118,7 @@ def coastal_entropy(ground: Ground, *, people: float = PEOPLE) -> dict[str, NDAr
                 model.tau, (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2, prior, SHIFTS,
                 WEIGHTS, found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
-    entropy, gain = (ground.spread(values) for values in found)
+    entropy, gain = (context.spread(values) for values in found)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
 
 
@@ -129,7 +131,7 @@ def _disc(steps: int, radius: float) -> NDArray[np.int64]:
 
 
 def _quarters(
-    ground: Ground, heading: int, part: slice
+    context: LayerContext, heading: int, part: slice
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Scans of N poses at their cells' centres, then of the middles of the cells' quarters.
 
@@ -137,20 +139,20 @@ def _quarters(
         Beam returns, shape (5 N, 5, P), and the rows of each cell's quarters, shape (N, 4): -1
         where the robot cannot stand there, and the centre's where it can stand in none.
     """
-    x, y = (axis[part] for axis in ground.points)
-    count, angle, robot = len(x), float(ground.headings[heading]), ground.model.robot_radius
-    data = np.zeros((5 * count, 5, len(ground.table.limit)), dtype=np.float32)
+    x, y = (axis[part] for axis in context.points)
+    count, angle, robot = len(x), float(context.headings[heading]), context.model.robot_radius
+    data = np.zeros((5 * count, 5, len(context.table.limit)), dtype=np.float32)
     data[:, 4] = 1.0
     rows = np.full((count, len(QUARTERS)), -1, dtype=np.int32)
-    steps = np.vstack([np.zeros((1, 2)), ground.spacing * QUARTERS])
+    steps = np.vstack([np.zeros((1, 2)), context.spacing * QUARTERS])
     for k, (dx, dy) in enumerate(steps.tolist()):
         beam_returns(
-            ground.environment, ground.scanner, ground.table, x + dx, y + dy, angle,
+            context.environment, context.scanner, context.table, x + dx, y + dy, angle,
             data[k * count : (k + 1) * count],
         )  # fmt: skip
         if k > 0:
             stands = can_stand(
-                ground.environment, ground.full_scanner, x + dx, y + dy, angle, robot
+                context.environment, context.full_scanner, x + dx, y + dy, angle, robot
             )
             rows[stands, k - 1] = k * count + np.flatnonzero(stands)
     nowhere = (rows < 0).all(axis=1)

@@ -27,7 +27,7 @@ WHOLE = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class LayerContext:
     """An environment, the beams that take part, and the poses of a map: P free cells, K headings.
 
     Free cells are numbered row by row, as in `Lattice.index`. Casts are made when they are asked
@@ -57,7 +57,7 @@ class Ground:
     _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(cls, amap: AmbiguityMap, environment: Environment | None = None) -> Ground:
+    def of(cls, amap: AmbiguityMap, environment: Environment | None = None) -> LayerContext:
         """Take everything from a map.
 
         Args:
@@ -108,7 +108,7 @@ class Ground:
         """All beams of the scanner, mounted as those of `scanner` are."""
         return self.mounted or self.scanner
 
-    def over(self, lattice: Lattice) -> Ground:
+    def over(self, lattice: Lattice) -> LayerContext:
         """The same on another lattice, less the points at which the robot cannot stand.
 
         Raises:

@@ -24,7 +24,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.config import as_number
@@ -85,7 +85,7 @@ def ray_information(
 
 
 def fisher(
-    ground: Ground,
+    context: LayerContext,
     *,
     odometry_std: float | None = None,
     heading_std: float | None = None,
@@ -97,7 +97,7 @@ def fisher(
     Both are at most `odometry_std`: what is known beforehand takes part in the bound.
 
     Args:
-        ground: What the map was made of; all beams of its scanner are taken.
+        context: What the map was made of; all beams of its scanner are taken.
         odometry_std: How well x and y are known beforehand, metres; None: half the radius of the
             map's neighbourhood.
         heading_std: How well the heading is, radians; None: the map's sigma_theta.
@@ -110,21 +110,21 @@ def fisher(
     Raises:
         InputError: a number is out of its range.
     """
-    place, turn = prior_deviations(ground, odometry_std, heading_std)
+    place, turn = prior_deviations(context, odometry_std, heading_std)
     tau = as_number(tau, "tau")
     if tau < 1.0:
         raise InputError(f"tau is {tau}; give at least 1.")
-    scanner = ground.full_scanner
-    cast = cast_tables(ground.environment, scanner, np.arange(scanner.beams))
-    noise = beam_noise(ground.environment, scanner, ground.map_std)
-    found = np.empty((3, len(ground.points[0]), len(ground.headings)))
-    for h in range(len(ground.headings)):
-        poses = ground.poses(h)
+    scanner = context.full_scanner
+    cast = cast_tables(context.environment, scanner, np.arange(scanner.beams))
+    noise = beam_noise(context.environment, scanner, context.map_std)
+    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    for h in range(len(context.headings)):
+        poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
             part = slice(first, first + POSES_AT_ONCE)
             information = _information(poses[part], cast, noise, incidence) / tau
             found[:, part, h] = marginal_radii(information, place, turn)
-    major, minor, direction = (ground.spread(values) for values in found)
+    major, minor, direction = (context.spread(values) for values in found)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
 

@@ -31,7 +31,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.config import as_number
 from ambinav.errors import InputError
@@ -56,11 +56,11 @@ BATCH = 65536
 DECIMALS = 9
 
 
-def gfm(ground: Ground, *, step: float = STEP) -> dict[str, NDArray[np.float32]]:
+def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.float32]]:
     """Share of the directions in the scanner's view whose rays have not the full rank.
 
     Args:
-        ground: What the map was made of.
+        context: What the map was made of.
         step: Distance to the poses that hit points are compared with, metres.
 
     Returns:
@@ -69,21 +69,21 @@ def gfm(ground: Ground, *, step: float = STEP) -> dict[str, NDArray[np.float32]]
     Raises:
         InputError: the step is not a positive number.
     """
-    views = [_view(ground.scanner, float(heading)) for heading in ground.headings]
-    counts = np.zeros((len(ground.points[0]), len(views)), dtype=np.int64)
+    views = [_view(context.scanner, float(heading)) for heading in context.headings]
+    counts = np.zeros((len(context.points[0]), len(views)), dtype=np.int64)
     for limit in np.unique(np.concatenate([view[view > 0.0] for view in views])):
-        masks = rank_masks(ground, float(limit), step)
+        masks = rank_masks(context, float(limit), step)
         for h, view in enumerate(views):
             counts[:, h] += np.bitwise_count(masks & _mask(view == limit))
     seen = np.array([np.count_nonzero(view) for view in views])
-    return {"gfm": ground.spread(counts / seen)}
+    return {"gfm": context.spread(counts / seen)}
 
 
-def rank_masks(ground: Ground, max_range: float, step: float = STEP) -> NDArray[np.uint64]:
+def rank_masks(context: LayerContext, max_range: float, step: float = STEP) -> NDArray[np.uint64]:
     """The 64 directions of the map as bits, at each free cell.
 
     Args:
-        ground: What the map was made of; its scanner plays no part.
+        context: What the map was made of; its scanner plays no part.
         max_range: How far a ray sees, metres.
         step: Distance to the poses that hit points are compared with, metres.
 
@@ -97,17 +97,17 @@ def rank_masks(ground: Ground, max_range: float, step: float = STEP) -> NDArray[
     step = as_number(step, "step")
     if not step > 0.0:
         raise InputError(f"step is {step}; give a positive number of metres.")
-    x, y = (values.round(DECIMALS) for values in ground.points)
+    x, y = (values.round(DECIMALS) for values in context.points)
     angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
-    tolerance = max(ground.map_std, FINEST)
+    tolerance = max(context.map_std, FINEST)
     masks = np.empty(len(x), dtype=np.uint64)
     for low in range(0, len(x), BATCH):
         part = slice(low, low + BATCH)
         # A wall within a step counts even where it is out of the rays' range.
-        own, bare = _cast(ground, x[part], y[part], max(max_range, step))
+        own, bare = _cast(context, x[part], y[part], max(max_range, step))
         beside = []
         for (i, j), way in zip(AXES, WAYS, strict=True):
-            there, _ = _cast(ground, x[part] + i * step, y[part] + j * step, max_range)
+            there, _ = _cast(context, x[part] + i * step, y[part] + j * step, max_range)
             there[~(bare[:, way] > step)] = np.inf
             beside.append(there)
         own[own > max_range] = np.inf
@@ -119,7 +119,7 @@ def rank_masks(ground: Ground, max_range: float, step: float = STEP) -> NDArray[
 
 
 def _cast(
-    ground: Ground, x: NDArray[np.float64], y: NDArray[np.float64], reach: float
+    context: LayerContext, x: NDArray[np.float64], y: NDArray[np.float64], reach: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Distance to the wall in each direction, inf without one, and to any segment; (N, 64) each.
 
@@ -127,11 +127,11 @@ def _cast(
     """
     angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
     bare, segment, _ = scan_rays(
-        ground.environment, x, y, np.zeros(len(x)), np.zeros((DIRECTIONS, 2)), angles, reach,
+        context.environment, x, y, np.zeros(len(x)), np.zeros((DIRECTIONS, 2)), angles, reach,
         incidence=False,
     )  # fmt: skip
     # No segment is -1, the last of the list.
-    frontier = np.append(ground.environment.segments.kind == FRONTIER, False)
+    frontier = np.append(context.environment.segments.kind == FRONTIER, False)
     return np.where(frontier[segment], np.float32(np.inf), bare), bare
 
 

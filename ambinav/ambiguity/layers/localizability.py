@@ -27,7 +27,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.occupancy import Occupancy, grid_range, occupancy
 from ambinav.ambiguity.layers.registry import Layer
@@ -88,7 +88,7 @@ def localizability_matrices(
 
 
 def localizability(
-    ground: Ground,
+    context: LayerContext,
     *,
     cell: float | None = None,
     step: float = STEP,
@@ -99,7 +99,7 @@ def localizability(
     """Radius and direction of what the localizability matrix leaves, and its determinant.
 
     Args:
-        ground: What the map was made of.
+        context: What the map was made of.
         cell: Edge of a cell of the probabilistic grid, metres; None: the deviation of the map's
             walls, from 2 to 10 cm.
         step: Half the difference in x and in y that ranges are compared over, metres.
@@ -114,41 +114,43 @@ def localizability(
     Raises:
         InputError: a number is out of its range.
     """
-    place, heading = prior_deviations(ground, odometry_std, heading_std)
-    cell = _usual_cell(ground) if cell is None else as_number(cell, "cell")
+    place, heading = prior_deviations(context, odometry_std, heading_std)
+    cell = _usual_cell(context) if cell is None else as_number(cell, "cell")
     step, turn = as_number(step, "step"), as_number(turn, "turn")
     if not step > 0.0:
         raise InputError(f"step is {step}; give a positive number of metres.")
     if not 0.0 < turn < 1.0:
         raise InputError(f"turn is {turn}; give more than 0 and less than 1 radian.")
-    grid = occupancy(ground.environment, cell, ground.map_std)
-    noise = beam_noise(ground.environment, ground.scanner, 0.0)
-    found = np.empty((3, len(ground.points[0]), len(ground.headings)))
-    for h in range(len(ground.headings)):
-        poses = ground.poses(h)
+    grid = occupancy(context.environment, cell, context.map_std)
+    noise = beam_noise(context.environment, context.scanner, 0.0)
+    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    for h in range(len(context.headings)):
+        poses = context.poses(h)
         for first in range(0, len(poses), POSES_AT_ONCE):
             part = slice(first, first + POSES_AT_ONCE)
-            around = _possible_around(ground, poses[part], step, turn)
+            around = _possible_around(context, poses[part], step, turn)
             matrices = localizability_matrices(
-                grid, ground.scanner, noise, poses[part], step, turn, around
+                grid, context.scanner, noise, poses[part], step, turn, around
             )
             radius, _, direction = marginal_radii(matrices, place, heading)
             found[0, part, h], found[1, part, h] = radius, direction
             # Rounding may bring that of a singular matrix below 0.
             found[2, part, h] = np.maximum(np.linalg.det(matrices), 0.0)
     names = ("localizability", "localizability_direction", "localizability_determinant")
-    return {name: ground.spread(values) for name, values in zip(names, found, strict=True)}
+    return {name: context.spread(values) for name, values in zip(names, found, strict=True)}
 
 
-def _possible_around(ground: Ground, poses: Floats, step: float, turn: float) -> NDArray[np.bool_]:
+def _possible_around(
+    context: LayerContext, poses: Floats, step: float, turn: float
+) -> NDArray[np.bool_]:
     """`possible` of `localizability_matrices` at poses of one heading."""
     found = np.empty((len(poses), 3, 2), dtype=np.bool_)
     x, y, heading = poses[:, 0], poses[:, 1], float(poses[0, 2])
     for side, sign in enumerate((1.0, -1.0)):
         for axis, (dx, dy, dt) in enumerate(((step, 0.0, 0.0), (0.0, step, 0.0), (0.0, 0.0, turn))):
             found[:, axis, side] = can_stand(
-                ground.environment, ground.full_scanner, x + sign * dx, y + sign * dy,
-                heading + sign * dt, ground.model.robot_radius,
+                context.environment, context.full_scanner, x + sign * dx, y + sign * dy,
+                heading + sign * dt, context.model.robot_radius,
             )  # fmt: skip
     return found
 
@@ -214,10 +216,10 @@ def _matrices(
                     out[p, i, j] += change[b, i] * change[b, j] / total
 
 
-def _usual_cell(ground: Ground) -> float:
-    xmin, ymin, xmax, ymax = ground.environment.bounds
+def _usual_cell(context: LayerContext) -> float:
+    xmin, ymin, xmax, ymax = context.environment.bounds
     least = math.sqrt((xmax - xmin) * (ymax - ymin) / MOST_CELLS)
-    return max(min(max(ground.map_std, FINEST), COARSEST), least)
+    return max(min(max(context.map_std, FINEST), COARSEST), least)
 
 
 LAYER = Layer(

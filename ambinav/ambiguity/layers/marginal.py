@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
-from ambinav.ambiguity.tensor import principal_axes
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.config import as_number
 from ambinav.errors import InputError
+from ambinav.geometry.principal_axes import principal_axes
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def marginal_radii(
 
 
 def prior_deviations(
-    ground: Ground, odometry_std: float | None, heading_std: float | None
+    context: LayerContext, odometry_std: float | None, heading_std: float | None
 ) -> tuple[float, float]:
     """What is known before the scan, if it is not said: as much as the ambiguity model takes.
 
@@ -52,8 +52,8 @@ def prior_deviations(
     """
     found = []
     for name, value, usual in (
-        ("odometry_std", odometry_std, 0.5 * ground.radius),
-        ("heading_std", heading_std, ground.model.sigma_theta),
+        ("odometry_std", odometry_std, 0.5 * context.radius),
+        ("heading_std", heading_std, context.model.sigma_theta),
     ):
         number = usual if value is None else as_number(value, name)
         if not number > 0.0:

@@ -25,6 +25,7 @@ from ambinav.geometry.raycasting.grid import SegmentGrid
 from ambinav.geometry.raycasting.raycast import clearances
 from ambinav.geometry.segments import Segments
 from ambinav.kernels import kernel
+from ambinav.maps.lattice_values import bilinear
 
 PEAK: Final = 0.97
 """Occupancy of a cell that a wall runs through: as much as a mapper holds possible."""
@@ -122,9 +123,10 @@ def hazard_at(gx, gy, hazard):
         return 0.0
     u -= column
     v -= row
-    low = hazard[row, column] * (1.0 - u) + hazard[row, column + 1] * u
-    high = hazard[row + 1, column] * (1.0 - u) + hazard[row + 1, column + 1] * u
-    return low * (1.0 - v) + high * v
+    return bilinear(
+        hazard[row, column], hazard[row, column + 1],
+        hazard[row + 1, column], hazard[row + 1, column + 1], u, v,
+    )  # fmt: skip
 
 
 @kernel

@@ -36,12 +36,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.kernel import invert
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BEYOND
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.config import as_count, as_number
 from ambinav.errors import InputError
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.kernels import kernel
 from ambinav.localization.casting import (
@@ -74,7 +74,7 @@ RAYS_AT_ONCE = 20_000_000
 
 
 def perturbation(
-    ground: Ground,
+    context: LayerContext,
     *,
     displacement: float | None = None,
     iterations: int = ITERATIONS,
@@ -83,7 +83,7 @@ def perturbation(
     """Error that is left of a known displacement when the scan has been matched to the building.
 
     Args:
-        ground: What the map was made of.
+        context: What the map was made of.
         displacement: How far off the robot believes it is, metres; None: half the radius of the
             map's neighbourhood.
         iterations: Gauss-Newton steps at most, at least 1.
@@ -95,31 +95,31 @@ def perturbation(
     Raises:
         InputError: a number is out of its range.
     """
-    size = ground.radius / 2 if displacement is None else as_number(displacement, "displacement")
+    size = context.radius / 2 if displacement is None else as_number(displacement, "displacement")
     if not size > 0.0:
         raise InputError(f"displacement is {size}; give a positive number of metres.")
     iterations = as_count(iterations, "iterations")
     tau = as_number(tau, "tau")
     if tau < 1.0:
         raise InputError(f"tau is {tau}; give at least 1.")
-    beams = ground.scanner.beams
-    cast = cast_tables(ground.environment, ground.scanner, np.arange(beams))
+    beams = context.scanner.beams
+    cast = cast_tables(context.environment, context.scanner, np.arange(beams))
     farther = _farther(cast)
-    noise = beam_noise(ground.environment, ground.scanner, ground.map_std)
-    inverse_cap = ground.table.inverse_cap[:beams].astype(np.float64)
-    free = free_lengths(ground, size)
-    found = np.zeros((3, len(ground.points[0]), len(ground.headings)))
+    noise = beam_noise(context.environment, context.scanner, context.map_std)
+    inverse_cap = context.table.inverse_cap[:beams].astype(np.float64)
+    free = free_lengths(context, size)
+    found = np.zeros((3, len(context.points[0]), len(context.headings)))
     most = max(RAYS_AT_ONCE // (4 * ITERATIONS * len(cast.cosine)), 1)
-    for h in range(len(ground.headings)):
-        rows = np.flatnonzero(ground.possible[:, h])
-        poses = ground.poses(h).round(DECIMALS)
+    for h in range(len(context.headings)):
+        rows = np.flatnonzero(context.possible[:, h])
+        poses = context.poses(h).round(DECIMALS)
         for low in range(0, len(rows), most):
             part = rows[low : low + most]
             run_rows(
                 _errors, len(part), part, poses, free, cast, farther, noise, inverse_cap, size,
-                ground.model.sigma_theta, tau, iterations, found[:, :, h], least=16,
+                context.model.sigma_theta, tau, iterations, found[:, :, h], least=16,
             )  # fmt: skip
-    major, minor, direction = (ground.spread(values) for values in principal_axes(*found))
+    major, minor, direction = (context.spread(values) for values in principal_axes(*found))
     return {
         "perturbation": major,
         "perturbation_minor": minor,
@@ -127,11 +127,11 @@ def perturbation(
     }
 
 
-def free_lengths(ground: Ground, size: float) -> NDArray[np.float32]:
+def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
     """Distance to the first segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
-    x, y, _ = ground.poses().round(DECIMALS).T
+    x, y, _ = context.poses().round(DECIMALS).T
     distance, _, _ = scan_rays(
-        ground.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
+        context.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
     )
     return distance
 

@@ -13,27 +13,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.radius import VIEWS, position_radius
 from ambinav.errors import InputError
 
 
-def position(ground: Ground, views: float = VIEWS) -> dict[str, NDArray[np.float32]]:
+def position(context: LayerContext, views: float = VIEWS) -> dict[str, NDArray[np.float32]]:
     """Position radius of each free cell, and its share of that of a whole, featureless disc.
 
     Args:
-        ground: The poses, with the map that they are of.
+        context: The poses, with the map that they are of.
         views: How many scans the headings are worth together, above 0.
 
     Raises:
         InputError: there is no map, or `views` is not above 0.
     """
-    if ground.amap is None:
+    if context.amap is None:
         raise InputError("the layer position is made of a map's ambiguity; build the map first.")
-    metres = position_radius(ground.amap, views)
+    metres = position_radius(context.amap, views)
     # The second moments of a disc of radius R are R^2 / 4 along either axis.
-    share = np.minimum(metres / (ground.radius / math.sqrt(2.0)), 1.0)
+    share = np.minimum(metres / (context.radius / math.sqrt(2.0)), 1.0)
     return {
         "position": share.astype(np.float32),
         "position_radius": metres.astype(np.float32),

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +13,13 @@ from numpy.typing import NDArray
 from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.maps import schema
+from ambinav.maps.core_layers import CORE_LAYERS, LayerRecord
+from ambinav.plugins import Registry
 from ambinav.sensing.scanner import RangeScanner
 
 ALL: Final = "all"
 """Stands for every layer that the scanner can have, but those that are slow."""
 
-# Each of these modules holds its layer as `LAYER`; it is imported when the layer is asked for.
-_SHIPPED: Final = {
-    name: f"{__package__}.{name}"
-    for name in (
-        "position",
-        "fisher",
-        "localizability",
-        "coastal_entropy",
-        "gfm",
-        "wall_normals",
-        "clearance",
-        "perturbation",
-    )
-} | {"aliasing": f"{__package__}.aliasing.layer"}
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -42,18 +28,16 @@ def any_scanner(scanner: RangeScanner) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layer:
+class Layer(LayerRecord):
     """A measure of how well a robot is localized at a pose, computed for a whole map.
 
+    Its `worse` is one of the two ends.
+
     Attributes:
-        name: Lower-case letters, digits and underscores; the variable in the map's dataset.
-        title: What legends call it, without the unit.
-        unit: "m", "1", "bits" ...
-        source: Paper and equation, in a line.
-        worse: Which end means badly localized.
-        compute: From the `Ground` and the layer's own keyword options to arrays, the layer under
-            its name and each companion under its own; float32, shape (ny, nx), or (ny, nx, K)
-            for K headings; NaN where the lattice is not free (`Ground.spread` makes them).
+        compute: From the `LayerContext` and the layer's own keyword options to arrays, the layer
+            under its name and each companion under its own; float32, shape (ny, nx), or
+            (ny, nx, K) for K headings; NaN where the lattice is not free (`LayerContext.spread`
+            makes them).
         why_not: Why a scanner cannot have it, as a sentence, or None.
         companions: Title and unit of each further array that `compute` gives. Their names begin
             with the layer's and an underscore; one that ends in "_direction" is an axis
@@ -62,11 +46,6 @@ class Layer:
         slow: Left out of `ALL`; it has to be named.
     """
 
-    name: str
-    title: str
-    unit: str
-    source: str
-    worse: Literal["high", "low"]
     compute: Callable[..., Mapping[str, NDArray[np.float32]]]
     why_not: Callable[[RangeScanner], str | None] = any_scanner
     companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
@@ -105,29 +84,28 @@ class Layer:
                 )
 
 
-_registered: dict[str, Layer] = {}
-
-
-def register(layer: Layer) -> Layer:
-    """Add a layer of your own; `with_layers`, `build_map` and the plots then know it.
-
-    Raises:
-        InputError: another layer has the name already.
-    """
-    if _registered.get(layer.name, layer) is not layer or layer.name in _SHIPPED:
-        raise InputError(f"layer {layer.name!r}: there is one of that name; choose another.")
-    _registered[layer.name] = layer
-    return layer
-
-
-def layers() -> tuple[str, ...]:
-    """Names of all layers: those that come with ambinav, then those that were registered."""
-    return (*_SHIPPED, *_registered)
+LAYERS: Final = Registry(
+    "layer",
+    Layer,
+    "ambinav.layers",
+    {
+        "position": "ambinav.ambiguity.layers.position:LAYER",
+        "fisher": "ambinav.ambiguity.layers.fisher:LAYER",
+        "localizability": "ambinav.ambiguity.layers.localizability:LAYER",
+        "coastal_entropy": "ambinav.ambiguity.layers.coastal_entropy:LAYER",
+        "gfm": "ambinav.ambiguity.layers.gfm:LAYER",
+        "wall_normals": "ambinav.ambiguity.layers.wall_normals:LAYER",
+        "clearance": "ambinav.ambiguity.layers.clearance:LAYER",
+        "perturbation": "ambinav.ambiguity.layers.perturbation:LAYER",
+        "aliasing": "ambinav.ambiguity.layers.aliasing.layer:LAYER",
+    },
+)
+"""The layers that can be added to a map; `build_map`, `with_layers` and the plots know them all."""
 
 
 def on_request(name: str) -> tuple[str, ...]:
     """The name for `build_map(..., layers=...)`, if maps have that layer on request alone."""
-    return (name,) if name in layers() else ()
+    return (name,) if name in LAYERS.names() else ()
 
 
 def check_known(name: str) -> None:
@@ -136,25 +114,9 @@ def check_known(name: str) -> None:
     Raises:
         InputError: no map can; the nearest names are offered.
     """
-    known = {*schema.REQUIRED_LAYERS, "heading", "heading_radius", "unknown", *layers()}
+    known = {*CORE_LAYERS, *LAYERS.names()}
     if schema.base_name(name) not in known:
         raise InputError(f"layer {name!r} is unknown; {nearest(name, known)}.")
-
-
-def layer(name: str) -> Layer:
-    """The layer of this name.
-
-    Raises:
-        InputError: there is none; the nearest names are offered.
-    """
-    if name in _SHIPPED:
-        found: Any = importlib.import_module(_SHIPPED[name]).LAYER
-        return _checked(found, name)
-    if name in _registered:
-        return _registered[name]
-    close = difflib.get_close_matches(str(name), (*layers(), ALL), n=3, cutoff=0.4)
-    offer = f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(layers())}."
-    raise InputError(f"layers: {name!r} is no layer that can be added; {offer}")
 
 
 def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> tuple[Layer, ...]:
@@ -170,14 +132,14 @@ def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> t
     found: dict[str, Layer] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name == ALL:
-            every = (layer(other) for other in layers())
+            every = map(LAYERS.get, LAYERS.names())
             found |= {
                 one.name: one
                 for one in every
                 if not one.slow and (scanner is None or one.why_not(scanner) is None)
             }
             continue
-        one = layer(name)
+        one = LAYERS.get(name)
         reason = None if scanner is None else one.why_not(scanner)
         if reason is not None:
             raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
@@ -187,9 +149,3 @@ def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> t
 
 def _called(scanner: RangeScanner | None) -> str:
     return repr(scanner.name) if scanner is not None else "?"
-
-
-def _checked(found: Any, name: str) -> Layer:
-    if not isinstance(found, Layer) or found.name != name:
-        raise TypeError(f"{_SHIPPED[name]}.LAYER is not the layer {name}")
-    return found

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
-from ambinav.ambiguity.tensor import principal_axes
 from ambinav.config import as_number
 from ambinav.errors import InputError
+from ambinav.geometry.principal_axes import principal_axes
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -35,11 +35,13 @@ Floats = NDArray[np.float64]
 TINY = 1e-9
 
 
-def wall_normals(ground: Ground, *, reach: float | None = None) -> dict[str, NDArray[np.float32]]:
+def wall_normals(
+    context: LayerContext, *, reach: float | None = None
+) -> dict[str, NDArray[np.float32]]:
     """Eigenvalues of the summed normals of the walls within range of each free cell.
 
     Args:
-        ground: What the map was made of.
+        context: What the map was made of.
         reach: How far walls count, metres; None: the largest range of the scanner's lasers.
 
     Returns:
@@ -50,44 +52,46 @@ def wall_normals(ground: Ground, *, reach: float | None = None) -> dict[str, NDA
     Raises:
         InputError: the reach is not a positive number.
     """
-    lasers = [sensor.max_range for sensor in ground.scanner.sensors if sensor.aperture == 0.0]
+    lasers = [sensor.max_range for sensor in context.scanner.sensors if sensor.aperture == 0.0]
     reach = max(lasers) if reach is None else as_number(reach, "reach")
     if not reach > 0.0:
         raise InputError(f"reach is {reach}; give a positive number of metres.")
-    steps = math.floor(reach / ground.spacing + 1e-9)
-    tensors = wall_tensors(ground, steps)
-    along = np.arange(-steps, steps + 1) * ground.spacing
+    steps = math.floor(reach / context.spacing + 1e-9)
+    tensors = wall_tensors(context, steps)
+    along = np.arange(-steps, steps + 1) * context.spacing
     disc = (along[:, None] ** 2 + along**2 <= reach**2 * (1 + 1e-9)).astype(np.float64)
-    xx, xy, yy = (oaconvolve(one, disc, mode="valid")[ground.free] for one in tensors)
+    xx, xy, yy = (oaconvolve(one, disc, mode="valid")[context.free] for one in tensors)
     # What the convolution leaves of nothing, by rounding, is nothing.
     dark = xx + yy < TINY
     strong, weak, facing = principal_axes(*(np.where(dark, 0.0, one) for one in (xx, xy, yy)))
     across = np.mod(facing + np.pi / 2, np.pi)
     return {
-        "wall_normals": ground.spread(weak**2),
-        "wall_normals_strong": ground.spread(strong**2),
-        "wall_normals_direction": ground.spread(np.where(across.astype("f4") < np.pi, across, 0.0)),
+        "wall_normals": context.spread(weak**2),
+        "wall_normals_strong": context.spread(strong**2),
+        "wall_normals_direction": context.spread(
+            np.where(across.astype("f4") < np.pi, across, 0.0)
+        ),
     }
 
 
-def wall_tensors(ground: Ground, margin: int) -> Floats:
+def wall_tensors(context: LayerContext, margin: int) -> Floats:
     """Metres of wall times n n^T in each cell of the lattice and `margin` cells around it.
 
     Returns:
         Entries xx, xy, yy; shape (3, ny + 2 margin, nx + 2 margin), metres.
     """
-    segments = ground.environment.segments
+    segments = context.environment.segments
     xy, lengths = segments.xy[segments.walls], segments.lengths[segments.walls]
-    normals = ground.environment.normals(np.flatnonzero(segments.walls))
+    normals = context.environment.normals(np.flatnonzero(segments.walls))
     # Pieces of half a cell at most.
-    pieces = np.maximum(np.ceil(2 * lengths / ground.spacing).astype(np.intp), 1)
+    pieces = np.maximum(np.ceil(2 * lengths / context.spacing).astype(np.intp), 1)
     wall = np.repeat(np.arange(len(xy)), pieces)
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (np.arange(len(wall)) - first + 0.5) / pieces[wall]
     middle = xy[wall, :2] + share[:, None] * (xy[wall, 2:] - xy[wall, :2])
-    column = np.rint((middle[:, 0] - ground.lattice.x[0]) / ground.spacing).astype(int) + margin
-    row = np.rint((middle[:, 1] - ground.lattice.y[0]) / ground.spacing).astype(int) + margin
-    ny, nx = ground.free.shape
+    column = np.rint((middle[:, 0] - context.lattice.x[0]) / context.spacing).astype(int) + margin
+    row = np.rint((middle[:, 1] - context.lattice.y[0]) / context.spacing).astype(int) + margin
+    ny, nx = context.free.shape
     out = np.zeros((3, ny + 2 * margin, nx + 2 * margin))
     near = (row >= 0) & (column >= 0) & (row < out.shape[1]) & (column < out.shape[2])
     metres, n = (lengths / pieces)[wall], normals[wall]

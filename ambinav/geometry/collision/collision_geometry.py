@@ -22,7 +22,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.geometry.io.occupancy import OCCUPIED, OccupancyGrid
+from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
+from ambinav.geometry.segments import edges_of
 from ambinav.kernels import kernel
 
 NOTCH_CELLS: Final = 0.5
@@ -63,14 +64,6 @@ def drivable_space(grid: OccupancyGrid, free: BaseGeometry) -> BaseGeometry | No
     small = np.flatnonzero(shapely.area(parts) < SMALL_CELLS * grid.resolution**2)
     thin = small[shapely.is_empty(shapely.buffer(parts[small], -depth))]
     return cut_notches(shapely.multipolygons(np.delete(parts, thin)), depth)
-
-
-def edges_of(shape: BaseGeometry) -> Floats:
-    """End points of the edges of polygons, shape (N, 4)."""
-    rings = shapely.get_rings(shapely.get_parts(shape))
-    xy, ring = shapely.get_coordinates(rings, return_index=True)
-    edges: Floats = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
-    return edges
 
 
 def intruding_cells(

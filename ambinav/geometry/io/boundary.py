@@ -14,9 +14,9 @@ from ambinav.geometry.collision.collision_geometry import drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.contour import Contours, trace
 from ambinav.geometry.io.edge_fit import furthest, strays
-from ambinav.geometry.io.occupancy import OccupancyGrid
 from ambinav.geometry.io.ring_checks import crossing, enclosures
 from ambinav.geometry.io.simplify import simplify_ring
+from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.segments import FRONTIER, WALL, Segments
 
 TOLERANCE_CELLS: Final = 2.0

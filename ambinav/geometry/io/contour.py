@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
 from ambinav.geometry.segments import FRONTIER, WALL
 from ambinav.kernels import kernel
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.raycasting.scene import Scene
 from ambinav.geometry.raycasting.triangulation import LEFT, PARALLEL, RIGHT, border_distance, locate
 from ambinav.kernels import kernel
 from ambinav.threads import run_rows
-
-if TYPE_CHECKING:
-    from ambinav.geometry.environment import Environment
 
 STACK = 128
 # So many rays are parted at a corner one by one.
@@ -27,7 +24,7 @@ LEAST_RAYS = 2048
 
 
 def scan_rays(
-    env: Environment,
+    scene: Scene,
     x: NDArray[np.float64],
     y: NDArray[np.float64],
     theta: NDArray[np.float64],
@@ -40,7 +37,7 @@ def scan_rays(
     """Cast the same rays from many poses of the robot.
 
     Args:
-        env: The environment.
+        scene: The free space and its segments; an `Environment` is one.
         x: Poses, shape (N,), metres, map frame.
         y: Poses, shape (N,), metres, map frame.
         theta: Headings, shape (N,), radians.
@@ -59,7 +56,7 @@ def scan_rays(
     distance = np.empty((len(x), len(ray_angle)), dtype=np.float32)
     edge = np.empty((len(x), len(ray_angle)), dtype=np.int32)
     oblique = np.empty((len(x), len(ray_angle)) if incidence else (0, 0), dtype=np.float32)
-    mesh = env.triangulation
+    mesh = scene.triangulation
     origins, which = np.unique(ray_origin.reshape(-1, 2), axis=0, return_inverse=True)
     for k, origin in enumerate(origins):
         mine = np.flatnonzero(which == k)
@@ -67,7 +64,7 @@ def scan_rays(
         angles = ray_angle[mine]
         run_rows(
             _fans, len(x), x, y, theta, origin, np.cos(angles), np.sin(angles), float(max_range),
-            mine, env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops,
+            mine, scene.border_segment, scene.border_lines, mesh.twin, mesh.node, mesh.hops,
             mesh.corner, *mesh.index, distance, edge, oblique, least=1 + LEAST_RAYS // len(mine),
         )  # fmt: skip
     return distance, edge, oblique

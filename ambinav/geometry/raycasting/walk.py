@@ -8,17 +8,14 @@ different rays overlap, and a ray that has arrived is dropped from the list with
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.raycasting.scene import Scene
 from ambinav.geometry.raycasting.triangulation import LEFT, RIGHT, border_distance, locate
 from ambinav.kernels import kernel
 from ambinav.threads import run_rows
-
-if TYPE_CHECKING:
-    from ambinav.geometry.environment import Environment
 
 # Rays that walk together: their state stays in the first-level cache.
 BLOCK = 256
@@ -27,7 +24,7 @@ CHUNK = 32_768
 
 
 def walk_rays(
-    env: Environment,
+    scene: Scene,
     x: NDArray[np.float64],
     y: NDArray[np.float64],
     angle: NDArray[np.float64],
@@ -36,7 +33,7 @@ def walk_rays(
     """First segment that each ray meets, for rays that start in the free space.
 
     Args:
-        env: The environment.
+        scene: The free space and its segments; an `Environment` is one.
         x: Origins, shape (N,), metres, map frame.
         y: Origins, shape (N,), metres, map frame.
         angle: Directions, shape (N,), radians counter-clockwise from the map's x axis.
@@ -50,7 +47,7 @@ def walk_rays(
     distance = np.empty(len(x))
     segment = np.empty(len(x), dtype=np.int32)
     inside = np.empty(len(x), dtype=np.bool_)
-    mesh = env.triangulation
+    mesh = scene.triangulation
     ux, uy = np.empty(min(CHUNK, len(x))), np.empty(min(CHUNK, len(x)))
     for low in range(0, len(x), CHUNK):
         part = slice(low, low + CHUNK)
@@ -59,7 +56,7 @@ def walk_rays(
         np.sin(angle[part], out=uy[:count])
         run_rows(
             _walk, count, x[part], y[part], ux[:count], uy[:count], float(max_range),
-            env.border_segment, env.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
+            scene.border_segment, scene.border_lines, mesh.twin, mesh.node, mesh.hops, mesh.corner,
             *mesh.index, distance[part], segment[part], inside[part], least=4 * BLOCK,
         )  # fmt: skip
     return distance, segment, inside

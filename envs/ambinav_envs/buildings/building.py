@@ -1,4 +1,4 @@
-"""A building as a robot with a scanner meets it: geometry, ambiguity map, places to stand at."""
+"""A building as a robot with a scanner meets it: geometry, ambiguity map, free space."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.cache import map_of
-from ambinav_envs.buildings.free_space import Places
+from ambinav_envs.buildings.free_space import FreeSpaceLattice
 
 LAYERS: Final = ("fisher",)
 """Layers of a building's map beside those of every map."""
@@ -99,10 +99,10 @@ class Building:
         return CollisionChecker(self.environment, footprint, Steering("r2"), simulated=True)
 
     @cached_property
-    def places(self) -> Places:
-        """Where the robot can stand, and the ways from there.
+    def lattice(self) -> FreeSpaceLattice:
+        """Where the robot can stand, and the moves between those points.
 
         Raises:
             InputError: there is no room for the robot.
         """
-        return Places.of(self.checker)
+        return FreeSpaceLattice.of(self.checker)

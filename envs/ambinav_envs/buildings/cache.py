@@ -20,7 +20,8 @@ from ambinav.errors import InputError, InputWarning
 from ambinav.files import replacing
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.provenance import Provenance, digest_of, environment_digest
+from ambinav.maps.content_digest import environment_digest
+from ambinav.provenance import Provenance, digest_of
 from ambinav.sensing.scanner import RangeScanner
 
 VARIABLE: Final = "AMBINAV_CACHE"

@@ -29,11 +29,11 @@ MARGIN = 0.05
 """Room around a robot at its start and its goal, metres."""
 
 
-class PlaceTable(NamedTuple):
-    """`Places` as the kernels take them.
+class FreeSpaceArrays(NamedTuple):
+    """`FreeSpaceLattice` as the kernels take them.
 
     Attributes:
-        room: See `Places`, as the next three.
+        room: See `FreeSpaceLattice`, as the next three.
         moves: See there.
         links: See there.
         labels: See there.
@@ -62,8 +62,8 @@ class PlaceTable(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
-    """The cells of a lattice over the free space, and the ways between those where a robot fits.
+class FreeSpaceLattice:
+    """The cells of a lattice over the free space, and the moves between those where a robot fits.
 
     Attributes:
         checker: Of the robot's disc in the building, for straight motions (r2).
@@ -71,11 +71,11 @@ class Places:
         spacing: Distance between cells, metres.
         room: Metres from the robot's disc at each cell to the nearest wall, float32, shape
             (rows, columns); negative where the robot does not fit.
-        moves: Ways for the robot, see `geodesic`; uint16, shape (rows, columns). Between cells
+        moves: Moves of the robot, see `geodesic`; uint16, shape (rows, columns). Between cells
             where it fits they are exactly those that its disc gets along; from there they lead
-            on into what is nearer to a wall, so that every place has a distance.
+            on into what is nearer to a wall, so that every point has a distance.
         links: See `geodesic`; uint8, shape (rows, columns).
-        labels: Which cells where the robot fits hang together, int32, shape (rows, columns), from
+        labels: Which cells where the robot fits are connected, int32, shape (rows, columns), from
             0 on, the most cells first; -1 where it does not fit.
     """
 
@@ -88,7 +88,7 @@ class Places:
     labels: NDArray[np.int32]
 
     @classmethod
-    def of(cls, checker: CollisionChecker, spacing: float | None = None) -> Places:
+    def of(cls, checker: CollisionChecker, spacing: float | None = None) -> FreeSpaceLattice:
         """Lay a lattice over a building.
 
         Args:
@@ -139,11 +139,11 @@ class Places:
         return np.flatnonzero(self.room >= MARGIN)
 
     @cached_property
-    def table(self) -> PlaceTable:
+    def table(self) -> FreeSpaceArrays:
         """All of it, as the kernels take it; a metre costs 1 anywhere."""
         walls, bound, forbidden = self.checker.arrays
         prices = np.ones((*self.room.shape, 1), dtype=np.float32)
-        return PlaceTable(
+        return FreeSpaceArrays(
             self.room, self.moves, self.links, self.labels, self.standing, prices, *self.origin,
             self.spacing, walls, bound, forbidden,
         )  # fmt: skip
@@ -156,7 +156,7 @@ class Places:
         return np.asarray(1.0 + weight * ambiguity.on(x, y), dtype=np.float32)
 
     def distance(self, field: NDArray[np.float32], x: float, y: float) -> float:
-        """What is left of the way from (x, y), read from a field of `geodesic`."""
+        """Cost to go from (x, y), read from a field of `geodesic`."""
         return float(distance_at(x, y, field, self.links, *self.frame))
 
 
@@ -198,7 +198,7 @@ def _flood(free, moves, columns, labels):
 
 @kernel
 def _join(low, high, room, links, spacing, low_x, low_y, table, bound, forbidden, moves):
-    """Write `Places.moves`."""
+    """Write `FreeSpaceLattice.moves`."""
     rows, columns = room.shape
     for row in range(low, high):
         for column in range(columns):
@@ -216,7 +216,7 @@ def _join(low, high, room, links, spacing, low_x, low_y, table, bound, forbidden
                 elif here < 0.0:
                     joined = False
                 else:
-                    # Room on the way is at least the mean of both ends' less half the way.
+                    # The step's clearance is at least the mean of both ends' less half its length.
                     joined = here + there >= LENGTHS[k] * spacing or line_free(
                         x, y, low_x + c * spacing, low_y + r * spacing, table, bound, forbidden
                     )

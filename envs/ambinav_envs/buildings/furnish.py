@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from ambinav_envs.buildings.plan import AISLE, Plan, disc, rectangle, sides
-from ambinav_envs.buildings.plan_sampler import Dice
+from ambinav_envs.buildings.plan_sampler import PlanSampler
 
 # Attempts for each thing: where it does not fit, fewer stand.
 TRIES = 6
@@ -19,7 +19,7 @@ EVEN = (0.7548776662466927, 0.5698402909980532)
 
 def along_walls(
     plan: Plan,
-    dice: Dice,
+    sampler: PlanSampler,
     room: shapely.Polygon,
     share: float,
     *,
@@ -31,7 +31,7 @@ def along_walls(
 
     Args:
         plan: The building.
-        dice: What varies.
+        sampler: What varies.
         room: The room.
         share: Of the walls, roughly, that things are to stand at.
         depths: Least and greatest depth of a thing, metres.
@@ -48,9 +48,9 @@ def along_walls(
         # From one end of the wall to the other: a thing, a gap.
         mean = 0.5 * (lengths[0] + lengths[1])
         gap = max(mean * (1.0 / share - 1.0), AISLE)
-        begin = dice.between(0.0, gap)
+        begin = sampler.between(0.0, gap)
         while begin < size:
-            length, depth = dice.between(*lengths), dice.between(*depths)
+            length, depth = sampler.between(*lengths), sampler.between(*depths)
             end = begin + length
             # Near a corner it reaches into it: a gap there would be of no use.
             low = -2.0 if begin < AISLE else begin
@@ -59,12 +59,12 @@ def along_walls(
                 middle, half = 0.5 * (low + high), 0.5 * depth - 0.05
                 place = (ax + middle * ux - half * uy, ay + middle * uy + half * ux)
                 plan.stand(room, rectangle(place, degrees, high - low, depth + 0.1))
-            begin = end + dice.between(max(0.5 * gap, AISLE), 1.5 * gap)
+            begin = end + sampler.between(max(0.5 * gap, AISLE), 1.5 * gap)
 
 
 def freestanding(
     plan: Plan,
-    dice: Dice,
+    sampler: PlanSampler,
     room: shapely.Polygon,
     count: int,
     *,
@@ -73,25 +73,25 @@ def freestanding(
 ) -> None:
     """Stand tables or pillars in a room, off its walls, at right angles to one of them."""
     xmin, ymin, xmax, ymax = room.bounds
-    u, v = dice.between(0.0, 1.0), dice.between(0.0, 1.0)
+    u, v = sampler.between(0.0, 1.0), sampler.between(0.0, 1.0)
     placed = 0
     for _ in range(TRIES * count):
         if placed == count:
             return
         u, v = (u + EVEN[0]) % 1.0, (v + EVEN[1]) % 1.0
         middle = (xmin + u * (xmax - xmin), ymin + v * (ymax - ymin))
-        length, depth = dice.between(*sizes), dice.between(*sizes)
-        if dice.happens(round_share):
+        length, depth = sampler.between(*sizes), sampler.between(*sizes)
+        if sampler.happens(round_share):
             shape = disc(middle, 0.5 * length)
         else:
-            shape = rectangle(middle, _degrees(dice.one_of(sides(room))), length, depth)
+            shape = rectangle(middle, _degrees(sampler.one_of(sides(room))), length, depth)
         if room.contains(shape):
             placed += plan.stand(room, shape)
 
 
 def racks(
     plan: Plan,
-    dice: Dice,
+    sampler: PlanSampler,
     room: shapely.Polygon,
     *,
     depth: float = 1.0,
@@ -103,7 +103,7 @@ def racks(
 
     Args:
         plan: The building.
-        dice: What varies.
+        sampler: What varies.
         room: The room.
         depth: Of a rack, metres.
         aisle: Between two rows, metres.
@@ -131,8 +131,8 @@ def racks(
         low = float(max(span[0] for span in spans))
         high = float(min(span[1] for span in spans))
         pieces = [(low, high)]
-        if high - low > 4.0 + aisle and dice.happens(gaps):
-            middle = dice.between(low + 2.0, high - 2.0 - aisle)
+        if high - low > 4.0 + aisle and sampler.happens(gaps):
+            middle = sampler.between(low + 2.0, high - 2.0 - aisle)
             pieces = [(low, middle), (middle + aisle, high)]
         for begin, end in pieces:
             if end - begin >= 1.0:

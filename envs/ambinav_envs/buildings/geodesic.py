@@ -1,6 +1,6 @@
-"""Shortest or cheapest ways over a lattice to one place, and what is left of them from anywhere.
+"""Costs to go over a lattice: cheapest paths to one point, and what is left of them from anywhere.
 
-The cells of a lattice are joined in 16 directions, so a way is at most 2.8 % longer than the
+The cells of a lattice are joined in 16 directions, so a path is at most 2.8 % longer than the
 straight one. Every step costs at least the length of a cell, so with buckets of that width what
 stands in the first bucket is final (Dinitz 1978; Denardo & Fox 1979, "Shortest-route methods: 1.
 reaching, pruning, and buckets", Operations Research 27(1)): Dijkstra's algorithm without a heap.
@@ -35,28 +35,28 @@ _SLANTING = np.array([[5, 7], [3, 1]])
 
 @kernel
 def geodesic(seeds, first, moves, links, prices, spacing, field):
-    """Write what the cheapest way from each cell to the seeds costs, metres at their prices.
+    """Write what the cheapest path from each cell to the seeds costs, metres at their prices.
 
-    Cells that no way leads to, but that no wall parts from one that a way leads to, get the
-    length of a way that may be too narrow: a robot that stands there is nearer to some cell of
+    Cells that no path leads to, but that no wall parts from one that a path leads to, get the
+    length of a path that may be too narrow: a robot that stands there is nearer to some cell of
     the lattice than the lattice knows.
 
     Args:
         seeds: Running numbers (row * columns + column) of the cells next to the goal, int64, (K,).
-        first: What the straight way from each to the goal costs, at the price of its own cell,
+        first: What the straight line from each to the goal costs, at the price of its own cell,
             metres, float64, (K,); it is at most `REACH` cells long.
-        moves: Bit k of a cell: a way leads to it from its neighbour at STEPS[k]; uint16, shape
+        moves: Bit k of a cell: the robot gets to it from its neighbour at STEPS[k]; uint16, shape
             (rows, columns). No step may leave the lattice.
         links: Bit k of a cell: no wall parts it from its neighbour at STEPS[k], k < SIDES; uint8,
             shape (rows, columns).
         prices: What a metre costs at a cell where the robot drives in one of H headings, at least
             1; float32, shape (rows, columns, H). A step costs the mean of its ends' prices. Ones
-            for the shortest way.
+            for the shortest path.
         spacing: Distance between cells, metres.
         field: Costs, float32, shape (rows, columns); inf where nothing leads to.
     """
     columns = moves.shape[1]
-    flat, ways, price = field.ravel(), moves.ravel(), prices.reshape(-1, prices.shape[2])
+    flat, open_moves, price = field.ravel(), moves.ravel(), prices.reshape(-1, prices.shape[2])
     flat[:] = _FAR
     offsets = STEPS[:, 1] * columns + STEPS[:, 0]
     lengths = (LENGTHS * spacing).astype(np.float32)
@@ -85,7 +85,7 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
         here = flat[cell]
         if int(here * per_metre) != now:
             continue
-        bits = np.int64(ways[cell])
+        bits = np.int64(open_moves[cell])
         for k in range(offsets.size):
             if bits & (1 << k):
                 other = cell + offsets[k]
@@ -104,10 +104,10 @@ def geodesic(seeds, first, moves, links, prices, spacing, field):
 
 @kernel
 def follow(moves, prices, spacing, field, towards):
-    """Write where the way leads from each cell, of a field by `geodesic`.
+    """Write the direction of the path from each cell, of a field by `geodesic`.
 
     A step is the better the more it brings for its cost less its length: of steps along the
-    cheapest way the longest, and one that is longer still may cost a little more. So ways lead
+    cheapest path the longest, and one that is longer still may cost a little more. So paths lead
     round corners in wide turns, and cost up to a tenth more than the least.
 
     Args:
@@ -115,7 +115,7 @@ def follow(moves, prices, spacing, field, towards):
         prices: See there.
         spacing: See there.
         field: See there.
-        towards: The way leads to the neighbour at -STEPS[towards]; int8, shape (rows, columns),
+        towards: The path leads to the neighbour at -STEPS[towards]; int8, shape (rows, columns),
             negative where no step leads nearer to the goal.
     """
     rows, columns = field.shape
@@ -125,7 +125,7 @@ def follow(moves, prices, spacing, field, towards):
         for column in range(columns):
             least = field[row, column]
             for k in range(len(STEPS)):
-                # Bit k of a cell: a way leads to it from its neighbour at STEPS[k].
+                # Bit k of a cell: the robot gets to it from its neighbour at STEPS[k].
                 c, r = column - STEPS[k, 0], row - STEPS[k, 1]
                 inside = 0 <= c < columns and 0 <= r < rows
                 if inside and moves[r, c] & (1 << k) and field[r, c] < least:
@@ -194,7 +194,7 @@ def _fill(flat, links, price, offsets, lengths, headings):
 
 @kernel(forceinline=True)
 def distance_at(x, y, field, links, low_x, low_y, inverse):
-    """What is left of the way from a point, as in the field; inf where none leads to the goal.
+    """Cost to go from a point, as in the field; inf without a path to the goal.
 
     Linear between the cells around the point, as far as no wall parts them from the nearest one.
     That one is on the point's side of any wall if a robot of at least 0.71 cells of radius fits

@@ -10,7 +10,7 @@ import numpy as np
 Item = TypeVar("Item")
 
 
-class Dice:
+class PlanSampler:
     """What varies from one building of a family to the next.
 
     Everything is made of uniform numbers in [0, 1), whose sequence NumPy keeps from version to

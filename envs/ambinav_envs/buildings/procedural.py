@@ -15,7 +15,7 @@ from ambinav.geometry.environment import Environment
 from ambinav_envs.buildings.cells import Doorway, Ring, cut, doorways, is_roomy, long_axis
 from ambinav_envs.buildings.furnish import along_walls, freestanding, racks
 from ambinav_envs.buildings.plan import WALL, Plan, sides
-from ambinav_envs.buildings.plan_sampler import Dice
+from ambinav_envs.buildings.plan_sampler import PlanSampler
 
 # A room's least width and side (m), its least area (m2) and its sharpest corner (degrees).
 ROOM: Final = (2.6, 1.6, 9.0, 50.0)
@@ -115,9 +115,9 @@ def procedural_building(
         name: What it is called.
     """
     asked = ProceduralParameters() if parameters is None else parameters
-    dice = Dice(rng)
+    sampler = PlanSampler(rng)
     for _ in range(_DRAWINGS):
-        plan = _draw(dice, asked)
+        plan = _draw(sampler, asked)
         if plan is not None:
             building = plan.environment(name)
             if shapely.get_num_geometries(building.free.buffer(-ROBOT, quad_segs=4)) == 1:
@@ -125,56 +125,56 @@ def procedural_building(
     raise InputError(f"{name}: no building can be drawn with {asked}; allow larger rooms.")
 
 
-def _draw(dice: Dice, asked: ProceduralParameters) -> Plan | None:
+def _draw(sampler: PlanSampler, asked: ProceduralParameters) -> Plan | None:
     """One attempt; None if its rooms cannot be joined."""
-    width, height = dice.between(*asked.size), dice.between(*asked.size)
+    width, height = sampler.between(*asked.size), sampler.between(*asked.size)
     floors = [np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])]
     halls: list[Ring] = []
-    if dice.happens(asked.great_halls):
-        floors, halls = _with_hall(dice, asked, floors[0])
+    if sampler.happens(asked.great_halls):
+        floors, halls = _with_hall(sampler, asked, floors[0])
     corridors: list[Ring] = []
-    for _ in range(dice.count(*asked.corridors)):
-        floors, found = _with_corridor(dice, asked, floors)
+    for _ in range(sampler.count(*asked.corridors)):
+        floors, found = _with_corridor(sampler, asked, floors)
         corridors += found
-    cells = halls + [part for floor in floors for part in _parted(dice, asked, floor)]
+    cells = halls + [part for floor in floors for part in _parted(sampler, asked, floor)]
     # Half a wall off every room: what two rooms share becomes a wall of full thickness.
     inner = [
         shapely.buffer(shapely.Polygon(ring), -0.5 * WALL, join_style="mitre", mitre_limit=100.0)
         for ring in (*corridors, *cells)
     ]
-    chosen = _doors(dice, asked, inner)
+    chosen = _doors(sampler, asked, inner)
     reached = {0} | {room for doorway in chosen for room in doorway.rooms}
     plan = Plan()
     for k in sorted(reached):
         plan.room(inner[k])
     for doorway in chosen:
-        plan.door(doorway.at(dice.between(0.0, 1.0), DOOR + POSTS), doorway.degrees, DOOR)
+        plan.door(doorway.at(sampler.between(0.0, 1.0), DOOR + POSTS), doorway.degrees, DOOR)
     if sum(room.area for room in plan.rooms) < 0.75 * width * height:
         return None
     for k in sorted(reached - set(range(len(corridors)))):
-        _furnish(plan, dice, asked, inner[k])
+        _furnish(plan, sampler, asked, inner[k])
     return plan
 
 
-def _angle(dice: Dice, asked: ProceduralParameters, degrees: float) -> float:
+def _angle(sampler: PlanSampler, asked: ProceduralParameters, degrees: float) -> float:
     """This angle, or an odd one about it."""
-    if not dice.happens(asked.tilted):
+    if not sampler.happens(asked.tilted):
         return degrees
-    return degrees + dice.one_of((-1.0, 1.0)) * dice.between(*asked.tilt)
+    return degrees + sampler.one_of((-1.0, 1.0)) * sampler.between(*asked.tilt)
 
 
 def _with_hall(
-    dice: Dice, asked: ProceduralParameters, floor: Ring
+    sampler: PlanSampler, asked: ProceduralParameters, floor: Ring
 ) -> tuple[list[Ring], list[Ring]]:
     """Part a great hall from a corner of the floor: what is left of the floor, and the hall."""
     left: list[Ring] = []
     hall = floor
-    corner = floor[dice.count(0, 3)]
-    for degrees in dice.shuffled((0.0, 90.0)):
+    corner = floor[sampler.count(0, 3)]
+    for degrees in sampler.shuffled((0.0, 90.0)):
         across = math.radians(degrees + 90.0)
         normal = np.array([math.cos(across), math.sin(across)])
         inwards = normal if (floor.mean(axis=0) - corner) @ normal > 0.0 else -normal
-        x, y = corner + dice.between(*asked.hall_width) * inwards
+        x, y = corner + sampler.between(*asked.hall_width) * inwards
         parts = cut(hall, (float(x), float(y)), degrees)
         near, far = parts if inwards is not normal else parts[::-1]
         if is_roomy(far, *ROOM):
@@ -183,14 +183,14 @@ def _with_hall(
 
 
 def _with_corridor(
-    dice: Dice, asked: ProceduralParameters, floors: list[Ring]
+    sampler: PlanSampler, asked: ProceduralParameters, floors: list[Ring]
 ) -> tuple[list[Ring], list[Ring]]:
     """Lay a corridor across the largest floor: what is left of the floors, and the corridor."""
     floors = sorted(floors, key=lambda ring: -float(shapely.Polygon(ring).area))
     for _ in range(_TRIES):
-        degrees = _angle(dice, asked, long_axis(floors[0]))
-        middle = _inside(dice, floors[0], 0.3, 0.7)
-        width = dice.between(*asked.corridor_width) + WALL
+        degrees = _angle(sampler, asked, long_axis(floors[0]))
+        middle = _inside(sampler, floors[0], 0.3, 0.7)
+        width = sampler.between(*asked.corridor_width) + WALL
         offset = math.radians(degrees + 90.0)
         other = middle[0] + width * math.cos(offset), middle[1] + width * math.sin(offset)
         above, below = cut(floors[0], middle, degrees)
@@ -202,53 +202,57 @@ def _with_corridor(
     return floors, []
 
 
-def _parted(dice: Dice, asked: ProceduralParameters, ring: Ring) -> list[Ring]:
+def _parted(sampler: PlanSampler, asked: ProceduralParameters, ring: Ring) -> list[Ring]:
     """A floor cut into rooms."""
-    limit = dice.between(*asked.room_area) * (5.0 if dice.happens(asked.halls) else 1.0)
+    limit = sampler.between(*asked.room_area) * (5.0 if sampler.happens(asked.halls) else 1.0)
     if shapely.Polygon(ring).area <= limit:
         return [ring]
     for _ in range(_TRIES):
-        degrees = _angle(dice, asked, long_axis(ring) + 90.0)
-        parts = cut(ring, _inside(dice, ring, 0.3, 0.7), degrees)
+        degrees = _angle(sampler, asked, long_axis(ring) + 90.0)
+        parts = cut(ring, _inside(sampler, ring, 0.3, 0.7), degrees)
         if all(is_roomy(part, *ROOM) for part in parts):
-            return [room for part in parts for room in _parted(dice, asked, part)]
+            return [room for part in parts for room in _parted(sampler, asked, part)]
     return [ring]
 
 
-def _inside(dice: Dice, ring: Ring, low: float, high: float) -> tuple[float, float]:
+def _inside(sampler: PlanSampler, ring: Ring, low: float, high: float) -> tuple[float, float]:
     """A point in the middle part of a polygon's bounds."""
     lower, upper = ring.min(axis=0), ring.max(axis=0)
-    x, y = lower + (upper - lower) * (dice.between(low, high), dice.between(low, high))
+    x, y = lower + (upper - lower) * (sampler.between(low, high), sampler.between(low, high))
     return float(x), float(y)
 
 
-def _doors(dice: Dice, asked: ProceduralParameters, rooms: list[shapely.Polygon]) -> list[Doorway]:
+def _doors(
+    sampler: PlanSampler, asked: ProceduralParameters, rooms: list[shapely.Polygon]
+) -> list[Doorway]:
     """Doorways that join all rooms that can be joined to the first one, and some more."""
-    possible = dice.shuffled(doorways(rooms, WALL, DOOR + POSTS))
+    possible = sampler.shuffled(doorways(rooms, WALL, DOOR + POSTS))
     group = list(range(len(rooms)))
     chosen = []
     for doorway in possible:
         first, second = (group[room] for room in doorway.rooms)
-        if first != second or dice.happens(asked.more_doors):
+        if first != second or sampler.happens(asked.more_doors):
             chosen.append(doorway)
             group = [first if label == second else label for label in group]
     return [doorway for doorway in chosen if group[doorway.rooms[0]] == group[0]]
 
 
-def _furnish(plan: Plan, dice: Dice, asked: ProceduralParameters, room: shapely.Polygon) -> None:
+def _furnish(
+    plan: Plan, sampler: PlanSampler, asked: ProceduralParameters, room: shapely.Polygon
+) -> None:
     """Let things stand in a room, as it suits its size."""
     if asked.furniture == 0.0:
         return
     if room.area < HALL:
-        if dice.happens(0.85):
-            along_walls(plan, dice, room, asked.furniture)
-            freestanding(plan, dice, room, dice.count(0, 1 + int(room.area / 15.0)))
-    elif dice.happens(0.5):
+        if sampler.happens(0.85):
+            along_walls(plan, sampler, room, asked.furniture)
+            freestanding(plan, sampler, room, sampler.count(0, 1 + int(room.area / 15.0)))
+    elif sampler.happens(0.5):
         racks(
-            plan, dice, room, depth=dice.between(0.8, 1.1), aisle=dice.between(1.5, 2.2),
-            border=dice.between(1.4, 2.0), gaps=0.4,
+            plan, sampler, room, depth=sampler.between(0.8, 1.1), aisle=sampler.between(1.5, 2.2),
+            border=sampler.between(1.4, 2.0), gaps=0.4,
         )  # fmt: skip
     else:
-        some = dice.shuffled(range(len(sides(room))))[: dice.count(1, 2)]
-        along_walls(plan, dice, room, asked.furniture, walls=tuple(some))
-        freestanding(plan, dice, room, dice.count(0, 3), sizes=(0.4, 0.6), round_share=0.5)
+        some = sampler.shuffled(range(len(sides(room))))[: sampler.count(1, 2)]
+        along_walls(plan, sampler, room, asked.furniture, walls=tuple(some))
+        freestanding(plan, sampler, room, sampler.count(0, 3), sizes=(0.4, 0.6), round_share=0.5)

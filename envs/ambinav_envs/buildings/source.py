@@ -10,7 +10,8 @@ import numpy as np
 
 from ambinav.config import as_count
 from ambinav.errors import InputError
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.buildings.suites import suite

@@ -13,7 +13,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.buildings import drawn
 from ambinav_envs.buildings.plan import Plan
-from ambinav_envs.buildings.plan_sampler import Dice
+from ambinav_envs.buildings.plan_sampler import PlanSampler
 from ambinav_envs.buildings.procedural import procedural_building
 
 # Buildings of the drawn families are turned by up to this, degrees, so that their walls do not lie
@@ -74,10 +74,10 @@ def _rng(name: str, variant: int) -> np.random.Generator:
     return np.random.default_rng([zlib.crc32(name.encode()), variant])
 
 
-def _family(name: str, title: str, draw: Callable[[Dice], Plan]) -> None:
+def _family(name: str, title: str, draw: Callable[[PlanSampler], Plan]) -> None:
     def of_variant(variant: int, called: str) -> Environment:
-        dice = Dice(None if variant == 0 else _rng(name, variant))
-        return draw(dice).environment(called, dice.between(-TURN, TURN))
+        sampler = PlanSampler(None if variant == 0 else _rng(name, variant))
+        return draw(sampler).environment(called, sampler.between(-TURN, TURN))
 
     register_suite(Suite(name, title, of_variant))
 

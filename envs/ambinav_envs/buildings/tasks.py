@@ -13,7 +13,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.collision.sweep import line_free
 from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
-from ambinav_envs.buildings.free_space import MARGIN, Places, PlaceTable
+from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.geodesic import REACH, distance_at, follow, geodesic, heading_of
 
 # How many goals are drawn before those at the far ends are tried, and how many of these.
@@ -27,8 +27,8 @@ _SEEDS = 32
 Floats = NDArray[np.float64]
 
 
-class Way(NamedTuple):
-    """The way to a goal from every cell.
+class CostToGo(NamedTuple):
+    """What the best path to a goal costs from every cell, and where it leads.
 
     Attributes:
         costs: See `geodesic`, float32, shape (rows, columns).
@@ -39,8 +39,8 @@ class Way(NamedTuple):
     towards: NDArray[np.int8]
 
     @classmethod
-    def of(cls, costs: NDArray[np.float32], table: PlaceTable) -> Way:
-        """The way that has these costs at the prices of the table."""
+    def of(cls, costs: NDArray[np.float32], table: FreeSpaceArrays) -> CostToGo:
+        """Add the directions to costs at the prices of the table."""
         towards = np.empty(costs.shape, dtype=np.int8)
         follow(table.moves, table.prices, table.spacing, costs, towards)
         return cls(costs, towards)
@@ -53,26 +53,26 @@ class Task:
     Attributes:
         start: x, y, theta, metres and radians, map frame, shape (3,).
         goal: x, y, shape (2,).
-        distance: Length of the shortest way from start to goal, metres.
-        way: The way that the robot is to take, see `Goals`.
+        distance: Length of the shortest path from start to goal, metres.
+        cost_to_go: Along the path that the robot is led on, see `Goals`.
         cost: What it costs from the start.
     """
 
     start: Floats
     goal: Floats
     distance: float
-    way: Way
+    cost_to_go: CostToGo
     cost: float
 
     @classmethod
-    def shortest(cls, numbers: Floats, way: Way) -> Task:
-        """One whose way is the shortest; start, goal and distance are the six numbers."""
+    def shortest(cls, numbers: Floats, cost_to_go: CostToGo) -> Task:
+        """One led on the shortest path; start, goal and distance are the six numbers."""
         distance = float(numbers[5])
-        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, way, distance)
+        return cls(numbers[:3].copy(), numbers[3:5].copy(), distance, cost_to_go, distance)
 
 
 def draw_task(
-    places: Places,
+    lattice: FreeSpaceLattice,
     state: NDArray[np.uint64],
     shortest: float,
     longest: float,
@@ -86,15 +86,15 @@ def draw_task(
     what of that lies at the right distance from it; its heading is any.
 
     Args:
-        places: Where.
+        lattice: Where.
         state: Of the random numbers, uint64, shape (4,); advanced in place.
-        shortest: Least length of the shortest way between the two, metres.
+        shortest: Least length of the shortest path between the two, metres.
         longest: Greatest length of it, metres; inf for any.
         start: x, y, theta; None to draw it.
         goal: x, y; None to draw it. If both are given, their distance is what it is.
 
     Raises:
-        InputError: the robot does not fit at a place that is given, no way leads from the one to
+        InputError: the robot does not fit at a given point, there is no path from the one to
             the other, or there are no two places at such a distance.
     """
     if not 0.0 <= shortest < longest:
@@ -102,42 +102,42 @@ def draw_task(
             f"the distance from start to goal is to be from {shortest:g} to {longest:g} m; give "
             "two numbers from 0 on, the second the greater one."
         )
-    table = places.table
-    field = np.empty(places.room.shape, dtype=np.float32)
+    table = lattice.table
+    field = np.empty(lattice.room.shape, dtype=np.float32)
     task = np.empty(6)
     if start is None and goal is None:
         if not draw_into(state, float(shortest), float(longest), table, field, task):
-            raise InputError(_no_task(places, shortest, longest, "any place", float(task[5])))
-        return Task.shortest(task, Way.of(field, table))
-    task[3:5] = (np.nan, np.nan) if goal is None else _place(places, goal, "goal", 2)
-    task[:3] = np.nan if start is None else _place(places, start, "start", 3)
+            raise InputError(_no_task(lattice, shortest, longest, "any place", float(task[5])))
+        return Task.shortest(task, CostToGo.of(field, table))
+    task[3:5] = (np.nan, np.nan) if goal is None else _place(lattice, goal, "goal", 2)
+    task[:3] = np.nan if start is None else _place(lattice, start, "start", 3)
     end = task[:2] if goal is None else task[3:5]
     label = spread_from(end[0], end[1], table, field)
     if label < 0:
-        raise InputError(_in_a_corner(places, "start" if goal is None else "goal", end))
+        raise InputError(_in_a_corner(lattice, "start" if goal is None else "goal", end))
     if start is None or goal is None:
         cell, farthest, _ = _pick(state, float(shortest), float(longest), label, table, field)
         if cell < 0:
             named = f"({end[0]:g}, {end[1]:g})"
-            raise InputError(_no_task(places, shortest, longest, named, farthest))
+            raise InputError(_no_task(lattice, shortest, longest, named, farthest))
         if goal is None:
             task[3:5] = _beside(state, cell, table)
             spread_from(task[3], task[4], table, field)
         else:
             task[:2] = _beside(state, cell, table)
             task[2] = math.pi * (2.0 * uniform(state) - 1.0)
-    elif not _same_part(places, task):
+    elif not _same_part(lattice, task):
         raise InputError(
-            f"no way leads a robot of {places.checker.footprint.outer:g} m of radius in "
-            f"{places.name} from the start ({task[0]:g}, {task[1]:g}) to the goal ({task[3]:g}, "
+            f"there is no path for a robot of {lattice.checker.footprint.outer:g} m of radius in "
+            f"{lattice.name} from the start ({task[0]:g}, {task[1]:g}) to the goal ({task[3]:g}, "
             f"{task[4]:g}); move one of them."
         )
-    task[5] = places.distance(field, float(task[0]), float(task[1]))
-    return Task.shortest(task, Way.of(field, table))
+    task[5] = lattice.distance(field, float(task[0]), float(task[1]))
+    return Task.shortest(task, CostToGo.of(field, table))
 
 
-def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:
-    """Check a place that a user gave."""
+def _place(lattice: FreeSpaceLattice, value: ArrayLike, what: str, size: int) -> Floats:
+    """Check a point or pose that a user gave."""
     try:
         if np.iscomplexobj(value):
             raise TypeError("complex numbers")
@@ -149,38 +149,42 @@ def _place(places: Places, value: ArrayLike, what: str, size: int) -> Floats:
             f"{what} is {value!r}; give {'x, y and theta' if size == 3 else 'x and y'}: {size} "
             "finite numbers, metres and radians in the map frame."
         )
-    why = places.checker.why_not(float(place[0]), float(place[1]))
+    why = lattice.checker.why_not(float(place[0]), float(place[1]))
     if why is not None:
-        raise InputError(f"{what} ({place[0]:g}, {place[1]:g}) in {places.name} is {why}; move it.")
+        raise InputError(
+            f"{what} ({place[0]:g}, {place[1]:g}) in {lattice.name} is {why}; move it."
+        )
     return place
 
 
-def _same_part(places: Places, task: Floats) -> bool:
+def _same_part(lattice: FreeSpaceLattice, task: Floats) -> bool:
     """Whether the robot gets from a start that was given to a goal that was given."""
     parts = []
     for what, x, y in (("start", task[0], task[1]), ("goal", task[3], task[4])):
         seeds, first = np.empty(_SEEDS, dtype=np.int64), np.empty(_SEEDS)
-        count = _joined(x, y, places.table, seeds, first)
+        count = _joined(x, y, lattice.table, seeds, first)
         if count == 0:
-            raise InputError(_in_a_corner(places, what, np.array([x, y])))
-        parts.append(places.labels.ravel()[seeds[:count]])
+            raise InputError(_in_a_corner(lattice, what, np.array([x, y])))
+        parts.append(lattice.labels.ravel()[seeds[:count]])
     return bool(np.isin(parts[0], parts[1]).any())
 
 
-def _in_a_corner(places: Places, what: str, place: Floats) -> str:
-    """Why a place is of no use although the robot fits there."""
+def _in_a_corner(lattice: FreeSpaceLattice, what: str, place: Floats) -> str:
+    """Why a point is of no use although the robot fits there."""
     return (
-        f"{what} ({place[0]:g}, {place[1]:g}) in {places.name} is in a corner so tight that a "
-        f"lattice of {places.spacing:g} m shows no way out of it; move it."
+        f"{what} ({place[0]:g}, {place[1]:g}) in {lattice.name} is in a corner so tight that a "
+        f"lattice of {lattice.spacing:g} m shows no path out of it; move it."
     )
 
 
-def _no_task(places: Places, shortest: float, longest: float, end: str, farthest: float) -> str:
+def _no_task(
+    lattice: FreeSpaceLattice, shortest: float, longest: float, end: str, farthest: float
+) -> str:
     """Why there is no task."""
     reach = f"at most {farthest:.1f} m" if farthest > 0.0 else "nowhere"
     return (
-        f"{places.name}: no start and goal are {shortest:g} to {longest:g} m apart for a robot of "
-        f"{places.checker.footprint.outer:g} m of radius, which gets from {end} {reach}; ask for "
+        f"{lattice.name}: no start and goal are {shortest:g} to {longest:g} m apart for a robot of "
+        f"{lattice.checker.footprint.outer:g} m of radius, which gets from {end} {reach}; ask for "
         "another distance, or take another map."
     )
 
@@ -191,9 +195,9 @@ def draw_into(state, shortest, longest, table, field, task):
 
     Args:
         state: Of the random numbers, uint64, shape (4,); advanced in place.
-        shortest: Least length of the shortest way between them, metres.
+        shortest: Least length of the shortest path between them, metres.
         longest: Greatest length of it.
-        table: `Places.table`.
+        table: `FreeSpaceLattice.table`.
         field: Becomes the distances to the goal, float32, shape (rows, columns).
         task: Becomes start x, y, theta, goal x, y and their distance, shape (6,). If there is no
             task, the last is the greatest distance that was met.
@@ -255,10 +259,10 @@ def draw_places(state, table, points):
 
 @kernel
 def spread_from(x, y, table, field):
-    """Write what the way to a place where the robot fits costs to `field`; see `geodesic`.
+    """Write what the path to a point where the robot fits costs to `field`; see `geodesic`.
 
     Returns:
-        Label of the cells that the place is joined to; -1 if it is joined to none, which can only
+        Label of the cells that the point is joined to; -1 if it is joined to none, which can only
         be in a corner hardly wider than the robot.
     """
     seeds = np.empty(_SEEDS, dtype=np.int64)
@@ -276,7 +280,7 @@ def spread_from(x, y, table, field):
 
 @kernel
 def _joined(x, y, table, seeds, first):
-    """Write the cells that a place is joined to and how far they are, metres; how many."""
+    """Write the cells that a point is joined to and how far they are, metres; how many."""
     rows, columns = table.room.shape
     middle_column = int(round((x - table.low_x) / table.spacing))
     middle_row = int(round((y - table.low_y) / table.spacing))

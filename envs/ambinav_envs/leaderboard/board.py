@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from ambinav.ambiguity.layers.registry import on_request
 from ambinav.errors import InputError, InputWarning
-from ambinav.geometry.environment import Environment, load_environment
-from ambinav.provenance import environment_digest
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
+from ambinav.maps.content_digest import environment_digest
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate

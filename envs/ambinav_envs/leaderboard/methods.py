@@ -127,13 +127,13 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
     )  # fmt: skip
 
 
-def follower_method(way_weight: float) -> Method:
+def follower_method(ambiguity_weight: float) -> Method:
     """Who drives from waypoint to waypoint."""
-    way = f"cheapest way at weight {way_weight:g}" if way_weight else "shortest way"
-    name = follower_name(way_weight)
+    way = f"cheapest way at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest way"
+    name = follower_name(ambiguity_weight)
     return Method(
         name, "policy", f"drives at the place {AHEAD:g} m ahead on the {way}", {"name": name},
-        {**SEES, **STEERS, "way_weight": way_weight},
+        {**SEES, **STEERS, "ambiguity_weight": ambiguity_weight},
     )  # fmt: skip
 
 

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import ambinav
 from ambinav.files import replacing, write_text
 from ambinav.maps.drawing import save_figure
 from ambinav.provenance import discard_stale
@@ -17,6 +16,7 @@ from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.reports.pages import fill
 from ambinav.reports.table import difference_text, is_shown, value_text
 from ambinav.runfolder import LOCK, WORK, RunFolder
+from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
 from ambinav_envs.leaderboard.figures import FIGURES, Row, make_rows, plain, to_csv
@@ -79,7 +79,7 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
     """All figures with intervals and differences, and how they came about."""
     told = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "ambinav": ambinav.__version__,
+        "ambinav": __version__,
         "episodes": board.episodes,
         "seed": board.seed,
         "options": dict(board.options),

@@ -21,9 +21,9 @@ WEIGHTS = (0.0, 5.0)
 SIDEWAYS = 0.785
 
 
-def follower_name(way_weight: float) -> str:
+def follower_name(ambiguity_weight: float) -> str:
     """What the follower of a way is called."""
-    return f"{NAME} {way_weight:g}" if way_weight else NAME
+    return f"{NAME} {ambiguity_weight:g}" if ambiguity_weight else NAME
 
 
 class WaypointFollower(Policy):
@@ -38,8 +38,8 @@ class WaypointFollower(Policy):
     """
 
     def __init__(self, parameters: NavigationParameters) -> None:
-        weight = parameters.way_weight
-        super().__init__(follower_name(weight), {**SEES, "way_weight": weight})
+        weight = parameters.ambiguity_weight
+        super().__init__(follower_name(weight), {**SEES, "ambiguity_weight": weight})
         self._robot, self._min_speed = parameters.robot, parameters.min_speed
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:

@@ -26,7 +26,7 @@ Actions = NDArray[Any]
 
 
 SEEING: Final[tuple[str, ...]] = (
-    "window", "window_cells", "window_spacing", "way_weight", "waypoint", "waypoint_distance",
+    "window", "window_cells", "window_spacing", "ambiguity_weight", "waypoint", "waypoint_distance",
     "discrete", "min_speed",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""

@@ -1,6 +1,6 @@
-"""What moves: the robot and where it believes to be, its scan, goal, trails, boxes and people.
+"""What moves: the robot and its estimated pose, its scan, goal, trails, boxes and people.
 
-Everything has its own shape and a rim of the opposite lightness, so that it is told apart on any
+Everything has its own shape and a rim of the opposite lightness, so that it stands out on any
 floor and without seeing colours.
 """
 
@@ -103,12 +103,12 @@ class Marks:
         """Where the robot truly was: a full line."""
         self._cased(self.camera.pixels(places), TRUTH, 3)
 
-    def believed_trail(self, places: Floats) -> None:
-        """Where it believed to be: dots at even distances."""
+    def estimated_trail(self, places: Floats) -> None:
+        """The estimated poses: dots at even distances."""
         points = self.camera.pixels(places)
-        way = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
-        at = np.arange(0.0, way[-1], 16.0)
-        dots = np.stack([np.interp(at, way, points[:, k]) for k in (0, 1)], axis=-1).tolist()
+        length = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
+        at = np.arange(0.0, length[-1], 16.0)
+        dots = np.stack([np.interp(at, length, points[:, k]) for k in (0, 1)], axis=-1).tolist()
         for colour, size in ((WHITE, 5), (BELIEF, 3.5)):
             for dot in dots:
                 pygame.draw.circle(self.picture, colour, dot, size)

@@ -116,7 +116,7 @@ class Renderer:
         trail = np.array(self._trails[row]).reshape(-1, 6)
         if len(trail) > 1:
             marks.trail(trail[:, :2])
-            marks.believed_trail(trail[:, 3:5])
+            marks.estimated_trail(trail[:, 3:5])
         marks.goal(state["goal"], p.goal_radius)
         marks.scan(*self._beams(row))
         for box in simulation.boxes[row, : state["boxes"]]:

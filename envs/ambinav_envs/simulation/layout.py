@@ -28,7 +28,7 @@ TERMS = (
 """The terms of the reward, in the order in which all arrays hold them."""
 
 # Columns of the table of figures that a step makes: the reward, its terms as they are and times
-# their weights, what else is told of a step, and three poses.
+# their weights, other figures of a step, and three poses.
 REWARD, VALUES, WEIGHTED, FIRST_FIGURE = 0, 1, 1 + len(TERMS), 1 + 2 * len(TERMS)
 FIGURES = ("cost_collision", "cost_lost", "cost", "error", "exposure", "travelled", "shortest")
 """Names of the columns from `FIRST_FIGURE` on."""
@@ -39,7 +39,7 @@ COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(
 )
 
 # The streams of random numbers of an episode.
-BUILDING, TASK, START, PARTICLES, WHEELS, EYES, WALKERS, CLUTTER = range(8)
+BUILDING, TASK, START, PARTICLES, ODOMETRY_NOISE, SCANNER, WALKERS, CLUTTER = range(8)
 STREAMS = 8
 
 _REAL, _WHOLE, _WORD = np.float64, np.int64, np.uint64
@@ -67,6 +67,7 @@ STATE = record(
     covariance=(_REAL, (3, 3)),
     goal=(_REAL, 2),
     random=(_WORD, (STREAMS, 4)),
+    slot=_WHOLE,
     steps=_WHOLE,
     outcome=_WHOLE,
     far_steps=_WHOLE,
@@ -78,17 +79,18 @@ STATE = record(
     exposure=_REAL,
     travelled=_REAL,
     before=(_REAL, 3),
-    way=_REAL,
-    met=np.bool_,
+    driven=_REAL,
+    collided=np.bool_,
 )
 """One robot in its episode.
 
-truth, mean and goal are poses and a place in the map frame (metres, radians), odometry is in a
-frame of its own; speeds are metres and radians per second. far_steps counts the steps since which
-the error has been too large; boxes how many stand in the way; distance is what the way from
-the true place to the goal costs (`Task.way`), shortest the length of the shortest one at the
-start; exposure and travelled are sums so far. before, way and met are of the last step: the true
-pose before it, how far the robot has gone, and whether it has met something.
+truth, mean and goal are in the map frame (metres, radians), odometry is in the odometry frame;
+speeds are metres and radians per second. slot is that of the goal in `cost_to_go.CostToGoTable`.
+far_steps counts the steps since which the error has been too large, boxes the unmapped boxes around
+the robot. distance is the cost to go from the true position (`Task.cost_to_go`), shortest the
+length of the shortest path at the start; exposure and travelled are sums so far. before, driven and
+collided are of the last step: the true pose before it, the distance driven, whether it touched
+anything.
 """
 
 SETTINGS = record(
@@ -99,8 +101,8 @@ SETTINGS = record(
     max_turn_rate=_REAL,
     acceleration=_REAL,
     turn_acceleration=_REAL,
-    wheels=NOISE,
-    told=NOISE,
+    true_odometry=NOISE,
+    modelled_odometry=NOISE,
     localizer=_WHOLE,
     rounds=_WHOLE,
     gate=_REAL,
@@ -123,40 +125,12 @@ SETTINGS = record(
 )
 """The same for all robots; units as in `NavigationParameters`."""
 
-GROUND = record(
-    # See `ambinav.localization.casting.CastTables`.
-    grid_x=_REAL, grid_y=_REAL, cell=_REAL, rows=_WHOLE, columns=_WHOLE, half_edges=_WHOLE,
-    edges=_WHOLE, items=_WHOLE, border_segment=_WHOLE, border=_WHOLE, twin=_WHOLE, node=_WHOLE,
-    corner=_WHOLE, grid_start=_WHOLE, item=_WHOLE, triangle=_WHOLE, normal=_WHOLE,
-    # See `ambinav.localization.information.BeamNoise`.
-    frontier=_WHOLE, bias=_WHOLE, variance=_WHOLE,
-    # See `ambinav.geometry.collision.obstacles.pack`.
-    table=_WHOLE, numbers=_WHOLE, bound=_WHOLE, bound_rows=_WHOLE, bound_columns=_WHOLE,
-    # Layers of the ambiguity map, see `ambinav.service.field.Field`.
-    level=_WHOLE, level_headings=_WHOLE, fisher=_WHOLE, fisher_headings=_WHOLE, free=_WHOLE,
-    map_rows=_WHOLE, map_columns=_WHOLE, left=_REAL, low=_REAL, inverse=_REAL,
-    # Ways to the goal, see `ambinav_envs.buildings.geodesic`.
-    links=_WHOLE, field_rows=_WHOLE, field_columns=_WHOLE, field_x=_REAL, field_y=_REAL,
-    field_inverse=_REAL,
-    # Left, lower, right and upper end, metres.
-    bounds=(_REAL, 4),
-)  # fmt: skip
-"""A building: where its arrays are, and how long.
-
-A column that is named as an array holds its address. Buildings come and go with the episodes, and
-robots stand in different ones: so nothing is copied, and a kernel looks at any of them alike.
-"""
-
-WHERE = record(ground=_WHOLE, field=_WHOLE, towards=_WHOLE)
-"""Addresses of the `GROUND` around a robot, and of the ways to its goal: see `Way`."""
-
 
 class Memory(NamedTuple):
     """All that changes, for N robots; what the kernels take first.
 
     Attributes:
         state: `STATE`, shape (N,).
-        where: `WHERE`, shape (N,).
         people: x, y, heading of each person, shape (N, P, 3), metres and radians, map frame.
         boxes: Unmapped boxes, shape (N, Q, 6): x and y of the middle and of the vectors from there
             to the middles of two sides; rows from `state.boxes` on are not in use.
@@ -165,7 +139,6 @@ class Memory(NamedTuple):
     """
 
     state: NDArray[np.void]
-    where: NDArray[np.void]
     people: Floats
     boxes: Floats
     readings: Floats

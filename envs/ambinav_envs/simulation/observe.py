@@ -1,4 +1,4 @@
-"""What a robot gets to see: its scan, and the rest as its localizer believes it to be."""
+"""Observations: the scan, and all else relative to the pose that the localizer estimates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 from ambinav.geometry.collision.obstacles import around
 from ambinav.kernels import kernel
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS
-from ambinav_envs.simulation.ground import free_of, ground_of, level_of, towards_of, walls_of
 
 # Distances are seen in units of this, metres, and up to so many units.
 FAR, MOST_FAR = 10.0, 10.0
@@ -16,12 +15,12 @@ MOST_SPREAD = 2.0
 
 
 @kernel(forceinline=True)
-def observe(memory, eyes, view, i):
+def observe(building, goals, scanner, memory, view, i):
     """Write row i of the observation; see `ambinav_envs.spaces`."""
     state, settings = memory.state[i], memory.settings[0]
-    for b in range(eyes.near.size):
+    for b in range(scanner.near.size):
         # Too near is 0, no echo 1.
-        view.scan[i, b] = min(max(memory.readings[i, b] / eyes.far[b], 0.0), 1.0)
+        view.scan[i, b] = min(max(memory.readings[i, b] / scanner.far[b], 0.0), 1.0)
     x, y, theta = state.mean[0], state.mean[1], state.mean[2]
     co, si = math.cos(theta), math.sin(theta)
     polar(x, y, co, si, state.goal[0], state.goal[1], view.goal, i)
@@ -29,15 +28,18 @@ def observe(memory, eyes, view, i):
     view.velocity[i, 1] = state.speeds[1] / settings.max_turn_rate
     _uncertainty(state.covariance, co, si, view.uncertainty, i)
     if view.window.shape[1] > 0:
-        _window(x, y, theta, co, si, ground_of(memory.where[i]), settings, view.window, i)
+        _window(x, y, theta, co, si, building, settings, view.window, i)
     if settings.waypoint:
-        wx, wy = ahead(x, y, state.goal, settings.waypoint_distance, memory.where[i])
+        towards = goals.towards[state.slot]
+        wx, wy = ahead(
+            x, y, state.goal, settings.waypoint_distance, towards, building.lattice_frame
+        )
         polar(x, y, co, si, wx, wy, view.waypoint, i)
 
 
 @kernel(forceinline=True)
 def polar(x, y, co, si, goal_x, goal_y, out, i):
-    """Write distance and the cosine and sine of the bearing of a place; (d, 1, 0) on the spot.
+    """Write distance and the cosine and sine of the bearing of a point; (d, 1, 0) on the spot.
 
     It is seen from (x, y) by a robot whose heading has this cosine and sine.
     """
@@ -68,15 +70,15 @@ def _uncertainty(cov, co, si, out, i):
 
 
 @kernel
-def _window(x, y, theta, co, si, ground, settings, out, i):
-    """Write what the map says around a pose: ambiguity, and what is free.
+def _window(x, y, theta, co, si, building, settings, out, i):
+    """Write the ambiguity and the free cells of the map around a pose.
 
     Cells lie in rows from ahead to behind and in each from left to right. A cell within half its
     edge of a wall, or outside of the free space, is not free and has the ambiguity 1.
     """
     cells, spacing = settings.window_cells, settings.window_spacing
-    table, bound = walls_of(ground)
-    values, free = level_of(ground), free_of(ground)
+    values, free = building.level, building.free
+    left_end, low_end, inverse = building.map_frame
     heading = 0
     if values.shape[2] > 1:
         turn = theta * values.shape[2] / (2.0 * math.pi)
@@ -90,11 +92,11 @@ def _window(x, y, theta, co, si, ground, settings, out, i):
             px, py = x + co * forward - si * left, y + si * forward + co * left
             k = r * cells + c
             out[i, k], out[i, each + k] = 1.0, 0.0
-            room, _ = around(px, py, table, bound)
+            room, _ = around(px, py, building.table, building.bound)
             if room < 0.5 * spacing:
                 continue
-            column = int(math.floor((px - ground.left) * ground.inverse + 0.5))
-            row = int(math.floor((py - ground.low) * ground.inverse + 0.5))
+            column = int(math.floor((px - left_end) * inverse + 0.5))
+            row = int(math.floor((py - low_end) * inverse + 0.5))
             if 0 <= row < free.shape[0] and 0 <= column < free.shape[1]:
                 out[i, each + k] = 1.0
                 if free[row, column]:
@@ -102,14 +104,22 @@ def _window(x, y, theta, co, si, ground, settings, out, i):
 
 
 @kernel
-def ahead(x, y, goal, distance, where):
-    """The place this far on along the way from (x, y), or the goal if that is nearer."""
-    ground = ground_of(where)
-    towards = towards_of(where, ground)
+def ahead(x, y, goal, distance, towards, frame):
+    """The point this far along the route from (x, y), or the goal if that is nearer.
+
+    Args:
+        x: Metres, map frame.
+        y: The same.
+        goal: x and y.
+        distance: Metres.
+        towards: See `CostToGo`, int8, shape (rows, columns).
+        frame: See `BuildingRecord.lattice_frame`.
+    """
+    low_x, low_y, inverse = frame
     rows, columns = towards.shape
-    spacing = 1.0 / ground.field_inverse
-    column = int(math.floor((x - ground.field_x) * ground.field_inverse + 0.5))
-    row = int(math.floor((y - ground.field_y) * ground.field_inverse + 0.5))
+    spacing = 1.0 / inverse
+    column = int(math.floor((x - low_x) * inverse + 0.5))
+    row = int(math.floor((y - low_y) * inverse + 0.5))
     if not (0 <= row < rows and 0 <= column < columns):
         return goal[0], goal[1]
     left = distance
@@ -118,7 +128,7 @@ def ahead(x, y, goal, distance, where):
         length = LENGTHS[k] * spacing
         if left < length:
             share = left / length
-            px, py = ground.field_x + column * spacing, ground.field_y + row * spacing
+            px, py = low_x + column * spacing, low_y + row * spacing
             return px - share * STEPS[k, 0] * spacing, py - share * STEPS[k, 1] * spacing
         left -= length
         column, row = column - STEPS[k, 0], row - STEPS[k, 1]

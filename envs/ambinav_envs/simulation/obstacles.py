@@ -15,7 +15,7 @@ from ambinav.geometry.collision.obstacles import in_triangles, nearest_gap
 from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
 
-# How often a place is drawn for a box or a person before it is left out.
+# How often a position is drawn for a box or a person before it is left out.
 TRIES = 200
 # Room beside a box, beyond what the robot needs to pass it, metres.
 SPARE = 0.1
@@ -158,7 +158,7 @@ def _fits(x, y, radius, table):
 
 @kernel
 def gather(people, row, x, y, bounds, settings, table, state):
-    """Draw a place and a heading for everyone, off the robot at (x, y); False: no room for one.
+    """Draw a pose for every person, off the robot at (x, y); False: no room for one.
 
     Args:
         people: `Memory.people`, written.
@@ -188,7 +188,7 @@ def gather(people, row, x, y, bounds, settings, table, state):
 
 @kernel
 def clutter(boxes, row, x, y, goal_x, goal_y, bounds, settings, table, state):
-    """Draw boxes that leave the robot a way around them; how many found room.
+    """Draw boxes that the robot can pass on any side; returns how many found room.
 
     Each stands free: the robot gets through between it and any wall, any other box, its own start
     and its goal, so what could be reached still can.

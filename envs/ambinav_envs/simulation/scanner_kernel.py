@@ -1,4 +1,4 @@
-"""The scanner of all robots as the kernels read it, and one scan of what is truly there."""
+"""The scanner as the kernels read it, and a simulated scan from the true pose."""
 
 from __future__ import annotations
 
@@ -9,33 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.kernels import kernel
-from ambinav.localization.casting import CastTables, cast_rays, nearest_echoes
+from ambinav.localization.casting import cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
 from ambinav.localization.random import uniform, ziggurats
 from ambinav.sensing.scanner import RangeScanner
-from ambinav_envs.simulation.ground import cast_tables_of, ground_of
-from ambinav_envs.simulation.layout import EYES
+from ambinav_envs.simulation.layout import SCANNER
 from ambinav_envs.simulation.obstacles import shade
 
 Floats = NDArray[np.float64]
 
 
-class Eyes(NamedTuple):
-    """A scanner of R rays, B beams and S different sensors.
+class ScannerArrays(NamedTuple):
+    """How a scanner of B beams and S different sensors makes readings of true ranges.
 
     Attributes:
-        origin: See `ambinav.localization.casting.CastTables`, as the next eleven.
-        first: See there.
-        cosine: See there.
-        sine: See there.
-        beam: See there.
-        limit: See there.
-        incidence: See there.
-        start: See there.
-        reach: See there.
-        plain: See there.
-        anchor: See there.
-        inner: See there.
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         sensor: Which sensor each beam is of, shape (B,).
@@ -47,18 +34,6 @@ class Eyes(NamedTuple):
             shape (S, 7).
     """
 
-    origin: Floats
-    first: NDArray[np.int64]
-    cosine: Floats
-    sine: Floats
-    beam: NDArray[np.int64]
-    limit: Floats
-    incidence: Floats
-    start: Floats
-    reach: Floats
-    plain: NDArray[np.bool_]
-    anchor: NDArray[np.bool_]
-    inner: NDArray[np.bool_]
     near: Floats
     far: Floats
     sensor: NDArray[np.int64]
@@ -68,18 +43,12 @@ class Eyes(NamedTuple):
     reading: Floats
 
 
-def eyes_of(scanner: RangeScanner, tables: CastTables) -> Eyes:
-    """Lay out a scanner.
-
-    Args:
-        scanner: The scanner.
-        tables: Of all its beams, in any environment.
-    """
+def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
+    """Lay out a scanner."""
     which = scanner.sensor_of_beam
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
-    return Eyes(
-        *tables[:12],
+    return ScannerArrays(
         np.array([s.min_range for s in scanner.sensors])[which],
         np.array([s.max_range for s in scanner.sensors])[which],
         np.array(which, dtype=np.int64),
@@ -103,24 +72,32 @@ def eyes_of(scanner: RangeScanner, tables: CastTables) -> Eyes:
     )
 
 
+@kernel
+def largest(values):
+    """The largest of some values; numba's own `max` cannot be compiled into `advance`."""
+    most = values[0]
+    for value in values[1:]:
+        most = max(most, value)
+    return most
+
+
 @kernel(forceinline=True)
-def look(memory, eyes, i, scratch):
+def sense(memory, cast, scanner, i, scratch):
     """Read the scanner of robot i where it truly is, into `Memory.readings`."""
     state, settings = memory.state[i], memory.settings[0]
     x, y, theta = state.truth[0], state.truth[1], state.truth[2]
-    tables = cast_tables_of(ground_of(memory.where[i]), eyes)
-    cast_rays(x, y, theta, tables, scratch.cast)
+    cast_rays(x, y, theta, cast, scratch.cast)
     if memory.people.shape[1] > 0 or state.boxes > 0:
         shade(
             x, y, theta, memory.people, settings.person_radius, memory.boxes, state.boxes, i,
-            tables, scratch.cast, eyes.far.max(),
+            cast, scratch.cast, largest(scanner.far),
         )  # fmt: skip
-    nearest_echoes(tables, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
-    capture(scratch.ranges, eyes, state.random[EYES], scratch.noise, memory.readings, i)
+    nearest_echoes(cast, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
+    capture(scratch.ranges, scanner, state.random[SCANNER], scratch.noise, memory.readings, i)
 
 
 @kernel(forceinline=True)
-def capture(ranges, eyes, random, noise, readings, row):
+def capture(ranges, scanner, random, noise, readings, row):
     """One reading of each true range: bias and noise, resolution, random and lost ones.
 
     As `ambinav.sensing.RangeSensor.read`; a sensor outside of the free space (nan) reads "too
@@ -128,19 +105,25 @@ def capture(ranges, eyes, random, noise, readings, row):
 
     Args:
         ranges: True ranges, shape (B,), metres.
-        eyes: See `Eyes`.
+        scanner: See `ScannerArrays`.
         random: State of the random numbers.
         noise: Work space, shape (B,).
         readings: Row `row` is written, shape (N, B).
         row: Which.
     """
     ziggurats(random, noise)
-    for run in range(eyes.run.size - 1):
-        first, end = eyes.run[run], eyes.run[run + 1]
-        s = eyes.sensor[first]
-        _err(ranges[first:end], eyes.shift[s], eyes.std[s], eyes.reading[s], noise[first:end])
-        _round(noise[first:end], eyes.reading[s], readings[row, first:end])
-        _confuse(eyes.reading[s], random, readings[row, first:end])
+    for run in range(scanner.run.size - 1):
+        first, end = scanner.run[run], scanner.run[run + 1]
+        s = scanner.sensor[first]
+        _err(
+            ranges[first:end],
+            scanner.shift[s],
+            scanner.std[s],
+            scanner.reading[s],
+            noise[first:end],
+        )
+        _round(noise[first:end], scanner.reading[s], readings[row, first:end])
+        _confuse(scanner.reading[s], random, readings[row, first:end])
 
 
 @kernel(forceinline=True)
@@ -156,9 +139,9 @@ def _err(ranges, shifts, stds, sensor, noise):
     per_metre = (TABLE - 1) / most
     for b in range(ranges.size):
         d = ranges[b]
-        place = min(d if d > least else least, most) * per_metre
-        low = min(max(int(place), 0), TABLE - 2)
-        share = place - low
+        entry = min(d if d > least else least, most) * per_metre
+        low = min(max(int(entry), 0), TABLE - 2)
+        share = entry - low
         shift = shifts[low] * (1.0 - share) + shifts[low + 1] * share
         std = stds[low] * (1.0 - share) + stds[low + 1] * share
         noise[b] = d + shift + std * noise[b]
@@ -177,7 +160,7 @@ def _round(values, sensor, readings):
 
 @kernel(forceinline=True)
 def _confuse(sensor, random, readings):
-    """Put random readings and lost ones in the place of some."""
+    """Replace some readings by random and lost ones."""
     least, most, resolution, bins, odd, lost = sensor[:6]
     share = odd + lost
     if share <= 0.0:

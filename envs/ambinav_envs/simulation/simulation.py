@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,39 +13,39 @@ from ambinav.compiling import announce
 from ambinav.config import nearest
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.errors import InputError
+from ambinav.localization.ekf_update import Scratch, scratch_for
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.random import states_of_each, uniform
 from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.simulation.fixed import fixed_of
+from ambinav_envs.plugged import Plugged, PluggedFunctions
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
     LOCALIZERS,
     MCL,
     PARTICLES,
+    REWARD,
     RUNNING,
     SETTINGS,
     STATE,
     STREAMS,
     TASK,
-    WHERE,
     Memory,
     View,
 )
-from ambinav_envs.simulation.pointers import address
-from ambinav_envs.simulation.scanner_kernel import Eyes
-from ambinav_envs.simulation.site import Site, Sites, eyes_for
+from ambinav_envs.simulation.scanner_kernel import scanner_arrays
+from ambinav_envs.simulation.site import Site, Sites
 from ambinav_envs.simulation.step import (
     BEGIN,
     BLOCK,
     DRIVE,
     JUDGE,
-    LOOK,
+    OBSERVE,
     PLACE,
-    SHOW,
+    SENSE,
     STEP,
     advance,
 )
@@ -67,10 +68,18 @@ class Outcome(NamedTuple):
     Attributes:
         view: The observation.
         figures: See `layout.COLUMNS`, shape (N, COLUMNS).
+        plugged: What plug-ins add.
     """
 
     view: View
     figures: Floats
+    plugged: Plugged
+
+    @property
+    def observation(self) -> dict[str, NDArray[np.float32]]:
+        """The parts of the observation that are on, by name, shape (N, size)."""
+        own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
+        return own | self.plugged.parts
 
 
 class _Episode(NamedTuple):
@@ -94,7 +103,7 @@ class Simulation:
         count: N.
         state: `layout.STATE`, shape (N,); read it, do not write to it.
         sites: The building around each robot.
-        tasks: Start, goal and way of each.
+        tasks: Start, goal and cost to go of each.
     """
 
     def __init__(
@@ -106,17 +115,19 @@ class Simulation:
         self.count = count
         self.sites: list[Site | None] = [None] * count
         self.tasks: list[Task | None] = [None] * count
-        self._known = Sites(parameters)
+        self._scanner = scanner_arrays(parameters.scanner)
+        self._known = Sites(parameters, self._scanner)
         self._filters: list[MonteCarloLocalizer | None] = [None] * count
-        self._eyes: Eyes | None = None
-        # Where the arrays lie, from the first episode on.
-        self._fixed: NDArray[np.void] | None = None
+        # For the threads: each takes one while it works.
+        self._scratch: list[Scratch] = []
+        # The number of the site around each.
+        self._numbers = np.full(count, -1)
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
+        self._plugged = _plugged(parameters)
         self._particles = parameters.localizer == LOCALIZERS[MCL]
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
-            np.zeros(count, dtype=WHERE),
             np.zeros((count, parameters.people.count, 3)),
             np.zeros((count, parameters.obstacles, 6)),
             np.zeros((count, parameters.scanner.beams)),
@@ -124,18 +135,17 @@ class Simulation:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but what depends on where arrays lie."""
+        """Buildings are made ready again where they are needed."""
         plain = self.__dict__.copy()
-        plain["_memory"] = self._memory._replace(where=np.zeros(0, dtype=WHERE))
-        plain["_known"] = plain["_fixed"] = None
+        plain["_known"] = plain["_plugged"] = None
         plain["sites"] = [None if site is None else site.building.key for site in self.sites]
         return plain
 
     def __setstate__(self, plain: dict[str, Any]) -> None:
-        """Find the arrays again."""
+        """Make buildings ready."""
         self.__dict__.update(plain)
-        self._known = Sites(self.parameters)
-        self._memory = self._memory._replace(where=np.zeros(self.count, dtype=WHERE))
+        self._plugged = _plugged(self.parameters)
+        self._known = Sites(self.parameters, self._scanner)
         keys: list[str | None] = plain["sites"]
         self.sites = [None] * self.count
         for i, key in enumerate(keys):
@@ -166,7 +176,8 @@ class Simulation:
     def outcome(self) -> Outcome:
         """Arrays for a step to write to."""
         parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
-        return Outcome(View(*parts), np.empty((self.count, COLUMNS)))
+        plugged = self._plugged.arrays(self.count)
+        return Outcome(View(*parts), np.empty((self.count, COLUMNS)), plugged)
 
     def reset(
         self,
@@ -196,12 +207,13 @@ class Simulation:
         # First one draw of each, so that what is refused then moves all of them on alike.
         streams = states_of_each([generators[i] for i in rows], STREAMS)
         episodes = [self._draw(own, given) for own in streams]
+        chosen = np.array(rows, dtype=np.int64)
+        self._start(chosen, [episode.task for episode in episodes], streams)
         for i, episode in zip(rows, episodes, strict=True):
             self._settle(i, episode.site, episode.task)
             self._filters[i] = episode.particles
-        chosen = np.array(rows, dtype=np.int64)
-        self._start(chosen, [episode.task for episode in episodes], streams)
         self._advance(chosen, BEGIN, out)
+        self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
 
     def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
         """Let robots drive on for one time step.
@@ -213,9 +225,11 @@ class Simulation:
         """
         rows = self._everyone if active is None else np.flatnonzero(active)
         self._advance(rows, STEP, out, actions)
+        rewards = out.figures[:, REWARD]
+        self._plugged.after_step(self.state, self.readings, rows, rewards, out.plugged)
 
-    def look(self, out: Outcome) -> None:
-        """Write again what the last step or reset made robots see; zeros for those in no episode.
+    def observe(self, out: Outcome) -> None:
+        """Write the last observation of all robots again; zeros for those in no episode.
 
         All terms of the reward are 0.
         """
@@ -223,7 +237,9 @@ class Simulation:
             part[:] = 0.0
         rows = [i for i, site in enumerate(self.sites) if site is not None]
         if rows:
-            self._kernel(np.array(rows, dtype=np.int64), SHOW, out, NOTHING)
+            chosen = np.array(rows, dtype=np.int64)
+            self._kernel(chosen, OBSERVE, out, NOTHING)
+            self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
 
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
         """Draw what the options leave open of an episode."""
@@ -237,13 +253,15 @@ class Simulation:
             task = site.goals.draw(streams[TASK], p.shortest, p.longest)
         else:
             task = site.goals.towards(
-                draw_task(site.places, streams[TASK], p.shortest, p.longest, start=start, goal=goal)
+                draw_task(
+                    site.lattice, streams[TASK], p.shortest, p.longest, start=start, goal=goal
+                )
             )
         particles = self._localizer(site, streams[PARTICLES]) if self._particles else None
         return _Episode(site, task, particles)
 
     def _localizer(self, site: Site, stream: NDArray[np.uint64]) -> MonteCarloLocalizer:
-        """A particle filter that has not been told where it starts."""
+        """A particle filter without an initial estimate."""
         scanner, mcl = self.parameters.scanner, self.parameters.particles
         environment = site.building.environment
         own = np.random.Generator(np.random.PCG64(stream))
@@ -257,15 +275,12 @@ class Simulation:
 
     def _settle(self, i: int, site: Site, task: Task) -> None:
         """Put robot i into a building, with a goal."""
+        before = self.sites[i]
+        if before is not None:
+            before.held.release(int(self.state["slot"][i]))
         self.sites[i], self.tasks[i] = site, task
-        if self._eyes is None:
-            self._eyes = eyes_for(self.parameters, site)
-        if self._fixed is None:
-            self._fixed = fixed_of(self._memory, self._eyes)
-        costs, towards = task.way
-        self._memory.where[i] = (
-            site.address, address(costs, np.float32), address(towards, np.int8),
-        )  # fmt: skip
+        self._numbers[i] = site.number
+        self.state["slot"][i] = site.held.hold(task.cost_to_go)
 
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
@@ -273,6 +288,7 @@ class Simulation:
         """Make the records of some robots those of episodes which begin."""
         fresh = np.zeros(len(rows), dtype=STATE)
         fresh["outcome"], fresh["random"] = RUNNING, streams
+        fresh["slot"] = self.state["slot"][rows]
         fresh["truth"] = [task.start for task in tasks]
         fresh["goal"] = [task.goal for task in tasks]
         fresh["distance"] = [task.cost for task in tasks]
@@ -288,23 +304,46 @@ class Simulation:
             return
         if parts & PLACE:
             self._kernel(rows, PLACE, out, actions)
-            self._tell_start(rows.tolist())
-        self._kernel(rows, parts & (DRIVE | LOOK), out, actions)
+            self._initialize(rows.tolist())
+        self._kernel(rows, parts & (DRIVE | SENSE), out, actions)
         self._filter(rows.tolist())
-        self._kernel(rows, parts & (JUDGE | SHOW), out, actions)
+        self._kernel(rows, parts & (JUDGE | OBSERVE), out, actions)
 
     def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
-        fixed = self._fixed, out.view, out.figures, actions
+        """Call the kernel once for each building, or thread, with the robots in it."""
+        rows, ends = self._by_building(rows)
 
         def some(low: int, high: int) -> None:
-            full = advance(*fixed, rows[low:high], parts)
-            if full >= 0:
-                self._refuse(full)
+            scratch = self._scratch.pop() if self._scratch else self._new_scratch()
+            while low < high:
+                end = min(ends[bisect_right(ends, low)], high)
+                site = self.sites[rows[low]]
+                assert site is not None
+                full = advance(
+                    site.record, site.held.arrays, self._scanner, self._memory, out.view,
+                    out.figures, actions, rows[low:end], parts, scratch,
+                )  # fmt: skip
+                if full >= 0:
+                    self._refuse(full)
+                low = end
+            self._scratch.append(scratch)
 
         share(some, len(rows), BLOCK if len(rows) >= SHARED else SHARED)
 
-    def _tell_start(self, rows: Sequence[int]) -> None:
-        """Tell particle filters the estimates of the starts, and how far off they may be."""
+    def _new_scratch(self) -> Scratch:
+        rays = self.parameters.scanner.rays()
+        scratch: Scratch = scratch_for(self.parameters.scanner.beams, len(rays.angle))
+        return scratch
+
+    def _by_building(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[int]]:
+        """Robots in the order of their buildings, and where those of each end."""
+        numbers = self._numbers[rows]
+        order = np.argsort(numbers)
+        ends = np.flatnonzero(np.diff(numbers[order])) + 1
+        return rows[order], [*ends.tolist(), len(rows)]
+
+    def _initialize(self, rows: Sequence[int]) -> None:
+        """Give particle filters the initial estimates and their covariances."""
         for i in rows:
             localizer = self._filters[i]
             assert localizer is not None
@@ -342,6 +381,12 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
     return given
 
 
+def _plugged(p: NavigationParameters) -> PluggedFunctions:
+    """What plug-ins compute after the kernel."""
+    parts = [(part, part.size(p)) for part in p.plugged_parts]
+    return PluggedFunctions(p.plugged_terms, parts, p.dt)
+
+
 def _settings(p: NavigationParameters) -> NDArray[np.void]:
     """The parameters as the kernels take them."""
     robot, people = p.robot, p.people
@@ -350,7 +395,8 @@ def _settings(p: NavigationParameters) -> NDArray[np.void]:
         "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed,
         "max_speed": robot.max_speed, "max_turn_rate": robot.max_turn_rate,
         "acceleration": robot.acceleration, "turn_acceleration": robot.turn_acceleration,
-        "wheels": tuple(p.wheels.packed), "told": tuple(p.odometry.packed),
+        "true_odometry": tuple(p.true_odometry.packed),
+        "modelled_odometry": tuple(p.odometry.packed),
         "localizer": LOCALIZERS.index(p.localizer), "rounds": p.iterations, "gate": p.gate,
         "start_std": p.start_std, "goal_radius": p.goal_radius,
         "success_radius": p.success_radius, "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),

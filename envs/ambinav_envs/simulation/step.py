@@ -1,4 +1,4 @@
-"""One step of all robots: act, move, look, localize, judge, and what they get to see of it.
+"""One step of robots in a building: act, move, sense, localize, judge, observe.
 
 Each robot's numbers depend on nothing but its own record: how many there are and how threads share
 them changes no bit.
@@ -13,22 +13,11 @@ from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
 from ambinav.drive.noise import reckon, report
 from ambinav.drive.world import free_share, path, unicycle
 from ambinav.kernels import kernel
-from ambinav.localization.ekf_update import scratch_for, update_pose
+from ambinav.localization.ekf_update import update_pose
 from ambinav.localization.odometry import wrapped
 from ambinav.localization.random import ziggurat
-from ambinav.service.field import integral_straight
+from ambinav.service.motion import integral_straight
 from ambinav_envs.buildings.geodesic import distance_at
-from ambinav_envs.simulation.fixed import eyes_at, memory_at
-from ambinav_envs.simulation.ground import (
-    beam_noise_of,
-    cast_tables_of,
-    expect_ways,
-    fisher_of,
-    ground_of,
-    level_of,
-    walls_of,
-    ways_of,
-)
 from ambinav_envs.simulation.layout import (
     ARRIVED,
     CLUTTER,
@@ -44,6 +33,7 @@ from ambinav_envs.simulation.layout import (
     MCL,
     MISSED,
     ODOMETRY,
+    ODOMETRY_NOISE,
     PERFECT,
     REWARD,
     RUNNING,
@@ -56,27 +46,24 @@ from ambinav_envs.simulation.layout import (
     VALUES,
     WALKERS,
     WEIGHTED,
-    WHEELS,
 )
 from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
-from ambinav_envs.simulation.pointers import borrowed
-from ambinav_envs.simulation.scanner_kernel import look
+from ambinav_envs.simulation.scanner_kernel import sense
 
-# What `advance` does. A localizer that is no kernel comes between the looking and the rest.
-PLACE, DRIVE, LOOK, JUDGE, SHOW = 1, 2, 4, 8, 16
-STEP, BEGIN = DRIVE | LOOK | JUDGE | SHOW, PLACE | LOOK | SHOW
+# What `advance` does. A localizer that is no kernel comes between the scan and the rest.
+PLACE, DRIVE, SENSE, JUDGE, OBSERVE = 1, 2, 4, 8, 16
+STEP, BEGIN = DRIVE | SENSE | JUDGE | OBSERVE, PLACE | SENSE | OBSERVE
 # Robots that go through each part together: the code of all parts is more than a core's first
 # cache holds.
 BLOCK = 16
 
 
 @kernel(forceinline=True)
-def move(memory, i, speed, rate):
-    """Let robot i try to drive at a speed and a turn rate, and its odometry report that."""
-    state, settings, where = memory.state[i], memory.settings[0], memory.where[i]
-    ground = ground_of(where)
-    table, bound = walls_of(ground)
+def move(building, memory, i, speed, rate):
+    """Drive robot i at a speed and a turn rate as far as it gets; odometry reports the motion."""
+    state, settings = memory.state[i], memory.settings[0]
+    table, bound = building.table, building.bound
     limits = (
         settings.max_speed, settings.max_turn_rate, settings.acceleration,
         settings.turn_acceleration,
@@ -94,29 +81,28 @@ def move(memory, i, speed, rate):
         )
     x1, y1, t1 = unicycle(x0, y0, t0, speed, rate, share * settings.dt)
     state.before[0], state.before[1], state.before[2] = x0, y0, t0
-    state.way, state.met = length * share, share < 1.0
+    state.driven, state.collided = length * share, share < 1.0
     state.truth[0], state.truth[1], state.truth[2] = x1, y1, t1
     state.speeds[0], state.speeds[1] = speed, rate
     before = state.odometry[0], state.odometry[1], state.odometry[2]
-    after = report(*before, x0, y0, t0, x1, y1, t1, settings.wheels, state.random[WHEELS])
+    after = report(
+        *before, x0, y0, t0, x1, y1, t1, settings.true_odometry, state.random[ODOMETRY_NOISE]
+    )
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
-        reckon(state.mean, state.covariance, *before, *after, settings.told)
-    # Wanted after the scan, by when it is there.
-    expect_ways(x1, y1, where, ground)
+        reckon(state.mean, state.covariance, *before, *after, settings.modelled_odometry)
     if memory.people.shape[1] > 0:
         walk(memory.people, i, x1, y1, settings, table, bound, state.random[WALKERS])
 
 
 @kernel(forceinline=True)
-def localize(memory, eyes, i, scratch):
+def localize(building, memory, i, scratch):
     """Let the localizer of robot i, if it is a kernel, take in the readings."""
     state, settings = memory.state[i], memory.settings[0]
     if settings.localizer == EKF:
-        ground = ground_of(memory.where[i])
         update_pose(
             state.mean, state.covariance, memory.readings[i], settings.gate, settings.rounds,
-            False, cast_tables_of(ground, eyes), beam_noise_of(ground, eyes), scratch,
+            False, building.cast, building.noise, scratch,
         )  # fmt: skip
     elif settings.localizer == PERFECT:
         for k in range(3):
@@ -133,16 +119,17 @@ def errors(state):
 
 
 @kernel(forceinline=True)
-def judge(memory, i, figures):
+def judge(building, goals, memory, i, figures):
     """Decide what has become of robot i, and what the step was worth.
 
     Args:
+        building: The building around it, see `BuildingRecord`.
+        goals: Costs to go in that building, see `CostToGoTable.arrays`.
         memory: See `Memory`.
         i: Which robot.
         figures: Row i is written, see `COLUMNS`.
     """
-    state, settings, where = memory.state[i], memory.settings[0], memory.where[i]
-    ground = ground_of(where)
+    state, settings = memory.state[i], memory.settings[0]
     off, turned = errors(state)
     far = off > LOST_POSITION or turned > LOST_HEADING
     state.far_steps = state.far_steps + 1 if far else 0
@@ -153,15 +140,15 @@ def judge(memory, i, figures):
     # Along the chord, as `AmbiguityService.reward`: the arc of a step is hardly longer.
     x0, y0, t0 = state.before[0], state.before[1], state.before[2]
     x1, y1, t1 = state.truth[0], state.truth[1], state.truth[2]
-    frame = ground.left, ground.low, ground.inverse
-    exposed = integral_straight(x0, y0, t0, x1, y1, t1, level_of(ground), *frame)
-    bound = integral_straight(x0, y0, t0, x1, y1, t1, fisher_of(ground), *frame)
+    exposed = integral_straight(x0, y0, t0, x1, y1, t1, building.level, *building.map_frame)
+    bound = integral_straight(x0, y0, t0, x1, y1, t1, building.fisher, *building.map_frame)
     state.exposure += exposed
-    state.travelled += state.way
+    state.travelled += state.driven
     distance = state.distance
-    field, links = ways_of(where, ground)
-    now = distance_at(x1, y1, field, links, ground.field_x, ground.field_y, ground.field_inverse)
-    # Pressed into a corner a robot may be where no way leads from: there it is as far as before.
+    now = distance_at(
+        x1, y1, goals.costs[state.slot], building.links, *building.lattice_frame
+    )  # fmt: skip
+    # In a tight corner there may be no path from where a robot is: its distance stays as it was.
     if now < math.inf:
         state.distance = now
     state.outcome = outcome_of(state, settings)
@@ -169,11 +156,11 @@ def judge(memory, i, figures):
     terms = (
         distance - settings.gamma * state.distance,
         1.0 if state.outcome == ARRIVED else 0.0,
-        -1.0 if state.met else 0.0,
+        -1.0 if state.collided else 0.0,
         -settings.dt,
         0.0 - exposed,
         0.0 - bound,
-        0.0 - off * state.way,
+        0.0 - off * state.driven,
         -settings.dt if state.lost else 0.0,
     )
     total = 0.0
@@ -183,15 +170,15 @@ def judge(memory, i, figures):
         figures[i, VALUES + k], figures[i, WEIGHTED + k] = terms[k], part
         total += part
     figures[i, REWARD] = total
-    figures[i, COST_COLLISION] = 1.0 if state.met else 0.0
+    figures[i, COST_COLLISION] = 1.0 if state.collided else 0.0
     figures[i, COST_LOST] = 1.0 if state.lost else 0.0
-    tell(state, off, figures, i)
+    write_status(state, off, figures, i)
 
 
 @kernel
 def outcome_of(state, settings):
     """What has become of a robot, one of `OUTCOMES` by code."""
-    if state.met:
+    if state.collided:
         return COLLIDED
     if near(state.mean, state.goal, settings.goal_radius):
         return ARRIVED if near(state.truth, state.goal, settings.success_radius) else MISSED
@@ -201,14 +188,14 @@ def outcome_of(state, settings):
 
 
 @kernel
-def near(pose, place, radius):
-    """Whether a pose is within a radius of a place."""
-    dx, dy = place[0] - pose[0], place[1] - pose[1]
+def near(pose, point, radius):
+    """Whether a pose is within a radius of a point."""
+    dx, dy = point[0] - pose[0], point[1] - pose[1]
     return dx * dx + dy * dy <= radius * radius
 
 
 @kernel(forceinline=True)
-def tell(state, off, figures, i):
+def write_status(state, off, figures, i):
     """Write the figures that a reset has too; the costs are there already."""
     figures[i, COST] = figures[i, COST_COLLISION] + figures[i, COST_LOST]
     figures[i, ERROR] = off
@@ -222,84 +209,78 @@ def tell(state, off, figures, i):
 
 
 @kernel(forceinline=True)
-def act(memory, actions, i):
+def act(building, memory, actions, i):
     """Let robot i drive as its action says, see `spaces.continuous`."""
     settings = memory.settings[0]
     share = 0.5 * (min(max(actions[i, 0], -1.0), 1.0) + 1.0)
     speed = settings.min_speed + share * (settings.max_speed - settings.min_speed)
     rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
-    move(memory, i, speed, rate)
+    move(building, memory, i, speed, rate)
 
 
 @kernel(forceinline=True)
-def place(memory, i):
+def place(building, memory, i):
     """Put boxes and people around robot i, which is at `truth`; whether there is room for them.
 
-    And give its localizer an estimate of that place.
+    Its localizer gets an initial estimate.
     """
-    state, settings, ground = memory.state[i], memory.settings[0], ground_of(memory.where[i])
-    table, _ = walls_of(ground)
+    state, settings = memory.state[i], memory.settings[0]
+    table, bounds = building.table, building.bounds
     for k in range(3):
         std = settings.start_std[k]
         state.mean[k] = state.truth[k] + std * ziggurat(state.random[START])
         state.covariance[k, k] = std * std
     x, y = state.truth[0], state.truth[1]
     state.boxes = clutter(
-        memory.boxes, i, x, y, state.goal[0], state.goal[1], ground.bounds, settings, table,
+        memory.boxes, i, x, y, state.goal[0], state.goal[1], bounds, settings, table,
         state.random[CLUTTER],
     )  # fmt: skip
-    return gather(memory.people, i, x, y, ground.bounds, settings, table, state.random[WALKERS])
+    return gather(memory.people, i, x, y, bounds, settings, table, state.random[WALKERS])
 
 
-@kernel
-def advance(fixed, view, figures, actions, rows, parts):
+@kernel(_nrt=False)
+def advance(building, goals, scanner, memory, view, figures, actions, rows, parts, scratch):
     """Step some robots, begin their episodes, or do a part of that.
 
     All of it is one kernel, so that what steps and beginnings share is compiled once.
 
     Args:
-        fixed: See `simulation.fixed`.
+        building: The building that all of them are in, see `BuildingRecord`.
+        goals: Costs to go in it, see `CostToGoTable.arrays`.
+        scanner: See `ScannerArrays`.
+        memory: Of all N robots, see `Memory`.
         view: Rows `rows` are written, see `View`.
         figures: Rows `rows` are written, see `COLUMNS`.
         actions: Shape (N, 2), see `spaces.continuous`; read with `DRIVE` alone.
         rows: Which robots.
         parts: What of it, `STEP` or `BEGIN` or some of their bits.
+        scratch: See `ambinav.localization.ekf_update.Scratch`; no two threads share one.
 
     Returns:
         The first robot without room for its people, with which the work ends; -1 for none.
     """
-    memory, eyes = memory_at(fixed[0]), eyes_at(fixed[0])
-    kept = scratch_for(eyes.near.size, eyes.cosine.size)
-    view, scratch = borrowed(view), borrowed(kept)
-    figures, actions = borrowed(figures), borrowed(actions)
-    full = -1
     for first in range(0, rows.size, BLOCK):
         block = rows[first : first + BLOCK]
         if parts & (PLACE | DRIVE):
             for k in range(block.size):
                 i = block[k]
-                if parts & PLACE and not place(memory, i):
-                    full = i
-                    break
+                if parts & PLACE and not place(building, memory, i):
+                    return i
                 if parts & DRIVE:
-                    act(memory, actions, i)
-            if full >= 0:
-                break
-        if parts & LOOK:
+                    act(building, memory, actions, i)
+        if parts & SENSE:
             for k in range(block.size):
-                look(memory, eyes, block[k], scratch)
+                sense(memory, building.cast, scanner, block[k], scratch)
             for k in range(block.size):
-                localize(memory, eyes, block[k], scratch)
-        if parts & (JUDGE | SHOW):
+                localize(building, memory, block[k], scratch)
+        if parts & (JUDGE | OBSERVE):
             for k in range(block.size):
                 i = block[k]
                 if parts & JUDGE:
-                    judge(memory, i, figures)
-                elif parts & SHOW:
+                    judge(building, goals, memory, i, figures)
+                elif parts & OBSERVE:
                     figures[i] = 0.0
-                    tell(memory.state[i], errors(memory.state[i])[0], figures, i)
-                if parts & SHOW:
-                    observe(memory, eyes, view, i)
-    # Here, so that it is not given back before.
-    kept.noise[0] = 0.0
-    return full
+                    write_status(memory.state[i], errors(memory.state[i])[0], figures, i)
+                if parts & OBSERVE:
+                    observe(building, goals, scanner, memory, view, i)
+    return -1

@@ -29,7 +29,7 @@ Episode = Mapping[str, Any]
 Figures = dict[str, float]
 
 
-class Tally(BaseCallback):
+class EpisodeStatsCallback(BaseCallback):
     """Gathers the episodes that end, as a `VecMonitor` tells them.
 
     Attributes:

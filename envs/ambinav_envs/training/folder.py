@@ -15,7 +15,8 @@ from typing import Any, Final
 import ambinav
 from ambinav.errors import InputError
 from ambinav.files import write_text
-from ambinav.provenance import code_digest, environment_digest, library_version
+from ambinav.maps.content_digest import environment_digest
+from ambinav.provenance import code_digest, library_version
 from ambinav.runfolder import LOCK, RunFolder
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.training.config import Training

@@ -14,7 +14,7 @@ from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of
 from ambinav_envs.training.features import NavigationFeatures, looks_around
 from ambinav_envs.training.hyperparameters import SCHEDULED
-from ambinav_envs.training.schedules import Falling, schedule_of
+from ambinav_envs.training.schedules import LinearSchedule, schedule_of
 
 SAC_ROUND = 4096
 """Steps between two looks at an algorithm that has no rounds of its own."""
@@ -96,11 +96,11 @@ def network(config: Training) -> dict[str, Any]:
     return chosen
 
 
-def schedules(model: Any) -> list[Falling]:
+def schedules(model: Any) -> list[LinearSchedule]:
     """The hyperparameters of a model that change over the training."""
     held = (model.learning_rate, getattr(model, "clip_range", None))
     inner = (getattr(one, "value_schedule", one) for one in held)
-    return [one for one in inner if isinstance(one, Falling)]
+    return [one for one in inner if isinstance(one, LinearSchedule)]
 
 
 def round_steps(config: Training) -> int:

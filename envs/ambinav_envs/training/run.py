@@ -28,7 +28,7 @@ from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of, write_config
 from ambinav_envs.training.curriculum import Curriculum
 from ambinav_envs.training.curve import plot_curve
-from ambinav_envs.training.episode_stats import Figures, Tally, figures_of_evaluation
+from ambinav_envs.training.episode_stats import EpisodeStatsCallback, Figures, figures_of_evaluation
 from ambinav_envs.training.models import make_model, round_steps, schedules
 from ambinav_envs.training.progress import Progress
 from ambinav_envs.training.report import report_text
@@ -94,9 +94,9 @@ class Run:
         best = folder / files.BEST
         # Of the file itself: it may be newer than the checkpoint.
         self.best = best_of(best) if resume and best.is_file() else None
-        self.tally = Tally()
-        self.tally.fresh = list(counters.get("fresh", ()))
-        self.tally.stage = list(counters.get("stage", ()))
+        self.episode_stats = EpisodeStatsCallback()
+        self.episode_stats.fresh = list(counters.get("fresh", ()))
+        self.episode_stats.stage = list(counters.get("stage", ()))
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
         self._source, self._judged = source_of(config.judged)
         self._longest = source_of(config.arguments)[1].longest
@@ -193,7 +193,7 @@ class Run:
         started, before = time.perf_counter(), int(self.model.num_timesteps)
         self.model.learn(
             round_steps(self.config),
-            self.tally,
+            self.episode_stats,
             # Rounds for the algorithms that have them, for the others episodes.
             log_interval=1 if "n_epochs" in self.config.hyperparameters else 100,
             reset_num_timesteps=False,
@@ -204,8 +204,8 @@ class Run:
     def _between(self, rate: float = math.nan) -> None:
         """What is due after a round, or was when the training was interrupted."""
         steps, share = int(self.model.num_timesteps), self.share
-        if self.curriculum.advance(share, self.tally.stage):
-            self.tally.stage = []
+        if self.curriculum.advance(share, self.episode_stats.stage):
+            self.episode_stats.stage = []
         judged = None
         if steps >= self._next["evaluation"]:
             judged = self._evaluate()
@@ -225,7 +225,7 @@ class Run:
         """Add a row to the table of progress."""
         self._pass("log")
         steps, longest = int(self.model.num_timesteps), self.envs.simulation.parameters.longest
-        self._last = self.tally.take()
+        self._last = self.episode_stats.take()
         row: dict[str, float | None] = {
             "steps": steps, "seconds": round(self.seconds, 2), "steps_per_second": rate,
             "longest": longest,
@@ -280,8 +280,8 @@ class Run:
             "steps": steps,
             "seconds": self.seconds,
             "next": self._next,
-            "fresh": self.tally.fresh,
-            "stage": self.tally.stage,
+            "fresh": self.episode_stats.fresh,
+            "stage": self.episode_stats.stage,
             "stage_number": self.curriculum.number,
         }
         folder = self.folder / files.CHECKPOINTS

@@ -13,8 +13,8 @@ ENDS = ("from", "to")
 
 
 @dataclass
-class Falling:
-    """A number that goes evenly from one value to another.
+class LinearSchedule:
+    """A number that changes linearly over a training.
 
     Stable-Baselines3 counts what remains by the steps of one call of `learn`; here the share of the
     whole training is set from outside, since that may be told in minutes.
@@ -35,7 +35,7 @@ class Falling:
 
 
 def schedule_of(value: Any, where: str) -> Any:
-    """A `Falling` of a mapping {from, to}; any other value as it is.
+    """A `LinearSchedule` from a mapping {from, to}; any other value as it is.
 
     Raises:
         InputError: a key is missing or unknown, or a value is no number.
@@ -44,4 +44,4 @@ def schedule_of(value: Any, where: str) -> Any:
         return value
     if set(value) != set(ENDS):
         raise InputError(f"{where} is {dict(value)!r}; give a number, or a mapping of from and to.")
-    return Falling(*(as_number(value[end], f"{where}.{end}") for end in ENDS))
+    return LinearSchedule(*(as_number(value[end], f"{where}.{end}") for end in ENDS))

@@ -43,8 +43,9 @@ from ambinav.localization.casting import cast_tables
 from ambinav.localization.expected_covariance import place_and_scanner
 from ambinav.localization.information import beam_noise, informations
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.lattice_values import value_at
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.service.field import nearest_possible, value_at
+from ambinav.service.field import nearest_possible
 from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]

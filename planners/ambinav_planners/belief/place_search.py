@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
-from ambinav.service.field import value_at
+from ambinav.maps.lattice_values import value_at
 from ambinav.threads import run_rows
 from ambinav_planners.belief.information import Information
 from ambinav_planners.search.along import pieces_of, pose_along

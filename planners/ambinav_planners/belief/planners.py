@@ -12,7 +12,7 @@ from ambinav_planners.belief.place_search import Growth, belief_search
 from ambinav_planners.belief.roadmap import BeliefRoadmap
 from ambinav_planners.belief.roadmap_search import search_roadmap
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.registry import Budget, Found, Planner
 from ambinav_planners.roadmap import grown_graph
 from ambinav_planners.search.lattice_graph import lattice_of
 
@@ -91,23 +91,19 @@ def solve_belief_roadmap(problem: Problem, budget: Budget) -> Found:
     )
 
 
-register(
-    Planner(
-        "belief",
-        solve_belief,
-        "least cost over position and its deviation (after Gonzalez and Stentz; Roy and Thrun)",
-        iteration="labels",
-        spaces=("r2",),
-        uses_ompl=False,
-        minimises_cost=False,
-    )
+BELIEF = Planner(
+    "belief",
+    solve_belief,
+    "least cost over position and its deviation (after Gonzalez and Stentz; Roy and Thrun)",
+    iteration="labels",
+    spaces=("r2",),
+    uses_ompl=False,
+    minimises_cost=False,
 )
-register(
-    Planner(
-        "belief-roadmap",
-        solve_belief_roadmap,
-        "the path on a PRM* that ends best localized (after Prentice and Roy 2009)",
-        iteration="milestones",
-        minimises_cost=False,
-    )
+BELIEF_ROADMAP = Planner(
+    "belief-roadmap",
+    solve_belief_roadmap,
+    "the path on a PRM* that ends best localized (after Prentice and Roy 2009)",
+    iteration="milestones",
+    minimises_cost=False,
 )

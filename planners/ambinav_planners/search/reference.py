@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav_planners.improve.limited import improve_within
 from ambinav_planners.problem import Problem
-from ambinav_planners.registry import Budget, Found, Planner, register
+from ambinav_planners.registry import Budget, Found, Planner
 from ambinav_planners.search.alternatives import (
     SLACK,
     Corridors,
@@ -118,13 +118,11 @@ def _finished(
     return improve_within(path, problem.service, problem.checker, limit)
 
 
-register(
-    Planner(
-        "reference",
-        solve_reference,
-        "Dijkstra over the map's lattice and its channels, finished at any angle",
-        spaces=("r2",),
-        uses_ompl=False,
-        keeps_limit=True,
-    )
+REFERENCE = Planner(
+    "reference",
+    solve_reference,
+    "Dijkstra over the map's lattice and its channels, finished at any angle",
+    spaces=("r2",),
+    uses_ompl=False,
+    keeps_limit=True,
 )

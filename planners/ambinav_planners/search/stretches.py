@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.kernels import kernel
-from ambinav.service.field import Field, value_at
+from ambinav.maps.lattice_values import value_at
+from ambinav.service.field import Field
 from ambinav.threads import run_rows
 from ambinav_planners.search.along import pieces_of, pose_along
 from ambinav_planners.search.graph import MotionGraph

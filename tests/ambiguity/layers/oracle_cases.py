@@ -10,8 +10,9 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.layers.context import Ground
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute_rays
 
@@ -48,7 +49,7 @@ def sonars() -> RangeScanner:
     )
 
 
-def some(ground: Ground, count: int, seed: int) -> list[tuple[int, int]]:
+def some(ground: LayerContext, count: int, seed: int) -> list[tuple[int, int]]:
     """Running numbers of free cells and headings that the robot can stand at."""
     possible = np.argwhere(ground.possible)
     rng = np.random.default_rng(seed)

@@ -16,7 +16,7 @@ from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.layers.aliasing.kernel import compare_fully
 from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, LookAlikes, compute, look_alikes
 from ambinav.ambiguity.layers.aliasing.scans import Scans
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.sensing import RangeScanner, RangeSensor
@@ -46,8 +46,8 @@ def floor() -> Environment:
     )
 
 
-def ground(env: Environment, scanner: RangeScanner, spacing: float, **more) -> Ground:
-    return Ground.of(build_map(env, scanner, spacing=spacing, **more))
+def ground(env: Environment, scanner: RangeScanner, spacing: float, **more) -> LayerContext:
+    return LayerContext.of(build_map(env, scanner, spacing=spacing, **more))
 
 
 @njit
@@ -139,7 +139,7 @@ def test_pairs_are_compared_as_the_reference_does():
         assert off.min() < 0.02
 
 
-def at(here: Ground, alike: LookAlikes, x: float, y: float) -> tuple[float, np.ndarray]:
+def at(here: LayerContext, alike: LookAlikes, x: float, y: float) -> tuple[float, np.ndarray]:
     """Share and look-alikes of the cell nearest to a point."""
     px, py = here.points
     cell = int(np.argmin(np.hypot(px - x, py - y)))

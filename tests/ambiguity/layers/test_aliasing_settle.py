@@ -13,7 +13,7 @@ from ambinav.ambiguity import reference
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.aliasing.layer import look_alikes
 from ambinav.ambiguity.layers.aliasing.settle import settle, settle_at
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.sensing import RangeScanner, RangeSensor
 
 PERIOD = 3.37  # no multiple of the spacing
@@ -24,13 +24,13 @@ def scanner(resolution: float = 0.001, beams: int = 60, aperture: float = math.t
     return RangeScanner.planar(sensor, beams, aperture)
 
 
-def two_rooms(sensing: RangeScanner, headings: int | None = None) -> Ground:
+def two_rooms(sensing: RangeScanner, headings: int | None = None) -> LayerContext:
     """A room and its twin, turned by 50 degrees: no step of the beams."""
     outline = [(0, 0), (2.4, 0), (2.4, 0.7), (1.7, 0.7), (1.7, 1.4), (2.4, 1.9), (0.4, 2.2)]
     room = shapely.Polygon(outline)
     other = shapely.affinity.rotate(room, 0 if headings else 50, origin=(0, 0))
     env = environment_from_shapes([room, shapely.affinity.translate(other, PERIOD + 2)])
-    return Ground.of(build_map(env, sensing, spacing=0.2, headings=headings), env)
+    return LayerContext.of(build_map(env, sensing, spacing=0.2, headings=headings), env)
 
 
 @pytest.mark.parametrize(

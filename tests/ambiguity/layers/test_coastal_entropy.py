@@ -17,7 +17,7 @@ from scipy.stats import norm, qmc, spearmanr
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import bands as banding
 from ambinav.ambiguity.layers.coastal_entropy import coastal_entropy, expected_evidence
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.ambiguity.reference import reachable
 from ambinav.ambiguity.standing import standing_lattice
@@ -35,8 +35,8 @@ LASER = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.03, resolution=0.00
 MANY = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.05, resolution=0.001), 60, 2 * math.pi)
 
 
-def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> Ground:
-    return Ground.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
+def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> LayerContext:
+    return LayerContext.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
 
 
 def oracle_cells(
@@ -167,7 +167,7 @@ def test_is_what_sampled_scans_leave(
 
 def patches(
     env: Environment, scanner: RangeScanner, seed: int, count: int
-) -> tuple[Ground, Floats]:
+) -> tuple[LayerContext, Floats]:
     """A lattice of 0.1 m about some places of a building, and these: x, y, heading, (N, 3)."""
     lattice = Lattice.over(env, 0.1)
     x, y = lattice.points
@@ -178,7 +178,7 @@ def patches(
     at = rng.permutation(len(x))[:count]
     near, _ = cKDTree(np.column_stack([x[at], y[at]])).query(np.column_stack([x, y]))
     model = AmbiguityModel(radius=0.3, map_std=0.03, tau=independent_tau(scanner))
-    ground = Ground(
+    ground = LayerContext(
         env, scanner, whole.among(near < 0.5), headings, not scanner.looks_all_around, model
     )
     poses = [(x[p], y[p], headings[k % len(headings)]) for k, p in enumerate(at)]
@@ -215,7 +215,7 @@ def test_against_brute_force(
     assert rank > 0.75
 
 
-def enumerated(ground: Ground, x: float, y: float, rng: np.random.Generator) -> float:
+def enumerated(ground: LayerContext, x: float, y: float, rng: np.random.Generator) -> float:
     """Expected entropy in bits, by every scan that a scanner of wide bins can return."""
     h, sensor = ground.spacing, ground.scanner.sensors[0]
     cells = sorted(reachable(ground.environment, x, y, h, ground.radius))

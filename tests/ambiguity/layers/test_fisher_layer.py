@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.fisher import fisher, ray_information
 from ambinav.ambiguity.layers.marginal import marginal_radii
 from ambinav.errors import InputError
@@ -98,7 +98,7 @@ def test_the_layer_is_the_marginal_covariance(incidence: bool) -> None:
     found = with_layers(amap, "fisher", fisher=options)
     for name in ("fisher", "fisher_minor", "fisher_direction"):
         assert np.isnan(found.dataset[name].values).sum() == (~amap.dataset["free"].values).sum()
-    x, y = Ground.of(amap).points
+    x, y = LayerContext.of(amap).points
     for k in range(0, len(x), 3):
         pose = np.array([x[k], y[k], 0.0])
         prior = np.diag([0.3**-2, 0.3**-2, 0.02**-2])
@@ -178,7 +178,7 @@ def test_the_layer_is_the_covariance_to_expect(
         RangeSensor(max_range=6.0, std=0.02, resolution=0.01), beams, 2 * math.pi, mount=mount
     )
     amap = build_map(ROOM, scanner, 0.5, map_std=0.05, layers="fisher")
-    ground = Ground.of(amap)
+    ground = LayerContext.of(amap)
     assert ground.scanner.beams == 60
     poses = ground.poses()
     prior = np.diag([0.25**2, 0.25**2, ground.model.sigma_theta**2])
@@ -226,7 +226,7 @@ def to_point(pose: np.ndarray, point: np.ndarray, mx: float, my: float) -> float
 
 
 def brute_information(
-    ground: Ground, pose: np.ndarray, scanner: RangeScanner, heading: float
+    ground: LayerContext, pose: np.ndarray, scanner: RangeScanner, heading: float
 ) -> np.ndarray:
     """Each beam, moved a little: (3, 3).
 
@@ -271,7 +271,7 @@ def test_against_brute_force(
     which: str, scanner: RangeScanner, request: pytest.FixtureRequest
 ) -> None:
     env = oracle_cases.building(which, request)
-    ground = Ground.of(build_map(env, scanner, 0.5, map_std=0.03), env)
+    ground = LayerContext.of(build_map(env, scanner, 0.5, map_std=0.03), env)
     found = fisher(ground)
     x, y = ground.points
     rows, columns = np.nonzero(ground.free)

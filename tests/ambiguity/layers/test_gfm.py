@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers import gfm as module
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.gfm import DIRECTIONS, LAYER, TURN, gfm, rank_masks, share
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.errors import InputError
@@ -30,8 +30,8 @@ SONAR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01, aperture=0.4)
 LASER = RangeScanner.planar(NEAR, 60, 2 * math.pi)
 
 
-def ground_of(env: Environment, scanner: RangeScanner = LASER) -> Ground:
-    return Ground.of(build_map(env, scanner, spacing=0.2, max_beams=66), env)
+def ground_of(env: Environment, scanner: RangeScanner = LASER) -> LayerContext:
+    return LayerContext.of(build_map(env, scanner, spacing=0.2, max_beams=66), env)
 
 
 def test_between_straight_walls_no_ray_sees_more_than_its_wall() -> None:
@@ -123,7 +123,7 @@ def test_batches_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
     """The poses of a lattice are among those of one three times as fine."""
     fine, coarse = (
-        Ground.of(build_map(demo, LASER, spacing=spacing, radius=0.8), demo)
+        LayerContext.of(build_map(demo, LASER, spacing=spacing, radius=0.8), demo)
         for spacing in (0.25, 0.75)
     )
     here, there = gfm(fine)["gfm"], gfm(coarse)["gfm"]

@@ -135,8 +135,8 @@ def test_audit_command(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("scanner", "names", "message"),
     [
-        ("laser.yaml", "fishr", "'fishr' is no layer that can be added; did you mean fisher"),
-        ("laser.yaml", "fisher,", "'' is no layer that can be added; there are position, fisher, "),
+        ("laser.yaml", "fishr", "there is no layer 'fishr'; did you mean fisher"),
+        ("laser.yaml", "fisher,", "there is no layer ''; choose from aliasing, clearance, "),
         (
             "sonar.yaml",
             "fisher,wall_normals",

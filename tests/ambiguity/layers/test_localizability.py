@@ -17,7 +17,7 @@ from scipy.stats import spearmanr
 import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.localizability import localizability, localizability_matrices
 from ambinav.ambiguity.layers.occupancy import PEAK, Occupancy, grid_range, occupancy
 from ambinav.ambiguity.model import AmbiguityModel
@@ -220,7 +220,9 @@ def test_the_radius_hardly_depends_on_how_a_corridor_lies() -> None:
     radius, index, off = [], [], []
     for degrees in (0.0, 7.0, 23.0, 45.0, 61.0, 77.0):
         angle = math.radians(degrees)
-        ground = Ground.of(build_map(scenes.room(30.0, 2.0).transformed(angle), scanner, 0.25))
+        ground = LayerContext.of(
+            build_map(scenes.room(30.0, 2.0).transformed(angle), scanner, 0.25)
+        )
         found = {k: v[ground.free] for k, v in localizability(ground).items()}
         x, y = ground.points
         along = math.cos(angle) * x + math.sin(angle) * y
@@ -364,7 +366,7 @@ def test_against_brute_force(
     which: str, scanner: RangeScanner, request: pytest.FixtureRequest
 ) -> None:
     env = oracle_cases.building(which, request)
-    ground = Ground.of(build_map(env, scanner, 0.5, map_std=0.05), env)
+    ground = LayerContext.of(build_map(env, scanner, 0.5, map_std=0.05), env)
     found = localizability(ground, cell=0.05)
     x, y = ground.points
     rows, columns = np.nonzero(ground.free)

@@ -14,11 +14,12 @@ import shapely
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.clearance import clearance
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.gfm import gfm
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.layers.wall_normals import wall_normals
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute
 from tests.ambiguity.layers.brute import Floats
@@ -46,12 +47,12 @@ def building(request: pytest.FixtureRequest) -> Environment:
     return env.transformed(0.3)
 
 
-def ground_of(env: Environment, scanner: RangeScanner) -> Ground:
+def ground_of(env: Environment, scanner: RangeScanner) -> LayerContext:
     headings = None if scanner is not FAN else 4
-    return Ground.of(build_map(env, scanner, spacing=0.5, headings=headings), env)
+    return LayerContext.of(build_map(env, scanner, spacing=0.5, headings=headings), env)
 
 
-def chosen(ground: Ground) -> tuple[np.ndarray, Floats]:
+def chosen(ground: LayerContext) -> tuple[np.ndarray, Floats]:
     """Some of the possible poses: cell and heading, (N, 2), and x, y, theta, (N, 3)."""
     rng = np.random.default_rng(2)
     which = rng.permutation(np.argwhere(ground.possible))[:POSES]
@@ -59,12 +60,12 @@ def chosen(ground: Ground) -> tuple[np.ndarray, Floats]:
     return which, np.column_stack([x[which[:, 0]], y[which[:, 0]], ground.headings[which[:, 1]]])
 
 
-def values_at(ground: Ground, layer: np.ndarray, which: np.ndarray) -> Floats:
+def values_at(ground: LayerContext, layer: np.ndarray, which: np.ndarray) -> Floats:
     values = layer[ground.free]
     return np.asarray(values[which[:, 0], which[:, 1]] if values.ndim == 2 else values[which[:, 0]])
 
 
-def matched(ground: Ground, pose: Floats, way: Floats, size: float) -> Floats:
+def matched(ground: LayerContext, pose: Floats, way: Floats, size: float) -> Floats:
     """x and y where the match from `pose` + `way` ends, less those of `pose`."""
     env, scanner, sigma = ground.environment, ground.scanner, ground.model.sigma_theta
     kind, sensor = env.segments.kind, scanner.sensors[0]

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.aliasing.layer import look_alikes
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.position import position
-from ambinav.geometry.environment import Environment, load_environment
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.ambiguity.layers import brute
 from tests.ambiguity.layers.brute import Floats
@@ -59,17 +60,17 @@ def building(request: pytest.FixtureRequest) -> Environment:
     return load_environment(folder / "maps" / "nav2_tb3_sandbox.yaml").transformed(0.3)
 
 
-def ground_of(env: Environment, scanner: RangeScanner, spacing: float) -> Ground:
+def ground_of(env: Environment, scanner: RangeScanner, spacing: float) -> LayerContext:
     """At four headings where the scanner does not look all around."""
     headings = None if scanner.turns_in_place else 4
-    return Ground.of(build_map(env, scanner, spacing, headings=headings), env)
+    return LayerContext.of(build_map(env, scanner, spacing, headings=headings), env)
 
 
-def limit_of(ground: Ground) -> float:
+def limit_of(ground: LayerContext) -> float:
     return ground.scanner.sensors[0].max_range
 
 
-def scans(ground: Ground, poses: Floats) -> tuple[Floats, Floats, brute.Scan]:
+def scans(ground: LayerContext, poses: Floats) -> tuple[Floats, Floats, brute.Scan]:
     """Ranges up to a metre beyond the limit, and variances, inf for unknown space; (N, B)."""
     env, scanner, limit = ground.environment, ground.scanner, limit_of(ground)
     found = brute.scan(env, scanner, poses, beyond=1.0)
@@ -80,7 +81,7 @@ def scans(ground: Ground, poses: Floats) -> tuple[Floats, Floats, brute.Scan]:
     return distance, np.where(blind, np.inf, fixed), found
 
 
-def cap_of(ground: Ground) -> float:
+def cap_of(ground: LayerContext) -> float:
     sensor = ground.scanner.sensors[0]
     return -math.log(ground.model.outlier_share + sensor.random_share + sensor.lost_share)
 
@@ -149,7 +150,7 @@ def test_position(building: Environment, scanner: RangeScanner) -> None:
     assert np.abs(off).max() < 0.03
 
 
-def radius_about(ground: Ground, x: float, y: float) -> float:
+def radius_about(ground: LayerContext, x: float, y: float) -> float:
     """Root of the trace of what is left when two scans' worth of all headings is known."""
     steps = FINE * np.arange(-round(ground.radius / FINE), round(ground.radius / FINE) + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(steps, steps))
@@ -177,13 +178,13 @@ def connected(env: Environment, x: float, y: float, dx: Floats, dy: Floats) -> N
     return np.asarray(shapely.contains_xy(mine, x + dx, y + dy))
 
 
-def free_sensors(ground: Ground, x: Floats, y: Floats, theta: float) -> NDArray[np.bool_]:
+def free_sensors(ground: LayerContext, x: Floats, y: Floats, theta: float) -> NDArray[np.bool_]:
     poses = np.column_stack([x, y, np.full(len(x), theta)])
     return brute.is_free(ground.environment, *brute.ray_starts(ground.scanner, poses)).all(axis=1)
 
 
 def moments(
-    ground: Ground, x: float, y: float, dx: Floats, dy: Floats, heading: float
+    ground: LayerContext, x: float, y: float, dx: Floats, dy: Floats, heading: float
 ) -> tuple[Floats, Floats]:
     """Second moments about (x, y) of the poses with the same scan, and of all, (2, 2) each."""
     here, mine, _ = scans(ground, np.array([[x, y, heading]]))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.perturbation import perturbation
 from ambinav.ambiguity.reference import beams
 from ambinav.errors import InputError
@@ -26,17 +26,17 @@ SIZE = 0.25
 LASER = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.03, resolution=0.001), 60, 2 * math.pi)
 
 
-def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> Ground:
-    return Ground.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
+def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> LayerContext:
+    return LayerContext.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
 
 
-def at(ground: Ground, values: NDArray[np.float32], x: float, y: float) -> float:
+def at(ground: LayerContext, values: NDArray[np.float32], x: float, y: float) -> float:
     """The value of the cell nearest to (x, y)."""
     px, py = ground.points
     return float(values[ground.free][np.argmin(np.hypot(px - x, py - y))])
 
 
-def linear(ground: Ground, x: float, y: float) -> tuple[float, float]:
+def linear(ground: LayerContext, x: float, y: float) -> tuple[float, float]:
     """Errors of the worst and the best displacement where the match comes to its end.
 
     The residual is then nil, and what pulls the estimate off is only what was believed.

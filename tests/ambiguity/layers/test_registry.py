@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers import registry
-from ambinav.ambiguity.layers.context import Ground
-from ambinav.ambiguity.layers.registry import Layer, chosen_layers, layer, layers, register
+from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.layers.registry import LAYERS, Layer, chosen_layers
 from ambinav.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 
 
-def to_the_right(ground: Ground) -> dict[str, np.ndarray]:
+def to_the_right(ground: LayerContext) -> dict[str, np.ndarray]:
     x, _ = ground.points
     return {"to_the_right": ground.spread(x)}
 
@@ -33,8 +32,8 @@ OWN = Layer(
 
 @pytest.fixture
 def own() -> Iterator[Layer]:
-    yield register(OWN)
-    registry._registered.pop(OWN.name)
+    yield LAYERS.register(OWN)
+    LAYERS._registered.pop(OWN.name)
 
 
 @pytest.fixture(scope="module")
@@ -45,27 +44,27 @@ def sonar() -> RangeScanner:
 
 def test_the_names_lead_to_the_layers() -> None:
     for name in ("fisher", "localizability", "wall_normals", "clearance"):
-        assert name in layers()
-        assert layer(name).name == name
+        assert name in LAYERS.names()
+        assert LAYERS.get(name).name == name
 
 
 def test_the_page_tells_every_layer() -> None:
     page = (Path(__file__).parents[3] / "docs/layers.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| \[`(\w+)`\]\(#(\w+)\) \| (\S.*?) \| (high|low) \|", page, re.MULTILINE)
-    assert {name for name, *_ in rows} == set(layers())
+    assert {name for name, *_ in rows} == set(LAYERS.names())
     for name, anchor, unit, worse in rows:
         plain = unit.translate(str.maketrans({"²": "^2", "⁴": "^4"}))
-        assert (layer(name).unit, layer(name).worse) == (plain, worse)
+        assert (LAYERS.get(name).unit, LAYERS.get(name).worse) == (plain, worse)
         assert anchor == name
         assert f"\n## {name}\n" in page
 
 
 @pytest.mark.parametrize(
-    ("name", "offer"), [("fischer", "did you mean fisher"), ("xyz", "there are position, ")]
+    ("name", "offer"), [("fischer", "did you mean fisher"), ("xyz", "choose from aliasing, ")]
 )
 def test_an_unknown_name_offers_the_nearest(name: str, offer: str) -> None:
     with pytest.raises(InputError, match=offer):
-        layer(name)
+        LAYERS.get(name)
 
 
 def test_a_scanner_that_cannot_have_a_layer_is_told_why(sonar: RangeScanner) -> None:
@@ -77,10 +76,10 @@ def test_all_leaves_out_what_cannot_be_and_what_is_slow(
     sonar: RangeScanner, laser: RangeScanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        registry, "_SHIPPED",
-        {k: v for k, v in registry._SHIPPED.items() if k in ("fisher", "wall_normals")},
+        LAYERS, "_own",
+        {k: v for k, v in LAYERS._own.items() if k in ("fisher", "wall_normals")},
     )  # fmt: skip
-    monkeypatch.setitem(registry._registered, "idle", replace(OWN, name="idle", slow=True))
+    monkeypatch.setitem(LAYERS._registered, "idle", replace(OWN, name="idle", slow=True))
     assert [one.name for one in chosen_layers("all", laser)] == ["fisher", "wall_normals"]
     assert [one.name for one in chosen_layers("all", sonar)] == ["fisher"]
     assert [one.name for one in chosen_layers(["idle", "idle"], sonar)] == ["idle"]
@@ -97,8 +96,8 @@ def test_a_layer_of_ones_own(own: Layer, laser: RangeScanner) -> None:
 def test_a_name_is_taken_once(own: Layer) -> None:
     for other in (replace(OWN, unit="km"), replace(OWN, name="fisher")):
         with pytest.raises(InputError, match="there is one of that name"):
-            register(other)
-    assert register(own) is own
+            LAYERS.register(other)
+    assert LAYERS.register(own) is own
 
 
 @pytest.mark.parametrize(

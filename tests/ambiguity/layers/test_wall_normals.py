@@ -11,8 +11,8 @@ import shapely
 import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.build import with_layers
-from ambinav.ambiguity.layers.context import Ground
-from ambinav.ambiguity.layers.registry import layer
+from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.layers.registry import LAYERS
 from ambinav.ambiguity.layers.wall_normals import wall_normals
 from ambinav.errors import InputError
 from ambinav.sensing import RangeScanner, RangeSensor
@@ -33,7 +33,7 @@ def sonar() -> RangeScanner:
     return RangeScanner.ring(sensor, 12, 0.2)
 
 
-def brute(ground: Ground, reach: float) -> np.ndarray:
+def brute(ground: LayerContext, reach: float) -> np.ndarray:
     """Sum over all pieces of wall whose cell's centre is within reach, (P, 2, 2)."""
     x, y = ground.points
     out = np.zeros((len(x), 2, 2))
@@ -58,7 +58,7 @@ def brute(ground: Ground, reach: float) -> np.ndarray:
 @pytest.mark.parametrize("reach", [1.0, 2.6, 12.0])
 def test_against_the_sum_over_all_pieces(reach: float) -> None:
     env = scenes.scene(7, size=8.0, blocks=4, thin=2)
-    ground = Ground.of(build_map(env, laser_of(reach), SPACING))
+    ground = LayerContext.of(build_map(env, laser_of(reach), SPACING))
     found = {name: values[ground.free] for name, values in wall_normals(ground).items()}
     values, vectors = np.linalg.eigh(brute(ground, reach))
     np.testing.assert_allclose(found["wall_normals"], values[:, 0], rtol=1e-4, atol=1e-6)
@@ -103,9 +103,9 @@ def test_a_scanner_of_cones_alone_cannot_have_it(sonar: RangeScanner) -> None:
     with pytest.raises(InputError, match="wall normals need a laser beam"):
         build_map(scenes.room(2.0, 2.0), sonar, 0.5, layers=["wall_normals"])
     mixed = RangeScanner.mixed(sonar, laser_of(2.0))
-    ground = Ground.of(build_map(scenes.room(12.0, 12.0), mixed, 0.5, headings=1))
+    ground = LayerContext.of(build_map(scenes.room(12.0, 12.0), mixed, 0.5, headings=1))
     # The range is the laser's, not the sonars'.
-    found = layer("wall_normals").compute(ground)["wall_normals_strong"]
+    found = LAYERS.get("wall_normals").compute(ground)["wall_normals_strong"]
     assert np.nanmin(found) == 0.0
 
 
@@ -118,7 +118,7 @@ def test_bad_reach(laser: RangeScanner) -> None:
 def test_clearance_is_the_distance_to_the_nearest_segment(laser: RangeScanner) -> None:
     env = scenes.scene(11, size=8.0, blocks=4, thin=2)
     amap = with_layers(build_map(env, laser, SPACING), "clearance")
-    x, y = Ground.of(amap).points
+    x, y = LayerContext.of(amap).points
     lines = shapely.multilinestrings(shapely.linestrings(env.segments.xy.reshape(-1, 2, 2)))
     expected = shapely.distance(lines, shapely.points(x, y))
     found = amap.dataset["clearance"].values[amap.dataset["free"].values]

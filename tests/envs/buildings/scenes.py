@@ -13,7 +13,7 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.localization.random import states
-from ambinav_envs.buildings.free_space import Places
+from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.tasks import spread_from
 
 RADIUS = 0.22
@@ -39,20 +39,22 @@ def screen() -> an.Environment:
     )
 
 
-def places_in(environment: an.Environment, radius: float = RADIUS, **options: float) -> Places:
+def places_in(
+    environment: an.Environment, radius: float = RADIUS, **options: float
+) -> FreeSpaceLattice:
     """The places of a robot in a building."""
     checker = CollisionChecker(environment, Footprint.disc(radius), Steering("r2"))
-    return Places.of(checker, **options)
+    return FreeSpaceLattice.of(checker, **options)
 
 
-def field_to(places: Places, x: float, y: float) -> NDArray[np.float32]:
+def field_to(places: FreeSpaceLattice, x: float, y: float) -> NDArray[np.float32]:
     """Distances to a goal."""
     field = np.empty(places.room.shape, dtype=np.float32)
     assert spread_from(x, y, places.table, field) >= 0
     return field
 
 
-def centres(places: Places) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def centres(places: FreeSpaceLattice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """x and y of all cells, each of shape (rows, columns)."""
     rows, columns = places.room.shape
     x = places.origin[0] + places.spacing * np.arange(columns)

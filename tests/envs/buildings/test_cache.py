@@ -126,7 +126,7 @@ def test_a_building(cache: Path) -> None:
     assert {"level", "fisher"} <= set(building.amap.layers)
     assert len(files(cache)) == 1
     assert building.checker.footprint.radius == 0.3
-    assert building.places.checker is building.checker
+    assert building.lattice.checker is building.checker
     assert Building.of(room(), laser(), 0.3).key == "room"
     for radius, spacing in ((-0.1, 0.2), (np.nan, 0.2), (0.2, 0.0), (0.2, np.inf)):
         with pytest.raises(an.InputError, match="give metres from"):

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import ambinav as an
-from ambinav_envs.buildings.free_space import Places
+from ambinav_envs.buildings.free_space import FreeSpaceLattice
 from ambinav_envs.buildings.geodesic import LENGTHS, STEPS, geodesic
 from tests.envs.buildings.scenes import (
     RADIUS,
@@ -26,7 +26,7 @@ from tests.envs.buildings.scenes import (
 
 
 def from_cell(
-    places: Places, cell: int, prices: NDArray[np.float32] | None = None
+    places: FreeSpaceLattice, cell: int, prices: NDArray[np.float32] | None = None
 ) -> NDArray[np.float32]:
     field = np.empty(places.room.shape, dtype=np.float32)
     prices = places.table.prices if prices is None else prices
@@ -36,7 +36,7 @@ def from_cell(
 
 
 def slow(
-    places: Places, cell: int, prices: NDArray[np.float32] | None = None
+    places: FreeSpaceLattice, cell: int, prices: NDArray[np.float32] | None = None
 ) -> NDArray[np.float64]:
     """SciPy's costs of the ways to a cell over the same graph, shape (rows, columns)."""
     rows, columns = places.room.shape

@@ -24,10 +24,10 @@ def test_goals_are_shared_and_starts_are_not() -> None:
     for task in tasks[:50]:
         assert 2.0 <= task.distance <= 6.0 and -math.pi <= task.start[2] < math.pi
         assert task.distance == pytest.approx(
-            PLACES.distance(task.way.costs, task.start[0], task.start[1]), abs=1e-6
+            PLACES.distance(task.cost_to_go.costs, task.start[0], task.start[1]), abs=1e-6
         )
-        np.testing.assert_array_equal(task.way.costs, field_to(PLACES, *task.goal))
-    same = [task.way.costs for task in tasks if (task.goal == tasks[0].goal).all()]
+        np.testing.assert_array_equal(task.cost_to_go.costs, field_to(PLACES, *task.goal))
+    same = [task.cost_to_go.costs for task in tasks if (task.goal == tasks[0].goal).all()]
     assert len(same) > 1 and all(field is same[0] for field in same)
 
 

@@ -8,7 +8,7 @@ import shapely
 
 from ambinav_envs.buildings.furnish import along_walls, freestanding, racks
 from ambinav_envs.buildings.plan import AISLE, Plan, disc, rectangle, sides
-from ambinav_envs.buildings.plan_sampler import Dice
+from ambinav_envs.buildings.plan_sampler import PlanSampler
 
 
 def one_room() -> tuple[Plan, shapely.Polygon]:
@@ -59,9 +59,9 @@ def test_what_is_cut_off_is_solid() -> None:
 def test_furniture_leaves_aisles(seed: int) -> None:
     plan = Plan()
     room = plan.room(shapely.Polygon([(0, 0), (9, 1), (8, 7), (1, 6)]))
-    dice = Dice(np.random.default_rng(seed))
-    along_walls(plan, dice, room, 0.6)
-    freestanding(plan, dice, room, 3)
+    sampler = PlanSampler(np.random.default_rng(seed))
+    along_walls(plan, sampler, room, 0.6)
+    freestanding(plan, sampler, room, 3)
     assert len(plan.solids) >= 4
     for k, solid in enumerate(plan.solids):
         inside = solid.intersection(room)
@@ -74,14 +74,14 @@ def test_furniture_leaves_aisles(seed: int) -> None:
 def test_racks_are_rows_along_the_longest_side() -> None:
     plan = Plan()
     room = plan.box(0.0, 0.0, 12.0, 8.0)
-    racks(plan, Dice(None), room, depth=1.0, aisle=1.8, border=1.6)
+    racks(plan, PlanSampler(None), room, depth=1.0, aisle=1.8, border=1.6)
     rows = sorted(solid.bounds for solid in plan.solids)
     np.testing.assert_allclose(rows, [(1.6, 2.6, 10.4, 3.6), (1.6, 5.4, 10.4, 6.4)], atol=1e-5)
     with_ways = Plan()
-    racks(with_ways, Dice(None), room, depth=1.0, aisle=1.8, border=1.6, gaps=1.0)
+    racks(with_ways, PlanSampler(None), room, depth=1.0, aisle=1.8, border=1.6, gaps=1.0)
     assert len(with_ways.solids) == 4
     small = Plan()
-    racks(small, Dice(None), small.box(0.0, 0.0, 3.0, 3.0), border=1.6)
+    racks(small, PlanSampler(None), small.box(0.0, 0.0, 3.0, 3.0), border=1.6)
     assert not small.solids
 
 
@@ -92,16 +92,16 @@ def test_rectangles_and_sides() -> None:
 
 
 def test_dice() -> None:
-    plain = Dice(None)
+    plain = PlanSampler(None)
     assert plain.between(2.0, 4.0) == 3.0
     assert plain.count(2, 4) == 3
     assert plain.happens(0.6) and not plain.happens(0.5)
     assert plain.one_of("abc") == "a"
     assert plain.shuffled("abc") == ["a", "b", "c"]
-    dice = Dice(np.random.default_rng(0))
-    counts = [dice.count(1, 3) for _ in range(300)]
+    sampler = PlanSampler(np.random.default_rng(0))
+    counts = [sampler.count(1, 3) for _ in range(300)]
     assert set(counts) == {1, 2, 3}
     assert 80 < counts.count(2) < 120
-    orders = {"".join(dice.shuffled("abc")) for _ in range(100)}
+    orders = {"".join(sampler.shuffled("abc")) for _ in range(100)}
     assert len(orders) == 6
-    assert {dice.one_of("ab") for _ in range(50)} == {"a", "b"}
+    assert {sampler.one_of("ab") for _ in range(50)} == {"a", "b"}

@@ -21,9 +21,9 @@ def test_drawn_tasks_are_as_far_as_asked_and_free() -> None:
         task = draw_task(PLACES, numbers, 3.0, 5.0)
         assert 3.0 <= task.distance <= 5.0
         assert task.distance == pytest.approx(
-            PLACES.distance(task.way.costs, task.start[0], task.start[1]), abs=1e-6
+            PLACES.distance(task.cost_to_go.costs, task.start[0], task.start[1]), abs=1e-6
         )
-        np.testing.assert_array_equal(task.way.costs, field_to(PLACES, *task.goal))
+        np.testing.assert_array_equal(task.cost_to_go.costs, field_to(PLACES, *task.goal))
         assert -math.pi <= task.start[2] < math.pi
         starts.append(task.start[:2])
         goals.append(task.goal)
@@ -51,7 +51,7 @@ def test_start_or_goal_may_be_given() -> None:
     task = draw_task(PLACES, numbers, 4.0, 6.0, start=(1.0, 1.0, 0.5))
     assert task.start.tolist() == [1.0, 1.0, 0.5]
     assert 3.8 <= task.distance <= 6.2
-    np.testing.assert_array_equal(task.way.costs, field_to(PLACES, *task.goal))
+    np.testing.assert_array_equal(task.cost_to_go.costs, field_to(PLACES, *task.goal))
     task = draw_task(PLACES, numbers, 4.0, 6.0, start=(1.0, 1.0, 0.5), goal=[2.0, 1.0])
     assert task.distance == pytest.approx(1.0, rel=0.03)
 
@@ -89,7 +89,9 @@ def test_what_cannot_be(options: dict[str, object], words: str) -> None:
 def test_no_way_from_one_to_the_other() -> None:
     for door in (0.0, 0.3):
         places = places_in(two_rooms(door))
-        with pytest.raises(an.InputError, match=r"no way leads a robot of 0.22 m of radius"):
+        with pytest.raises(
+            an.InputError, match=r"there is no path for a robot of 0.22 m of radius"
+        ):
             draw_task(places, state(1), 1.0, 9.0, start=(1.0, 2.0, 0.0), goal=(7.0, 2.0))
 
 

@@ -26,8 +26,9 @@ from ambinav_envs.policies import load_policy, read_card, save_policy
 from ambinav_envs.policies.file import CARD, FORMAT, arguments_of, plain_environment
 
 SEEN: dict[str, Any] = {
-    "window": True, "window_cells": 16, "window_spacing": 0.4, "way_weight": 0.0, "waypoint": False,
-    "waypoint_distance": 1.5, "discrete": False, "min_speed": 0.0, "layer": "level",
+    "window": True, "window_cells": 16, "window_spacing": 0.4, "ambiguity_weight": 0.0,
+    "waypoint": False, "waypoint_distance": 1.5, "discrete": False, "min_speed": 0.0,
+    "layer": "level",
 }  # fmt: skip
 """What a policy sees by default."""
 

@@ -19,7 +19,7 @@ pytest.importorskip("stable_baselines3")
 from ambinav_envs.training.curriculum import RECENT, Curriculum
 from ambinav_envs.training.curve import plot_curve
 from ambinav_envs.training.episode_stats import figures_of, figures_of_evaluation
-from ambinav_envs.training.schedules import Falling
+from ambinav_envs.training.schedules import LinearSchedule
 from ambinav_envs.training.vec import TrainingEnvs
 from tests.envs.training.cases import tiny
 
@@ -80,7 +80,7 @@ def test_a_stage_ends_by_share_or_by_arrival() -> None:
 
 
 def test_falling() -> None:
-    rate = Falling(1.0, 0.5)
+    rate = LinearSchedule(1.0, 0.5)
     assert rate(0.3) == 1.0
     rate.share = 0.5
     assert rate(0.3) == 0.75

@@ -51,7 +51,7 @@ from ambinav.ambiguity.layers.aliasing.kernel import COMPARED, orbit_rows, searc
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.aliasing.tree import Tree
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.errors import InputError
 
@@ -90,7 +90,7 @@ class LookAlikes:
 
 
 def look_alikes(
-    ground: Ground,
+    context: LayerContext,
     count: int = 1,
     *,
     least: float = LEAST_LIKENESS,
@@ -101,7 +101,7 @@ def look_alikes(
     """Find what looks like each pose of a map.
 
     Args:
-        ground: The map's ground.
+        context: The map's context.
         count: How many look-alikes to list of each pose, at least 1.
         least: Likeness from which a pair counts, in (0, 1).
         place: Number of the place that each cell lies in, shape (P,); look-alikes in the pose's
@@ -115,9 +115,9 @@ def look_alikes(
     """
     if not 0.0 < least < 1.0:
         raise InputError(f"least is {least}; give a likeness between 0 and 1, such as 0.01.")
-    scans = Scans.of(ground)
+    scans = Scans.of(context)
     threshold = -math.log(least)
-    poses, cells = len(scans.x), len(ground.points[0])
+    poses, cells = len(scans.x), len(context.points[0])
     mass = np.zeros((poses, 2))
     found = np.full((poses, count, 4), np.nan)
     explored = np.flatnonzero(scans.explored)
@@ -139,7 +139,7 @@ def look_alikes(
             poses_of = np.concatenate(some).astype(np.int32)
             begins = np.cumsum([0, *(len(bundle) for bundle in some)])
             mass[poses_of], found[poses_of], steps = search(
-                poses_of, begins, scans, rows, signatures, tree, places[scans.cell], ground.radius,
+                poses_of, begins, scans, rows, signatures, tree, places[scans.cell], context.radius,
                 threshold, count,
             )  # fmt: skip
             left += steps.sum(axis=0)
@@ -148,13 +148,13 @@ def look_alikes(
     total = mass.sum(axis=1)
     share = np.divide(mass[:, 1], total, out=np.ones(poses), where=total > 0.0)
     share[~scans.possible] = np.nan
-    area = np.where(scans.explored, mass[:, 1] * ground.spacing**2, np.nan)
+    area = np.where(scans.explored, mass[:, 1] * context.spacing**2, np.nan)
     if sought is not None:
         share[~sought[scans.cell]] = area[~sought[scans.cell]] = np.nan
     found[:, :, 2] = math.pi - np.mod(math.pi - found[:, :, 2], 2.0 * math.pi)
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
-    wide = (cells, len(ground.headings))
+    wide = (cells, len(context.headings))
     return LookAlikes(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
@@ -178,20 +178,20 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
     return np.floor(y / side + 1e-6), np.floor(x / side + 1e-6)
 
 
-def compute(ground: Ground, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
+def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
     """The layer and its companions; `least` as in `look_alikes`."""
-    alike = look_alikes(ground, least=least)
+    alike = look_alikes(context, least=least)
     best = alike.found[:, :, 0]
-    x, y = ground.points
+    x, y = context.points
     apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])
     return {
-        "aliasing": ground.spread(alike.share),
-        "aliasing_area": ground.spread(alike.area),
-        "aliasing_x": ground.spread(best[..., 0]),
-        "aliasing_y": ground.spread(best[..., 1]),
-        "aliasing_turn": ground.spread(best[..., 2]),
-        "aliasing_likeness": ground.spread(best[..., 3]),
-        "aliasing_distance": ground.spread(apart),
+        "aliasing": context.spread(alike.share),
+        "aliasing_area": context.spread(alike.area),
+        "aliasing_x": context.spread(best[..., 0]),
+        "aliasing_y": context.spread(best[..., 1]),
+        "aliasing_turn": context.spread(best[..., 2]),
+        "aliasing_likeness": context.spread(best[..., 3]),
+        "aliasing_distance": context.spread(apart),
     }
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.returns import BLIND
 from ambinav.maps.zones import UNEXPLORED
 
@@ -65,26 +65,26 @@ class Scans:
     spacing: float
 
     @classmethod
-    def of(cls, ground: Ground) -> Scans:
+    def of(cls, context: LayerContext) -> Scans:
         """Scan from every free cell, at every heading of the map unless the scanner looks around.
 
         The offset of the heading is half a step between turns, so that neighbouring Gaussians add
         up evenly; where the map's headings stand alone it is the map's `sigma_theta`.
         """
-        shifts, n = ground.turns_in_place, 1
-        order = np.arange(ground.scanner.beams)
+        shifts, n = context.turns_in_place, 1
+        order = np.arange(context.scanner.beams)
         if shifts:
-            around = turns(ground.scanner).astype(np.intp)
+            around = turns(context.scanner).astype(np.intp)
             order, n = _orbits(around), len(around)
-        headings = ground.headings[:1] if shifts else ground.headings
-        table = ground.table
+        headings = context.headings[:1] if shifts else context.headings
+        table = context.table
         width = len(table.limit)
         full = np.concatenate([order, np.arange(len(order), width)])
-        x, y = ground.points
+        x, y = context.points
         count = len(headings)
         data = np.empty((len(x), count, 5, width), dtype=np.float32)
         for k in range(count):
-            data[:, k] = ground.returns(k).data[:, :, full]
+            data[:, k] = context.returns(k).data[:, :, full]
         scans = data.reshape(-1, 5, width)
         evidence = None
         softness = np.ones(width, dtype=np.float32)
@@ -93,7 +93,7 @@ class Scans:
             rows = evidence_table(table.width[order])
             evidence = np.pad(rows, ((0, width - len(order)), (0, 0)))
             softness[: len(order)] = rows.min(axis=1)
-        theta = (math.pi / n) ** 2 if shifts else ground.model.sigma_theta**2
+        theta = (math.pi / n) ** 2 if shifts else context.model.sigma_theta**2
         return cls(
             data=scans,
             limit=table.limit[full],
@@ -107,11 +107,11 @@ class Scans:
             y=np.repeat(y, count),
             heading=np.tile(headings, len(x)),
             cell=np.repeat(np.arange(len(x), dtype=np.int32), count),
-            possible=ground.possible[:, :count].ravel(),
+            possible=context.possible[:, :count].ravel(),
             told=scans[:, 4, : len(order)] < 0.5 * BLIND,
-            cell_variance=(ground.spacing**2 / 4.0, theta),
-            tau=ground.model.tau,
-            spacing=ground.spacing,
+            cell_variance=(context.spacing**2 / 4.0, theta),
+            tau=context.model.tau,
+            spacing=context.spacing,
         )
 
     @property

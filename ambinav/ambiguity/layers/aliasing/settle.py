@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.layers.aliasing.kernel import approach
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.returns import BLIND, beam_returns
 from ambinav.ambiguity.standing import can_stand
 from ambinav.maps.zones import UNEXPLORED
@@ -25,7 +25,7 @@ a heading, a beam of 8 m moves by 17 mm along a wall, is told by the scan's deri
 CHUNK = 4096
 
 
-def settle(ground: Ground, found: Floats) -> Floats:
+def settle(context: LayerContext, found: Floats) -> Floats:
     """Scan at the look-alikes of a search, move them to where they are most alike, and rank them.
 
     The search compares with a look-alike between lattice points as the derivative at the nearest
@@ -34,7 +34,7 @@ def settle(ground: Ground, found: Floats) -> Floats:
     it was most alike. So its likeness is that of two scans, and an exact twin has 1.
 
     Args:
-        ground: Where the poses are.
+        context: Where the poses are.
         found: `LookAlikes.found`, shape (P, K, count, 4).
 
     Returns:
@@ -42,20 +42,20 @@ def settle(ground: Ground, found: Floats) -> Floats:
     """
     settled = np.full(found.shape, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if ground.turns_in_place else found.shape[1]):
+    for k in range(1 if context.turns_in_place else found.shape[1]):
         cell, rank = np.nonzero(np.isfinite(found[:, k, :, 3]))
-        settled[cell, k, rank] = settle_at(ground, k, cell, found[cell, k, rank, :3])
-    if ground.turns_in_place:
+        settled[cell, k, rank] = settle_at(context, k, cell, found[cell, k, rank, :3])
+    if context.turns_in_place:
         settled[:] = settled[:, :1]
     order = np.argsort(-settled[..., 3], axis=2, kind="stable")
     return np.take_along_axis(settled, order[..., np.newaxis], axis=2)
 
 
-def settle_at(ground: Ground, heading: int, cell: NDArray[np.intp], alike: Floats) -> Floats:
+def settle_at(context: LayerContext, heading: int, cell: NDArray[np.intp], alike: Floats) -> Floats:
     """Move each of M look-alikes to where it is most alike.
 
     Args:
-        ground: Where the poses are.
+        context: Where the poses are.
         heading: Index of the heading of the poses.
         cell: Free cell of the pose that each is like, shape (M,).
         alike: x, y and turn of each, shape (M, 3).
@@ -64,27 +64,27 @@ def settle_at(ground: Ground, heading: int, cell: NDArray[np.intp], alike: Float
         x, y, turn and likeness, shape (M, 4). NaN for what moves within R of its pose, or to where
         half of the beams or more end in unknown space, or where the robot cannot stand.
     """
-    own = float(ground.headings[heading])
+    own = float(context.headings[heading])
     poses = alike + np.array([0.0, 0.0, own])
     entries = np.full((len(cell), 4), np.nan)
-    scans = ground.returns(heading).data
+    scans = context.returns(heading).data
     # Those of nearly one heading side by side, to be cast together.
     order = np.argsort(np.mod(poses[:, 2], math.tau), kind="stable")
     for begin in range(0, len(order), CHUNK):
         some = order[begin : begin + CHUNK]
-        entries[some] = _settle(ground, scans, cell[some], poses[some])
-    x, y = ground.points
-    near = np.hypot(entries[:, 0] - x[cell], entries[:, 1] - y[cell]) <= ground.radius
+        entries[some] = _settle(context, scans, cell[some], poses[some])
+    x, y = context.points
+    near = np.hypot(entries[:, 0] - x[cell], entries[:, 1] - y[cell]) <= context.radius
     entries[near] = np.nan
     entries[:, 2] = math.pi - np.mod(math.pi - entries[:, 2] + own, math.tau)
     return entries
 
 
 def _settle(
-    ground: Ground, scans: NDArray[np.float32], cell: NDArray[np.intp], poses: Floats
+    context: LayerContext, scans: NDArray[np.float32], cell: NDArray[np.intp], poses: Floats
 ) -> Floats:
     """Pose and likeness, shape (M, 4), of what was at `poses` (M, 3) and looks like `cell` (M,)."""
-    table, model = ground.table, ground.model
+    table, model = context.table, context.model
     beams = table.beams
     evidence = None
     if table.width.max() > FINE:
@@ -104,18 +104,18 @@ def _settle(
         for one in np.unique(step):
             those = np.flatnonzero(step == one)
             stands[those] = can_stand(
-                ground.environment, ground.mounted or ground.scanner, poses[those, 0],
+                context.environment, context.mounted or context.scanner, poses[those, 0],
                 poses[those, 1], float(one * HEADING_STEP), model.robot_radius,
             )  # fmt: skip
             part = data[those]
             beam_returns(
-                ground.environment, ground.scanner, table, poses[those, 0], poses[those, 1],
+                context.environment, context.scanner, table, poses[those, 0], poses[those, 1],
                 float(one * HEADING_STEP), part,
             )  # fmt: skip
             data[those] = part
         run_rows(
             approach, len(cell), scans, cell, data, poses[:, 2] - heading, table.limit,
-            table.inverse_cap, table.use, evidence, model.tau, ground.spacing**2 / 4.0,
+            table.inverse_cap, table.use, evidence, model.tau, context.spacing**2 / 4.0,
             model.sigma_theta**2, apart, moved, least=64,
         )  # fmt: skip
         blind = (data[:, 4, :beams] >= 0.5 * BLIND).mean(axis=1)

@@ -9,15 +9,11 @@ import pytest
 from numba import njit
 from scipy import stats
 
-from ambinav.geometry.environment import Environment
-from ambinav.localization.casting import cast_tables
 from ambinav.localization.random import states
 from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.sensing.curves import Polynomial
-from ambinav_envs.simulation.scanner_kernel import Eyes, capture, eyes_of
-from tests.envs.cases import room
+from ambinav_envs.simulation.scanner_kernel import ScannerArrays, capture, scanner_arrays
 
-ROOM: Environment = room()
 SENSORS = {
     "steady": RangeSensor(
         max_range=4.0, min_range=0.1, std=0.03, bias=0.02, resolution=0.01, random_share=0.0
@@ -37,14 +33,13 @@ SENSORS = {
 
 
 @njit
-def captured(ranges, eyes, state, noise, readings):
+def captured(ranges, scanner, state, noise, readings):
     for row in range(len(readings)):
-        capture(ranges, eyes, state, noise, readings, row)
+        capture(ranges, scanner, state, noise, readings, row)
 
 
-def eyes_with(sensor: RangeSensor, beams: int) -> Eyes:
-    scanner = RangeScanner.planar(sensor, beams, 2.0 * math.pi)
-    return eyes_of(scanner, cast_tables(ROOM, scanner, np.arange(beams)))
+def arrays_of(sensor: RangeSensor, beams: int) -> ScannerArrays:
+    return scanner_arrays(RangeScanner.planar(sensor, beams, 2.0 * math.pi))
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -53,7 +48,7 @@ def test_readings_are_distributed_as_the_sensors(name: str, true: float) -> None
     sensor = SENSORS[name]
     ranges, readings = np.full(20, true), np.empty((1000, 20))
     state = states(np.random.default_rng(1), 1)[0]
-    captured(ranges, eyes_with(sensor, 20), state, np.empty(20), readings)
+    captured(ranges, arrays_of(sensor, 20), state, np.empty(20), readings)
     wanted = sensor.read(np.full(20_000, true), np.random.default_rng(2))
     for which in (np.isposinf, np.isneginf):
         assert which(readings).mean() == pytest.approx(which(wanted).mean(), abs=0.02)
@@ -70,7 +65,7 @@ def test_readings_are_distributed_as_the_sensors(name: str, true: float) -> None
 def test_outside_of_the_free_space_is_too_near() -> None:
     readings = np.empty((1, 20))
     for name in ("steady", "growing"):
-        eyes = eyes_with(SENSORS[name], 20)
+        scanner = arrays_of(SENSORS[name], 20)
         state = states(np.random.default_rng(1), 1)[0]
-        captured(np.full(20, math.nan), eyes, state, np.empty(20), readings)
+        captured(np.full(20, math.nan), scanner, state, np.empty(20), readings)
         assert (readings == -math.inf).all()

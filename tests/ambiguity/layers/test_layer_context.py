@@ -12,7 +12,7 @@ import shapely
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.context import Ground
+from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import RangeScanner, RangeSensor
@@ -40,19 +40,19 @@ def sonar() -> RangeScanner:
 def test_it_is_of_the_map(tmp_path: Path) -> None:
     amap = build_map(ROOM, fan(200), 0.2, 0.4, headings=3, map_std=0.01)
     amap.save(tmp_path / "m.zarr")
-    ground = Ground.of(AmbiguityMap.open(tmp_path / "m.zarr"))
+    context = LayerContext.of(AmbiguityMap.open(tmp_path / "m.zarr"))
     told = json.loads(amap.dataset.attrs["parameters"])
-    assert ground.scanner.beams == told["beams_used"] < 200
-    np.testing.assert_array_equal(ground.free, amap.dataset["free"].values)
-    assert (ground.radius, ground.map_std, ground.spacing) == (0.4, 0.01, pytest.approx(0.2))
-    assert len(ground.headings) == 3
-    assert ground.has_theta
-    poses = ground.poses(1)
+    assert context.scanner.beams == told["beams_used"] < 200
+    np.testing.assert_array_equal(context.free, amap.dataset["free"].values)
+    assert (context.radius, context.map_std, context.spacing) == (0.4, 0.01, pytest.approx(0.2))
+    assert len(context.headings) == 3
+    assert context.has_theta
+    poses = context.poses(1)
     np.testing.assert_allclose(poses[:, 2], math.tau / 3)
-    values = ground.spread(np.stack([poses[:, 0]] * 3, axis=1))
-    assert values.shape == (*ground.free.shape, 3)
-    np.testing.assert_array_equal(np.isnan(values[..., 0]), ~ground.free)
-    row, column = np.argwhere(ground.free)[7]
+    values = context.spread(np.stack([poses[:, 0]] * 3, axis=1))
+    assert values.shape == (*context.free.shape, 3)
+    np.testing.assert_array_equal(np.isnan(values[..., 0]), ~context.free)
+    row, column = np.argwhere(context.free)[7]
     assert values[row, column, 2] == pytest.approx(amap.dataset["x"].values[column])
 
 
@@ -64,7 +64,7 @@ def test_the_beams_are_those_of_the_map(beams: int, sonars: int, sonar: RangeSca
     if sonars:
         scanner = RangeScanner.mixed(RangeScanner.ring(sonar.sensors[0], sonars, 0.05), scanner)
     amap = build_map(scenes.room(1.0, 1.0), scanner, 0.5, headings=1)
-    assert Ground.of(amap).scanner.beams == json.loads(amap.dataset.attrs["parameters"])[
+    assert LayerContext.of(amap).scanner.beams == json.loads(amap.dataset.attrs["parameters"])[
         "beams_used"
     ]  # fmt: skip
 
@@ -74,21 +74,21 @@ def test_a_map_that_does_not_say_how_it_was_made_is_refused(laser: RangeScanner)
     told = {k: v for k, v in json.loads(dataset.attrs["parameters"]).items() if k != "radius"}
     poor = dataset.assign_attrs(parameters=json.dumps(told))
     with pytest.raises(InputError, match=r"old\.zarr: its parameters lack radius"):
-        Ground.of(AmbiguityMap(poor, source="old.zarr"))
+        LayerContext.of(AmbiguityMap(poor, source="old.zarr"))
     anonymous = dataset.copy()
     del anonymous.attrs["scanner_yaml"]
     with pytest.raises(InputError, match="lack the scanner"):
-        Ground.of(AmbiguityMap(anonymous))
+        LayerContext.of(AmbiguityMap(anonymous))
 
 
 def test_hits_are_where_the_rays_end() -> None:
-    ground = Ground.of(build_map(ROOM, fan(24, mount=(0.05, 0.0, 0.2)), 0.25, headings=2))
-    poses, hits = ground.poses(1), ground.hits(1)
-    np.testing.assert_array_equal(hits.distance, ground.scanner.scan(ROOM, *poses.T))
-    mount = ground.scanner.mounts
+    context = LayerContext.of(build_map(ROOM, fan(24, mount=(0.05, 0.0, 0.2)), 0.25, headings=2))
+    poses, hits = context.poses(1), context.hits(1)
+    np.testing.assert_array_equal(hits.distance, context.scanner.scan(ROOM, *poses.T))
+    mount = context.scanner.mounts
     for p in range(0, len(poses), 5):
         x, y, theta = poses[p]
-        for b in range(ground.scanner.beams):
+        for b in range(context.scanner.beams):
             sx = x + math.cos(theta) * mount[b, 0] - math.sin(theta) * mount[b, 1]
             sy = y + math.sin(theta) * mount[b, 0] + math.cos(theta) * mount[b, 1]
             if np.isnan(hits.distance[p, b]):
@@ -110,9 +110,9 @@ def test_hits_are_where_the_rays_end() -> None:
 
 
 def test_hits_of_a_cone_are_its_nearest_echo(sonar: RangeScanner) -> None:
-    ground = Ground.of(build_map(ROOM, sonar, 0.25, headings=1))
-    hits = ground.hits()
-    np.testing.assert_array_equal(hits.distance, sonar.scan(ROOM, *ground.poses().T))
+    context = LayerContext.of(build_map(ROOM, sonar, 0.25, headings=1))
+    hits = context.hits()
+    np.testing.assert_array_equal(hits.distance, sonar.scan(ROOM, *context.poses().T))
     met = np.isfinite(hits.distance)
     assert 0 < met.mean() < 1
     look = np.stack([np.cos(hits.angle), np.sin(hits.angle)], axis=-1)
@@ -121,15 +121,15 @@ def test_hits_of_a_cone_are_its_nearest_echo(sonar: RangeScanner) -> None:
 
 
 def test_casts_are_shared_and_can_be_had_in_parts(laser: RangeScanner) -> None:
-    ground = Ground.of(build_map(ROOM, laser, 0.25))
-    whole = ground.returns()
-    assert ground.returns() is whole
-    assert ground.hits() is ground.hits()
+    context = LayerContext.of(build_map(ROOM, laser, 0.25))
+    whole = context.returns()
+    assert context.returns() is whole
+    assert context.hits() is context.hits()
     part = slice(5, 17)
-    np.testing.assert_array_equal(ground.returns(0, part).data, whole.data[part])
-    np.testing.assert_array_equal(ground.hits(0, part).kind, ground.hits().kind[part])
+    np.testing.assert_array_equal(context.returns(0, part).data, whole.data[part])
+    np.testing.assert_array_equal(context.hits(0, part).kind, context.hits().kind[part])
     # The kernel's ranges go on a little beyond the sensor's.
-    seen = np.isfinite(ground.hits().distance)
+    seen = np.isfinite(context.hits().distance)
     np.testing.assert_allclose(
-        whole.range[:, : laser.beams][seen], ground.hits().distance[seen], rtol=1e-6
+        whole.range[:, : laser.beams][seen], context.hits().distance[seen], rtol=1e-6
     )

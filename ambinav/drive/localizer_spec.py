@@ -1,0 +1,187 @@
+"""Localizers by name, and the one that a scenario or a drive chooses."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from ambinav.config import from_mapping
+from ambinav.drive.localizers import Localizer
+from ambinav.drive.noise import OdometryNoise
+from ambinav.drive.robot import Robot
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.plugins import Registry
+from ambinav.sensing.scanner import RangeScanner
+
+DEFAULT: Final = "mcl"
+"""The localizer of a scenario that names none."""
+
+
+class LocalizerContext(NamedTuple):
+    """What a localizer is made for.
+
+    Attributes:
+        environment: The map that it has.
+        scanner: What the robot sees with.
+        noise: What is known of the odometry's errors.
+        runs: How many robots it localizes side by side, R.
+        rng: Its source of randomness.
+    """
+
+    environment: Environment
+    scanner: RangeScanner
+    noise: OdometryNoise
+    runs: int
+    rng: np.random.Generator
+
+
+class Motion(NamedTuple):
+    """How the robot moves between two scans.
+
+    Attributes:
+        noise: The simulated odometry.
+        robot: The robot that drives.
+        rate: Scans a second.
+    """
+
+    noise: OdometryNoise
+    robot: Robot
+    rate: float
+
+
+@dataclass(frozen=True)
+class NoParameters:
+    """The parameters of a localizer that takes none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalizerSpec:
+    """An entry of the registry.
+
+    Attributes:
+        name: What scenario files call it.
+        title: What reports call it.
+        make: Makes the localizer of its parameters; None stands for one that knows the truth.
+        parameters: A dataclass that checks its values; its fields are what a scenario may give.
+        detail: What reports add to the title, of the parameters; "" for nothing.
+        defaults: Parameters that the scenario leaves out, as they follow from the odometry.
+        suited: Parameters that the scenario leaves out, as they suit the scanner; takes what is
+            given too.
+        note: One sentence on parameters that cannot use the scanner; None where they can.
+    """
+
+    name: str
+    title: str
+    make: Callable[[Any, LocalizerContext], Localizer | None]
+    parameters: type[Any] = NoParameters
+    detail: Callable[[Any], str] = lambda parameters: ""
+    defaults: Callable[[Motion], Mapping[str, Any]] = lambda motion: {}
+    suited: Callable[[RangeScanner, Mapping[str, Any]], Mapping[str, Any]] = lambda *given: {}
+    note: Callable[[Any, RangeScanner], str | None] = lambda parameters, scanner: None
+
+
+LOCALIZERS: Final = Registry(
+    "localizer",
+    LocalizerSpec,
+    "ambinav.localizers",
+    {
+        "mcl": "ambinav.drive.own_localizers:MCL",
+        "amcl": "ambinav.drive.own_localizers:AMCL",
+        "ekf": "ambinav.drive.own_localizers:EKF",
+        "perfect": "ambinav.drive.own_localizers:PERFECT",
+        "odometry": "ambinav.drive.own_localizers:ODOMETRY",
+    },
+)
+"""All localizers. The environments have those of `simulation.layout.LOCALIZERS`, compiled."""
+
+
+@dataclass(frozen=True)
+class ChosenLocalizer:
+    """A localizer with its parameters.
+
+    Attributes:
+        spec: Which one.
+        parameters: An instance of `spec.parameters`.
+    """
+
+    spec: LocalizerSpec
+    parameters: Any
+
+    @property
+    def title(self) -> str:
+        """The localizer in words, as reports name it."""
+        detail = self.spec.detail(self.parameters)
+        return f"{self.spec.title} ({detail})" if detail else self.spec.title
+
+    @property
+    def plain(self) -> dict[str, Any] | str:
+        """Its parameters by name; the name alone of a localizer that takes none."""
+        return dataclasses.asdict(self.parameters) or self.spec.name
+
+    @property
+    def identity(self) -> tuple[str, Any, str]:
+        """What its estimates depend on: name, parameters, and a checksum of the file it is in."""
+        code = Path(inspect.getfile(self.spec.make)).read_bytes()
+        return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
+
+    def note(self, scanner: RangeScanner) -> str | None:
+        """One sentence on a localizer that cannot use the scanner; None where it can."""
+        return self.spec.note(self.parameters, scanner)
+
+    def make(self, context: LocalizerContext) -> Localizer | None:
+        """The localizer itself; None stands for one that knows the truth.
+
+        Raises:
+            InputError: it cannot be made of these parameters.
+        """
+        return self.spec.make(self.parameters, context)
+
+
+def chosen_localizer(
+    plain: Mapping[str, Any] | str, noise: OdometryNoise, robot: Robot, rate: float
+) -> ChosenLocalizer:
+    """The localizer that a scenario asks for.
+
+    Args:
+        plain: A name, or a mapping with the key type (`DEFAULT` if it lacks) and parameters. What
+            it leaves out follows from the odometry (`LocalizerSpec.defaults`); see `suited` too.
+        noise: The simulated odometry.
+        robot: The robot that drives.
+        rate: Scans a second.
+
+    Raises:
+        InputError: the type or a parameter is unknown, or a value makes no sense.
+    """
+    name, given = _split(plain)
+    spec = LOCALIZERS.get(name)
+    if given and not dataclasses.fields(spec.parameters):
+        raise InputError(f"{next(iter(given))} means nothing to the localizer {name!r}; drop it")
+    values = {**spec.defaults(Motion(noise, robot, rate)), **given}
+    return ChosenLocalizer(spec, from_mapping(spec.parameters, values))
+
+
+def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:
+    """What a scenario says of its localizer, with what it leaves out as the scanner wants it.
+
+    Raises:
+        InputError: the type is unknown.
+    """
+    name, given = _split(plain)
+    more = LOCALIZERS.get(name).suited(scanner, given)
+    if not more:
+        return plain if isinstance(plain, str) else dict(plain)
+    return {"type": name, **more, **given}
+
+
+def _split(plain: Mapping[str, Any] | str) -> tuple[str, dict[str, Any]]:
+    """Name and parameters."""
+    given = {"type": plain} if isinstance(plain, str) else dict(plain)
+    return str(given.pop("type", DEFAULT)), given

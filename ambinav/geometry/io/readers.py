@@ -1,0 +1,107 @@
+"""Readers of environments, each for some suffixes of files."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.mistaken import kind_of_path, refuse, refuse_image
+from ambinav.plugins import Registry
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapReader:
+    """An entry of the registry.
+
+    Attributes:
+        title: What messages call such a file, with its article: "an occupancy map".
+        suffixes: The suffixes of its files, lower-case and without the dot: ("geojson", "wkt").
+            They are its names in the registry, and those of its entry points.
+        read: From the file, a `Path`, and keyword options to the environment. It raises
+            `InputError` where the file cannot be used.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    read: Callable[..., Environment]
+
+
+READERS: Final = Registry(
+    "map reader",
+    MapReader,
+    "ambinav.map_readers",
+    {
+        "yaml": "ambinav.geometry.io.readers:MAP_SERVER",
+        "yml": "ambinav.geometry.io.readers:MAP_SERVER",
+        "geojson": "ambinav.geometry.io.readers:FLOOR_PLAN",
+        "json": "ambinav.geometry.io.readers:FLOOR_PLAN",
+        "wkt": "ambinav.geometry.io.readers:FLOOR_PLAN",
+    },
+    names_of=lambda reader: reader.suffixes,
+)
+"""The readers of environments, by suffix."""
+
+
+def read(path: str | Path, **options: Any) -> Environment:
+    """Read an environment with the reader for the file's suffix.
+
+    Args:
+        path: The file.
+        options: Keyword options of the reader; None stands for one that is not given.
+
+    Raises:
+        InputError: no reader has the suffix, it has no such option, or it cannot use the file.
+    """
+    path = Path(path)
+    refuse_image(path)
+    if path.is_dir():
+        refuse(f"{path}", kind_of_path(path), "a building")
+    suffix = path.suffix.lower().removeprefix(".")
+    known = READERS.names()
+    if suffix not in known:
+        raise InputError(
+            f"{path}: the suffix {path.suffix or '(none)'} names no known format; give a "
+            f"map_server .yaml, or another file with one of the suffixes .{', .'.join(known)}."
+        )
+    reader = READERS.get(suffix)
+    given = {name: value for name, value in options.items() if value is not None}
+    takes = inspect.signature(reader.read).parameters
+    for name in given:
+        if name not in takes:
+            raise InputError(
+                f"{path}: {name} means nothing for {reader.title} (.{suffix}); leave it out."
+            )
+    return reader.read(path, **given)
+
+
+def _read_map_server(
+    path: Path, *, tolerance: float | None = None, gap: float | None = None
+) -> Environment:
+    from ambinav.geometry.io.boundary import environment_from_grid
+    from ambinav.geometry.io.map_server import load_map_server
+
+    return environment_from_grid(load_map_server(path), tolerance=tolerance, gap=gap)
+
+
+def _read_floor_plan(
+    path: Path, *, level: str | int | None = None, unit: str | None = None
+) -> Environment:
+    from ambinav.geometry.io.polygons import load_polygons
+
+    return load_polygons(path, level=level, unit=unit)
+
+
+MAP_SERVER: Final = MapReader(
+    title="an occupancy map", suffixes=("yaml", "yml"), read=_read_map_server
+)
+"""What ROS's map_server writes: a YAML file with an image beside it."""
+
+FLOOR_PLAN: Final = MapReader(
+    title="a drawn plan", suffixes=("geojson", "json", "wkt"), read=_read_floor_plan
+)
+"""Polygons and lines, as GeoJSON or WKT."""

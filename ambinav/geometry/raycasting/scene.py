@@ -1,0 +1,26 @@
+"""What rays are cast against."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.raycasting.triangulation import Triangulation
+
+
+class Scene(Protocol):
+    """Free space as triangles, and the segments on its border; an `Environment` is one."""
+
+    @property
+    def triangulation(self) -> Triangulation:
+        """The free space as triangles, with K border edges."""
+
+    @property
+    def border_segment(self) -> NDArray[np.int32]:
+        """For each border edge the segment that it lies on, shape (K,)."""
+
+    @property
+    def border_lines(self) -> NDArray[np.float64]:
+        """End points of the line that each border edge stands for, (K, 4), metres, map frame."""

@@ -1,0 +1,31 @@
+"""Digests of environments and maps by their content, for the names of results made from them."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Final
+
+from ambinav.geometry.environment import Environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.provenance import digest_of
+
+# What an environment is called, and where it was read from; the rest decides numbers.
+_NAMES: Final = ("name", "source", "notes", "occupancy")
+# Attributes of an ambiguity map that say what it is; the others say when and where it was made.
+_MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "units")
+
+
+def environment_digest(environment: Environment) -> str:
+    """Digest of an environment's content: everything that it is made of but its name and place.
+
+    What a file's name and time of change say does not matter, only what was read from it.
+    """
+    made_of = [name for name in inspect.signature(type(environment)).parameters]
+    return digest_of({name: getattr(environment, name) for name in made_of if name not in _NAMES})
+
+
+def map_digest(amap: AmbiguityMap) -> str:
+    """Digest of an ambiguity map's content: all its arrays, its scanner and its parameters."""
+    dataset = amap.dataset
+    arrays = {str(name): (one.dims, one.values) for name, one in dataset.variables.items()}
+    return digest_of(arrays, {name: dataset.attrs.get(name) for name in _MAP_ATTRIBUTES})

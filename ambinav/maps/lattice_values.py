@@ -1,0 +1,212 @@
+"""Values on a lattice, read between its points: by maps, fields, planners and localizers alike.
+
+Lattice coordinates count cells from the centre of the first one: u along x (columns), v along y
+(rows), w in headings, which are periodic. `linear` and `nearest` read lattices with holes, as maps
+are stored; `value_at` and what follows it read lattices whose holes are filled, as `Field` has
+them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.kernels import kernel
+
+Floats = NDArray[np.float64]
+
+
+@kernel(inline="always")
+def is_within(u, v, rows, columns):
+    """Whether the lattice coordinates lie in a cell of the lattice; not where they are nan."""
+    return u >= -0.5 and v >= -0.5 and u < columns - 0.5 and v < rows - 0.5
+
+
+@kernel(inline="always")
+def bilinear(here, right, above, across, a, b):
+    """Value within a cell from those at its corners; a and b rise from 0 to 1 with x and y."""
+    low = here * (1.0 - a) + right * a
+    high = above * (1.0 - a) + across * a
+    return low * (1.0 - b) + high * b
+
+
+@kernel
+def linear(
+    values: NDArray[np.float32],
+    possible: NDArray[np.bool_],
+    origin: tuple[float, float, float],
+    step: tuple[float, float, float],
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+) -> Floats:
+    """Interpolate linearly in x and y, and periodically in heading.
+
+    A corner whose value is NaN is left out and the weights of the others are made to sum to 1.
+
+    Args:
+        values: (ny, nx, nt), NaN where not known; nt = 1 if the heading does not matter.
+        possible: (ny, nx, nt), True where a robot can stand.
+        origin: x, y, theta of cell [0, 0, 0], metres and radians.
+        step: distance between cells along x, y, theta; metres and radians.
+        x: (n,) metres.
+        y: (n,) metres.
+        theta: (n,) radians; not read if nt = 1.
+
+    Returns:
+        (n,); NaN where the nearest pose is not possible or outside of the lattice.
+    """
+    ny, nx, nt = values.shape
+    out = np.full(x.size, np.nan)
+    for i in range(x.size):
+        u = (x[i] - origin[0]) / step[0]
+        v = (y[i] - origin[1]) / step[1]
+        if not is_within(u, v, ny, nx):
+            continue
+        t0, t1, wt = 0, 0, 0.0
+        if nt > 1:
+            w = (theta[i] - origin[2]) / step[2]
+            if not math.isfinite(w):
+                continue
+            below = math.floor(w)
+            wt = w - below
+            t0 = int(below % nt)
+            t1 = (t0 + 1) % nt
+        near = t1 if wt >= 0.5 else t0
+        if not possible[int(math.floor(v + 0.5)), int(math.floor(u + 0.5)), near]:
+            continue
+        column, row = int(math.floor(u)), int(math.floor(v))
+        wx, wy = u - column, v - row
+        total, weights = 0.0, 0.0
+        for b in range(2):
+            r = row + b
+            if r < 0 or r >= ny:
+                continue
+            for a in range(2):
+                c = column + a
+                if c < 0 or c >= nx:
+                    continue
+                weight = (wx if a else 1.0 - wx) * (wy if b else 1.0 - wy)
+                low = values[r, c, t0]
+                high = values[r, c, t1]
+                if weight * (1.0 - wt) > 0.0 and not math.isnan(low):
+                    total += weight * (1.0 - wt) * low
+                    weights += weight * (1.0 - wt)
+                if weight * wt > 0.0 and not math.isnan(high):
+                    total += weight * wt * high
+                    weights += weight * wt
+        if weights > 0.0:
+            out[i] = total / weights
+    return out
+
+
+@kernel
+def nearest(
+    values: NDArray[np.float32],
+    origin: tuple[float, float, float],
+    step: tuple[float, float, float],
+    x: Floats,
+    y: Floats,
+    theta: Floats,
+) -> Floats:
+    """Value of the nearest cell: arguments as in `linear`, NaN outside of the lattice."""
+    ny, nx, nt = values.shape
+    out = np.full(x.size, np.nan)
+    for i in range(x.size):
+        u = (x[i] - origin[0]) / step[0]
+        v = (y[i] - origin[1]) / step[1]
+        if not is_within(u, v, ny, nx):
+            continue
+        t = 0
+        if nt > 1:
+            w = (theta[i] - origin[2]) / step[2]
+            if not math.isfinite(w):
+                continue
+            t = int(math.floor(w + 0.5) % nt)
+        out[i] = values[int(math.floor(v + 0.5)), int(math.floor(u + 0.5)), t]
+    return out
+
+
+@kernel(inline="always")
+def corner(u, count):
+    """Lower lattice index and share of the upper one for a lattice coordinate, held at edges."""
+    u = min(max(u, 0.0), count - 1.0)
+    low = min(int(u), max(count - 2, 0))
+    return low, u - low
+
+
+@kernel(forceinline=True)
+def value_at(u, v, w, values):
+    """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
+    rows, columns, headings = values.shape
+    c, a = corner(u, columns)
+    r, b = corner(v, rows)
+    c1, r1 = min(c + 1, columns - 1), min(r + 1, rows - 1)
+    turn = math.floor(w)
+    share = w - turn
+    t0 = int(turn) % headings
+    total = 0.0
+    for side in range(2 if headings > 1 else 1):
+        t = t0 if side == 0 else (t0 + 1) % headings
+        weight = 1.0 if headings == 1 else (share if side else 1.0 - share)
+        total += weight * bilinear(
+            values[r, c, t], values[r, c1, t], values[r1, c, t], values[r1, c1, t], a, b
+        )
+    return total
+
+
+@kernel(inline="always")
+def value_on_floor(u, v, values):
+    """As `value_at`, of a field without headings."""
+    c, a = corner(u, values.shape[1])
+    r, b = corner(v, values.shape[0])
+    c1, r1 = min(c + 1, values.shape[1] - 1), min(r + 1, values.shape[0] - 1)
+    return bilinear(values[r, c, 0], values[r, c1, 0], values[r1, c, 0], values[r1, c1, 0], a, b)
+
+
+@kernel(inline="always")
+def is_open(u, v, w, possible):
+    """Whether the pose nearest to the lattice coordinates is there and possible."""
+    rows, columns, headings = possible.shape
+    if not is_within(u, v, rows, columns):
+        return False
+    if not math.isfinite(w):
+        return False
+    k = int(math.floor(w + 0.5)) % headings if headings > 1 else 0
+    return possible[int(v + 0.5), int(u + 0.5), k]
+
+
+@kernel
+def values_at(begin, end, x, y, theta, values, possible, left, low, inverse, out):
+    """Write the value at each pose, metres and radians; nan where the nearest is not possible."""
+    per_turn = values.shape[2] / (2.0 * math.pi)
+    for i in range(begin, end):
+        u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
+        w = theta[i] * per_turn
+        if is_open(u, v, w, possible):
+            out[i] = value_at(u, v, w, values)
+        else:
+            out[i] = math.nan
+
+
+@kernel
+def slopes_at(begin, end, x, y, theta, values, possible, left, low, inverse, out):
+    """Write the derivatives by x and y at each pose, per metre; nan where not possible."""
+    per_turn = values.shape[2] / (2.0 * math.pi)
+    rows, columns, _ = values.shape
+    for i in range(begin, end):
+        u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
+        w = theta[i] * per_turn
+        if not is_open(u, v, w, possible):
+            out[i] = math.nan
+            continue
+        c, _ = corner(u, columns)
+        r, _ = corner(v, rows)
+        across = along = 0.0  # beyond the outermost cells' centres the field stays as it is
+        if 0.0 <= u <= columns - 1.0:
+            across = value_at(c + 1.0, v, w, values) - value_at(float(c), v, w, values)
+        if 0.0 <= v <= rows - 1.0:
+            along = value_at(u, r + 1.0, w, values) - value_at(u, float(r), w, values)
+        out[i, 0], out[i, 1] = across * inverse, along * inverse

@@ -1,0 +1,62 @@
+"""A table of the scanners that come with ambinav, one line each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ambinav.sensing.presets import preset_names
+from ambinav.sensing.scanner import RangeScanner
+
+
+@dataclass(frozen=True)
+class PresetSummary:
+    """One line about a preset.
+
+    Attributes:
+        name: What `RangeScanner.from_preset` takes.
+        kind: "laser", "cone" (sonars, and the zones of time-of-flight chips) or "mixed".
+        beams: Number of beams.
+        aperture: Field of view in radians, cones included.
+        max_range: Farthest range in metres.
+        description: What it is.
+        source: Where its figures come from.
+    """
+
+    name: str
+    kind: str
+    beams: int
+    aperture: float
+    max_range: float
+    description: str
+    source: str
+
+    def row(self) -> tuple[str, ...]:
+        """Return the summary as the cells of a table; degrees and metres."""
+        return (
+            self.name,
+            self.kind,
+            str(self.beams),
+            f"{math.degrees(self.aperture):.0f}°",
+            f"{self.max_range:g} m",
+            self.description,
+            self.source,
+        )
+
+
+def preset_summaries() -> tuple[PresetSummary, ...]:
+    """Return one summary a preset, sorted by name."""
+    scanners = [RangeScanner.from_preset(name) for name in preset_names()]
+    return tuple(
+        PresetSummary(
+            name=s.name,
+            kind="cone" if s.kind == "sonar" else s.kind,
+            beams=s.beams,
+            # From the edge of the first cone to that of the last.
+            aperture=min(s.aperture + max(sensor.aperture for sensor in s.sensors), math.tau),
+            max_range=s.max_range,
+            description=s.description,
+            source=s.source,
+        )
+        for s in scanners
+    )

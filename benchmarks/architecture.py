@@ -1,0 +1,366 @@
+"""Draw the packages with their arrows, floor by floor, and count what they are made of.
+
+Compares a commit with the working tree and writes both pictures and the tables into a page, between
+the lines that say so:
+
+    python benchmarks/architecture.py --before 04728c3 --out docs/architecture.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import math
+import subprocess
+import tarfile
+import tempfile
+import textwrap
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from harness import ROOT, table
+from import_graph import FLOORS, PACKAGES, TOOLS, Graph, circles, import_graph, modules_in, room_of
+from matplotlib.patches import FancyArrowPatch
+
+DPI = 130
+SLOTS = 5
+"""Places for boxes in a row of the picture."""
+BEND = 0.18
+"""Of red arrows, so that they part from the grey ones that go the other way."""
+BEGIN, END = "<!-- architecture: begin -->", "<!-- architecture: end -->"
+# On a picture the rooms within a package of the core are one box.
+BOXES = tuple(
+    dict.fromkeys(room.partition(".")[0] if room[:8] != "ambinav_" else room
+                  for rooms in FLOORS for room in rooms)
+)  # fmt: skip
+PLANNERS, ENVS, LEADERBOARD = "ambinav_planners", "ambinav_envs", "ambinav_envs.leaderboard"
+TITLES = {
+    "ambinav": "import ambinav",
+    PLANNERS: "planners",
+    ENVS: "envs",
+    LEADERBOARD: "leaderboard",
+}
+
+LEGEND = """\
+A box is a package, a row is a floor. Grey arrows go down: who uses whom. Of these, those that
+follow from others (a uses b and b uses c, so a may use c) are left out. Red arrows do not go down;
+the number says how many imports each stands for. The small tools at the bottom are used by all;
+what they import from above is counted in the table, not drawn."""
+
+
+@dataclass(frozen=True)
+class Tree:
+    """What was counted in a working tree.
+
+    Attributes:
+        name: Of the commit, or "now".
+        graph: Which module imports which.
+        rooms: Which box imports from which, with the number of imports.
+        lines: Lines of code of each box and package, empty ones and comments included.
+        files: Files of each box.
+        longest: The longest function: lines, its name and file.
+        widest: The function with the most parameters: their number, its name and file.
+        names: Public classes and functions at the top of a module, and where they are.
+    """
+
+    name: str
+    graph: Graph
+    rooms: dict[tuple[str, str], int]
+    lines: Counter[str]
+    files: Counter[str]
+    longest: tuple[int, str]
+    widest: tuple[int, str]
+    names: dict[str, str]
+
+
+def main() -> None:
+    """Read the command line, count, draw and write."""
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
+    parser.add_argument("--before", required=True, metavar="COMMIT", help="what to compare with")
+    parser.add_argument(
+        "--out", type=Path, metavar="PAGE", help="the page to write into; else print"
+    )
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        unpack(args.before, Path(folder))
+        before = count(Path(folder), args.before)
+    now = count(ROOT, "now")
+    body = "\n\n".join(sections(before, now))
+    if args.out is None:
+        print(body)
+        return
+    images = args.out.parent / "images"
+    for tree, name in ((before, "before"), (now, "now")):
+        draw(tree, images / f"architecture-{name}.png")
+    page = args.out.read_text(encoding="utf-8")
+    head, _, rest = page.partition(BEGIN)
+    _, found, tail = rest.partition(END)
+    if not found:
+        parser.error(f"{args.out}: the lines {BEGIN} and {END} are missing; add them.")
+    args.out.write_text(f"{head}{BEGIN}\n\n{body}\n\n{END}{tail}", encoding="utf-8")
+
+
+def unpack(commit: str, folder: Path) -> None:
+    """Put the packages of a commit into a folder."""
+    archive = subprocess.run(
+        ["git", "archive", commit, "ambinav", "envs", "planners"],
+        cwd=ROOT, check=True, capture_output=True,
+    )  # fmt: skip
+    with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as opened:
+        opened.extractall(folder, filter="data")
+
+
+def count(root: Path, name: str) -> Tree:
+    """Count what is in a working tree."""
+    graph, modules = import_graph(root), modules_in(root)
+    rooms: Counter[tuple[str, str]] = Counter()
+    for module, imported in graph.items():
+        for other in imported:
+            a, b = box_of(module), box_of(other)
+            if a != b:
+                rooms[a, b] += 1
+    lines: Counter[str] = Counter()
+    files: Counter[str] = Counter()
+    functions: list[tuple[int, int, str]] = []
+    names: dict[str, str] = {}
+    for module, path in modules.items():
+        text = path.read_text(encoding="utf-8")
+        tree = ast.parse(text)
+        place = path.relative_to(root).as_posix()
+        lines[box_of(module)] += len(text.splitlines())
+        files[box_of(module)] += 1
+        functions += [
+            (node.end_lineno - node.lineno + 1, arguments, f"`{node.name}` in {place}")
+            for node, arguments in _functions(tree)
+            if node.end_lineno is not None
+        ]
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+                names[node.name] = place
+    longest = max((length, text) for length, _, text in functions)
+    widest = max((arguments, text) for _, arguments, text in functions)
+    return Tree(name, graph, dict(rooms), lines, files, longest, widest, names)
+
+
+def _functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef | ast.AsyncFunctionDef, int]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given = node.args
+            yield node, len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
+
+
+def box_of(module: str) -> str:
+    """The box of a picture that a module belongs to; a room without a floor is its own."""
+    return room_of(module, BOXES) or module.removeprefix("ambinav.").partition(".")[0]
+
+
+def floor_of(box: str) -> int:
+    """The highest floor of the rooms of a box; of one that has none the highest of the core."""
+    floors = [k for k, rooms in enumerate(FLOORS) for room in rooms if _in_box(room, box)]
+    return max(floors, default=len(FLOORS) - 4)
+
+
+def _in_box(room: str, box: str) -> bool:
+    return room == box or (box not in (ENVS, "ambinav") and room.startswith(f"{box}."))
+
+
+def upward(tree: Tree) -> dict[tuple[str, str], int]:
+    """Arrows from a room to one that is not below it."""
+    return {(a, b): n for (a, b), n in tree.rooms.items() if floor_of(b) >= floor_of(a)}
+
+
+def sections(before: Tree, now: Tree) -> Iterator[str]:
+    """The tables of the page, in Markdown."""
+    yield f"## Before ({before.name}) and now"
+    yield table(("", before.name, "now"), list(_summary(before, now)))
+    yield "## Pictures"
+    for tree, name in ((before, "before"), (now, "now")):
+        yield f"![The packages and their arrows, {tree.name}](images/architecture-{name}.png)"
+    yield LEGEND
+    yield "## Lines of code by package"
+    boxes = sorted({*before.lines, *now.lines}, key=lambda box: (-floor_of(box), box))
+    rows = [
+        (TITLES.get(b, b), *(str(t.lines[b]) if b in t.lines else "" for t in (before, now)))
+        for b in boxes
+        if floor_of(b) >= TOOLS or b not in now.lines
+    ]
+    small = [box for box in boxes if floor_of(box) < TOOLS]
+    rows.append(("small tools", *(str(sum(t.lines[b] for b in small)) for t in (before, now))))
+    yield table(("package", before.name, "now"), rows)
+    moved, gone, new = changed_files(before.name)
+    yield f"## Files moved ({len(moved)}), removed ({len(gone)}) and new ({len(new)})"
+    yield _folded("Moved", [f"{a} → {b}" for a, b in moved])
+    yield _folded("Removed", gone)
+    yield _folded("New", new)
+    lost = sorted(set(before.names) - set(now.names))
+    yield f"## Public names that are no more ({len(lost)})"
+    yield _folded("Names", [f"`{name}` ({before.names[name]})" for name in lost])
+
+
+def _summary(before: Tree, now: Tree) -> Iterator[tuple[str, ...]]:
+    trees = (before, now)
+
+    def row(what: str, values: list[object]) -> tuple[str, ...]:
+        return (what, *map(str, values))
+
+    yield row("files", [sum(t.files.values()) for t in trees])
+    for package in PACKAGES:
+        own = [
+            sum(n for box, n in t.lines.items() if _package(box) == package) for t in trees
+        ]  # fmt: skip
+        yield row(f"lines of {package}", list(own))
+    yield row("circles of files", [len(circles(t.graph)) for t in trees])
+    yield row("files in them", [sum(map(len, circles(t.graph))) for t in trees])
+    yield row("circles of packages", [len(circles(_boxes(t))) for t in trees])
+    yield row("arrows that do not go down", [len(upward(t)) for t in trees])
+    yield row("imports in them", [sum(upward(t).values()) for t in trees])
+    yield row("longest function, lines", [f"{t.longest[0]}: {t.longest[1]}" for t in trees])
+    yield row("most parameters", [f"{t.widest[0]}: {t.widest[1]}" for t in trees])
+
+
+def _package(box: str) -> str:
+    return box.partition(".")[0] if box.startswith("ambinav_") else "ambinav"
+
+
+def _boxes(tree: Tree) -> Graph:
+    return {box: frozenset(b for a, b in tree.rooms if a == box) for box in tree.lines}
+
+
+def _folded(title: str, lines: list[str]) -> str:
+    listed = "\n".join(f"- {line}" for line in lines)
+    return f"<details><summary>{title}</summary>\n\n{listed}\n\n</details>" if lines else "None."
+
+
+def changed_files(commit: str) -> tuple[list[tuple[str, str]], list[str], list[str]]:
+    """Files of the packages that moved, are gone, and are new since a commit."""
+    said = subprocess.run(
+        ["git", "diff", "--name-status", "-M", commit, "--", "ambinav", "envs", "planners"],
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    rows = [line.split("\t") for line in said.splitlines()]
+    moved = [(old, new) for status, old, *[new] in (r for r in rows if r[0][0] == "R")]
+    gone = [row[1] for row in rows if row[0] == "D"]
+    return moved, gone, [row[1] for row in rows if row[0] == "A"]
+
+
+def draw(tree: Tree, path: Path) -> None:
+    """Draw the boxes by floors and write the picture."""
+    boxes = [box for box in tree.lines if floor_of(box) >= TOOLS]
+    rows = {floor: row for row, floor in enumerate(sorted({floor_of(box) for box in boxes}), 1)}
+    wrong = {edge: n for edge, n in upward(tree).items() if set(edge) <= set(boxes)}
+    right = _without_detours({e for e in tree.rooms if set(e) <= set(boxes)} - set(wrong))
+    place = _placed({box: rows[floor_of(box)] for box in boxes}, [*right, *wrong])
+    figure, axes = plt.subplots(figsize=(7.5, 0.62 * (len(rows) + 1.2)), dpi=DPI)
+    axes.set(xlim=(-0.6, SLOTS - 0.4), ylim=(-0.4, len(rows) + 0.5))
+    axes.axis("off")
+    figure.subplots_adjust(0.0, 0.0, 1.0, 1.0)
+    drawn = {}
+    for box, (x, y) in place.items():
+        text = f"{TITLES.get(box, box)}\n{tree.lines[box]:,} lines".replace(",", " ")
+        drawn[box] = axes.text(
+            x, y, text, ha="center", va="center", fontsize=7.5, zorder=3,
+            bbox={"boxstyle": "round,pad=0.35", "facecolor": "#eef2f7", "edgecolor": "0.35"},
+        )  # fmt: skip
+    figure.canvas.draw()  # boxes get their size
+    for edge in [*right, *wrong]:
+        number = wrong.get(edge)
+        ends = [drawn[box].get_bbox_patch() for box in edge]
+        axes.add_patch(
+            FancyArrowPatch(
+                place[edge[0]], place[edge[1]], arrowstyle="-|>", mutation_scale=9, zorder=2,
+                shrinkA=0, shrinkB=1, patchA=ends[0], patchB=ends[1],
+                color="0.5" if number is None else "#c1272d",
+                linewidth=0.9 if number is None else 1.0 + min(number, 20) / 10,
+                connectionstyle=f"arc3,rad={0.0 if number is None else BEND}",
+            )
+        )  # fmt: skip
+        if number is not None:
+            (x0, y0), (x1, y1) = axes.transData.transform([place[box] for box in edge])
+            # Beside the middle of the arc, on its outer side.
+            off = BEND / 2 + 0.12 * DPI / math.hypot(x1 - x0, y1 - y0)
+            beside = (x0 + x1) / 2 + off * (y1 - y0), (y0 + y1) / 2 - off * (x1 - x0)
+            x, y = axes.transData.inverted().transform(beside)
+            axes.text(
+                x, y, str(number), color="#c1272d", fontsize=8, ha="center", va="center", zorder=4
+            )  # fmt: skip
+    tools = ", ".join(sorted(box for box in tree.lines if floor_of(box) < TOOLS))
+    text = textwrap.fill(f"small tools: {tools}", 90)
+    axes.text((SLOTS - 1) / 2, 0.0, text, ha="center", va="center", fontsize=7.5, color="0.3")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    plt.close(figure)
+
+
+def _placed(row: dict[str, int], edges: list[tuple[str, str]]) -> dict[str, tuple[float, float]]:
+    """Where the boxes stand: each in its row, so that few arrows meet boxes or other arrows.
+
+    Found by moving one box, or exchanging two, as long as that helps, from several beginnings.
+    """
+    rng, boxes = np.random.default_rng(0), sorted(row)
+    best: tuple[float, dict[str, int]] = (math.inf, {})
+    for _ in range(12):
+        slot: dict[str, int] = {}
+        for y in set(row.values()):
+            here = [box for box in boxes if row[box] == y]
+            slot |= dict(zip(here, rng.permutation(SLOTS)[: len(here)].tolist(), strict=True))
+        cost, better = _cost(slot, row, edges), True
+        while better:
+            better = False
+            for box in boxes:
+                for to in range(SLOTS):
+                    tried = slot | {box: to}
+                    for other in boxes:
+                        if other != box and row[other] == row[box] and slot[other] == to:
+                            tried[other] = slot[box]
+                    if (found := _cost(tried, row, edges)) < cost:
+                        slot, cost, better = tried, found, True
+        best = min(best, (cost, slot), key=lambda one: one[0])
+    return {box: (float(x), float(row[box])) for box, x in best[1].items()}
+
+
+def _cost(slot: dict[str, int], row: dict[str, int], edges: list[tuple[str, str]]) -> float:
+    """How bad a picture is: arrows over boxes, arrows over arrows, and their length sideways."""
+    cost = 0.0
+    lines = [((slot[a], row[a]), (slot[b], row[b])) for a, b in edges]
+    for (a, b), ((x0, y0), (x1, y1)) in zip(edges, lines, strict=True):
+        cost += 0.1 * abs(x1 - x0)
+        for box, x in slot.items():
+            if box not in (a, b) and min(y0, y1) <= row[box] <= max(y0, y1):
+                at = x0 + (x1 - x0) * (row[box] - y0) / (y1 - y0) if y0 != y1 else x
+                cost += 10.0 * (abs(at - x) < 0.6)
+    for k, (a, b) in enumerate(lines):
+        for c, d in lines[:k]:
+            if len({a, b, c, d}) == 4:
+                cost += _side(a, b, c) * _side(a, b, d) < 0 > _side(c, d, a) * _side(c, d, b)
+    return cost
+
+
+def _side(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> int:
+    """Above 0 if c lies on the left of the line from a to b."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _without_detours(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Edges of a graph without circles but for those that follow from others."""
+    after: dict[str, set[str]] = {}
+    for a, b in edges:
+        after.setdefault(a, set()).add(b)
+
+    def leads(a: str, b: str) -> bool:
+        return a == b or any(leads(c, b) for c in after.get(a, ()))
+
+    return sorted(
+        (a, b) for a, b in edges if not any(c != b and leads(c, b) for c in after[a])
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""Which file of the three packages imports which, and the floors that the rooms stand on.
+
+An import counts wherever it stands: at the top of a file, within a function, or for type checking
+alone. What is loaded by its name (plug-ins) does not.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+PACKAGES = {"ambinav": ".", "ambinav_envs": "envs", "ambinav_planners": "planners"}
+"""The import packages, and the folders that they lie in."""
+
+FLOORS: tuple[tuple[str, ...], ...] = (
+    ("errors", "version"),
+    ("files", "mistaken"),
+    ("config",),
+    ("compiling", "kernels", "pages", "plugins", "provenance", "runfolder", "threads"),
+    ("geometry.motion", "geometry.segments"),
+    ("geometry.raycasting",),
+    ("geometry",),
+    ("geometry.collision",),
+    ("geometry.io",),
+    ("maps", "sensing"),
+    ("export",),
+    ("localization", "service"),
+    ("ambiguity", "routes"),
+    ("ambinav", "drive"),
+    ("logs",),
+    ("plotting",),
+    ("audit",),
+    ("compare",),
+    ("ambinav_envs", "ambinav_planners"),
+    ("ambinav_envs.leaderboard",),
+    ("cli",),
+)
+"""Rooms from the ground up. A room is a module of `ambinav`, or a package with all that lies in it
+and in no room of its own; `ambinav` is what `import ambinav` gives, `ambinav_envs` and
+`ambinav_planners` are the other two packages. A room may use those on lower floors."""
+
+TOOLS = 4
+"""So many floors hold small tools that everybody uses."""
+
+Graph = Mapping[str, frozenset[str]]
+
+
+def modules_in(root: Path) -> dict[str, Path]:
+    """All modules of the packages in a working tree, and their files."""
+    found: dict[str, Path] = {}
+    for package, place in PACKAGES.items():
+        for path in sorted((root / place / package).rglob("*.py")):
+            parts = path.relative_to(root / place).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def import_graph(root: Path) -> Graph:
+    """For each module of the packages the modules of theirs that it imports, itself left out."""
+    modules = modules_in(root)
+    return {
+        name: frozenset(_imports(path, name, modules)) - {name} for name, path in modules.items()
+    }
+
+
+def _imports(path: Path, name: str, modules: Mapping[str, Path]) -> Iterator[str]:
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in modules)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) + 1 - node.level] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                deeper = f"{source}.{alias.name}"
+                target = deeper if deeper in modules else source
+                if target in modules:
+                    yield target
+
+
+def circles(graph: Graph) -> list[list[str]]:
+    """Sets of modules (or rooms) each of which imports all others of its set, by some path."""
+    reached = {name: _reached(graph, name) for name in graph}
+    sets = {
+        frozenset({name} | {other for other in reached[name] if name in reached.get(other, ())})
+        for name in graph
+    }
+    return sorted(sorted(one) for one in sets if len(one) > 1)
+
+
+def _reached(graph: Graph, name: str) -> set[str]:
+    """All that a module imports, directly or by others."""
+    found: set[str] = set()
+    todo = list(graph[name])
+    while todo:
+        other = todo.pop()
+        if other not in found:
+            found.add(other)
+            todo.extend(graph.get(other, ()))
+    return found
+
+
+def room_of(module: str, rooms: Iterable[str]) -> str | None:
+    """The innermost of these rooms that holds a module; None: there is none."""
+    name = module.removeprefix("ambinav.")
+    holding = [
+        room
+        for room in rooms
+        if name == room or (room != "ambinav" and name.startswith(f"{room}."))
+    ]
+    return max(holding, key=len, default=None)

@@ -1,0 +1,138 @@
+"""The parts of the observation: each a row of float32, with its size and its bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.plugins import Registry
+from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.robot_states import Seen
+
+Bound = float | tuple[float, ...]
+
+
+class SizeParameters(Protocol):
+    """What the size of a part may depend on: a part of `NavigationParameters`."""
+
+    @property
+    def scanner(self) -> RangeScanner:
+        """What the robot sees with."""
+
+    @property
+    def window(self) -> bool:
+        """Whether there is a window of the ambiguity map."""
+
+    @property
+    def window_cells(self) -> int:
+        """Its edge, cells."""
+
+    @property
+    def waypoint(self) -> bool:
+        """Whether there is a place ahead."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationPart:
+    """An entry of the registry.
+
+    Attributes:
+        name: Its key in the observation.
+        unit: Of its values: "m", "1", or what each of them has.
+        meaning: What the values are, in their order.
+        size: How many values a robot gets with these parameters; 0: the part is off.
+        low: Least value, one for all or one for each.
+        high: Greatest value, likewise.
+        function: The values of n robots at once, shape (n, size); see `robot_states.Seen`. None:
+            it is one of ours, compiled into the step (`simulation.observe`).
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    size: Callable[[SizeParameters], int]
+    low: Bound
+    high: Bound
+    function: Callable[[Seen], NDArray[np.generic]] | None = None
+
+    def bounds(self, parameters: SizeParameters) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Least and greatest values, float32, shape (size,)."""
+        shape = (self.size(parameters),)
+        low, high = (
+            np.broadcast_to(np.asarray(b, np.float32), shape).copy() for b in (self.low, self.high)
+        )
+        return low, high
+
+
+# Highest values: 100 m for distances in units of 10 m, 2 m and 2 rad for deviations.
+_POLAR: Final[dict[str, Any]] = {
+    "unit": "10 m, 1, 1",
+    "low": (0.0, -1.0, -1.0),
+    "high": (10.0, 1.0, 1.0),
+}
+
+SCAN = ObservationPart(
+    name="scan",
+    unit="1",
+    meaning="reading / maximum range; 0 too near, 1 no echo",
+    size=lambda parameters: parameters.scanner.beams,
+    low=0.0,
+    high=1.0,
+)
+GOAL = ObservationPart(
+    name="goal",
+    meaning="distance in 10 m, cosine and sine of the bearing, from the estimated pose",
+    size=lambda parameters: 3,
+    **_POLAR,
+)
+VELOCITY = ObservationPart(
+    name="velocity",
+    unit="1",
+    meaning="speed and turn rate in units of the highest",
+    size=lambda parameters: 2,
+    low=-1.0,
+    high=1.0,
+)
+UNCERTAINTY = ObservationPart(
+    name="uncertainty",
+    unit="m, m, 1, 1, rad",
+    meaning="deviation along the localizer's weak axis and across it, cosine and sine of the "
+    "double angle of that axis in the robot's frame, deviation of the heading",
+    size=lambda parameters: 5,
+    low=(0.0, 0.0, -1.0, -1.0, 0.0),
+    high=(2.0, 2.0, 1.0, 1.0, 2.0),
+)
+WINDOW = ObservationPart(
+    name="window",
+    unit="1",
+    meaning="K x K cells around the estimated pose, rows from ahead to behind, each from left to "
+    "right: ambiguity (1 where not free), then what is free (1) and what is not (0)",
+    size=lambda parameters: 2 * parameters.window_cells**2 if parameters.window else 0,
+    low=0.0,
+    high=1.0,
+)
+WAYPOINT = ObservationPart(
+    name="waypoint",
+    meaning="as goal: a point ahead on the route (`ambiguity_weight`), from the estimate",
+    size=lambda parameters: 3 if parameters.waypoint else 0,
+    **_POLAR,
+)
+
+OBSERVATIONS: Final = Registry(
+    "part of the observation",
+    ObservationPart,
+    "ambinav.observations",
+    {
+        "scan": "ambinav_envs.observations:SCAN",
+        "goal": "ambinav_envs.observations:GOAL",
+        "velocity": "ambinav_envs.observations:VELOCITY",
+        "uncertainty": "ambinav_envs.observations:UNCERTAINTY",
+        "window": "ambinav_envs.observations:WINDOW",
+        "waypoint": "ambinav_envs.observations:WAYPOINT",
+    },
+)
+"""The parts of the observation: ours, which the step computes, and those of plug-ins."""

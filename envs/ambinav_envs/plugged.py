@@ -1,0 +1,129 @@
+"""Terms of the reward and parts of the observation that plug-ins compute after the step's kernel.
+
+Our own are compiled into the step. Those of plug-ins are functions over the arrays of all robots
+at once, called once a step: a few microseconds each, and nothing where there are none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_envs.observations import ObservationPart
+from ambinav_envs.rewards import RewardTerm
+from ambinav_envs.robot_states import Seen, Stepped
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+class Plugged(NamedTuple):
+    """What plug-ins add to an outcome, of N robots.
+
+    Attributes:
+        terms: Terms of the reward as they are, by name, shape (N,).
+        weighted: The same times their weights.
+        parts: Parts of the observation, by name, float32, shape (N, K).
+    """
+
+    terms: dict[str, Floats]
+    weighted: dict[str, Floats]
+    parts: dict[str, NDArray[np.float32]]
+
+
+class PluggedFunctions:
+    """The functions of plug-ins that the parameters of an environment ask for.
+
+    Args:
+        terms: Terms of the reward, with their weights.
+        parts: Parts of the observation, with their sizes.
+        dt: Seconds of a step.
+    """
+
+    def __init__(
+        self,
+        terms: Sequence[tuple[RewardTerm, float]],
+        parts: Sequence[tuple[ObservationPart, int]],
+        dt: float,
+    ) -> None:
+        self._terms = tuple(terms)
+        self._parts = tuple(parts)
+        self._dt = dt
+
+    def arrays(self, count: int) -> Plugged:
+        """Arrays for a step to write to."""
+        terms = {term.name: np.zeros(count) for term, _ in self._terms}
+        parts = {part.name: np.zeros((count, size), np.float32) for part, size in self._parts}
+        return Plugged(terms, {name: np.zeros(count) for name in terms}, parts)
+
+    def after_step(
+        self, state: NDArray[np.void], readings: Floats, rows: Rows, rewards: Floats, out: Plugged
+    ) -> None:
+        """Add the terms of some robots to their reward, and show them their parts.
+
+        Args:
+            state: `layout.STATE` of all robots, shape (N,).
+            readings: Of all robots, shape (N, beams).
+            rows: Which robots have stepped.
+            rewards: Of all robots, shape (N,); what they get is added to it.
+            out: Their rows are written.
+
+        Raises:
+            ValueError: a function gives an array of another shape than it should.
+        """
+        if not (self._terms or self._parts):
+            return
+        own = state[rows]
+        seen = _seen(own, readings[rows])
+        stepped = Stepped(
+            seen=seen,
+            before=own["before"],
+            truth=own["truth"],
+            driven=own["driven"],
+            distance=own["distance"],
+            collided=own["collided"],
+            lost=own["lost"],
+            dt=self._dt,
+        )
+        for term, weight in self._terms:
+            assert term.function is not None
+            values = _shaped(term.function(stepped), (len(rows),), term.name)
+            out.terms[term.name][rows] = values
+            out.weighted[term.name][rows] = weight * values
+            rewards[rows] += weight * values
+        self._show(seen, rows, out)
+
+    def after_reset(
+        self, state: NDArray[np.void], readings: Floats, rows: Rows, out: Plugged
+    ) -> None:
+        """Show some robots their parts; their terms are 0. See `after_step`."""
+        for values in (*out.terms.values(), *out.weighted.values()):
+            values[rows] = 0.0
+        if self._parts:
+            self._show(_seen(state[rows], readings[rows]), rows, out)
+
+    def _show(self, seen: Seen, rows: Rows, out: Plugged) -> None:
+        for part, size in self._parts:
+            assert part.function is not None
+            values = _shaped(part.function(seen), (len(rows), size), part.name)
+            out.parts[part.name][rows] = values
+
+
+def _seen(own: NDArray[np.void], readings: Floats) -> Seen:
+    return Seen(
+        estimate=own["mean"],
+        covariance=own["covariance"],
+        speeds=own["speeds"],
+        goal=own["goal"],
+        readings=readings,
+    )
+
+
+def _shaped(values: object, shape: tuple[int, ...], name: str) -> Floats:
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != shape:
+        raise ValueError(f"plug-in {name!r} gave an array of the shape {found.shape}, not {shape}")
+    return found

@@ -1,0 +1,54 @@
+"""What functions of plug-ins are given: the arrays of n robots."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Seen(NamedTuple):
+    """What n robots know of themselves; poses are x, y, theta in the map frame.
+
+    Attributes:
+        estimate: Where they believe they are, shape (n, 3), metres and radians.
+        covariance: How sure they are, shape (n, 3, 3).
+        speeds: Speed (m/s) and turn rate (rad/s), shape (n, 2).
+        goal: x and y, metres, shape (n, 2).
+        readings: Of the scanner, shape (n, beams), metres: inf no echo, -inf too near.
+    """
+
+    estimate: Floats
+    covariance: Floats
+    speeds: Floats
+    goal: Floats
+    readings: Floats
+
+
+class Stepped(NamedTuple):
+    """What a step has made of n robots, the truth included; poses as in `Seen`.
+
+    Attributes:
+        seen: What they know of themselves.
+        before: True poses before the step, shape (n, 3).
+        truth: True poses after it, shape (n, 3).
+        driven: Metres of the step, shape (n,).
+        distance: What the path to the goal costs from here, metres where `ambiguity_weight` is 0,
+            shape (n,).
+        collided: Whether they touched a wall or a box, shape (n,).
+        lost: Whether they are lost, shape (n,).
+        dt: Seconds of the step.
+    """
+
+    seen: Seen
+    before: Floats
+    truth: Floats
+    driven: Floats
+    distance: Floats
+    collided: Bools
+    lost: Bools
+    dt: float

@@ -1,0 +1,160 @@
+"""A stranger's plug-in: one short file for each kind, found by its entry point, used by a user.
+
+The plug-in is no part of the packages. The test installs it as pip would, by writing its
+metadata beside it, and uses it in processes of their own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PLUGIN = Path(__file__).parent / "plugin"
+FLOOR = """\
+############
+#          #
+#          #
+#   ####   #
+#          #
+############
+"""
+SCENARIO = """\
+environment: floor.txt
+scanner: stranger-lidar
+map: {spacing: 0.25}
+robot: {radius: 0.1}
+localizer: {type: confident, std: 0.2}
+pairs: [{name: along, start: [1.5, 1.5], goal: [10.0, 1.5]}]
+routes: [{kind: planner, planner: straight}]
+drive: {runs: 2, seed: 1}
+"""
+TRAINING = """\
+import gymnasium, json, numpy as np, ambinav_envs
+env = gymnasium.make(
+    "ambinav/Navigation-v0", map="floor.txt", scanner="stranger-lidar", localizer="odometry",
+    reward={"progress": 1.0, "nearness": 0.5}, observations=["nearest"],
+)
+env.reset(seed=0)
+seen, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+print(json.dumps([float(seen["nearest"][0]), reward, info["terms"], info["reward_terms"]]))
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder with a building, and beside it the plug-in's metadata as pip leaves them."""
+    folder = tmp_path_factory.mktemp("stranger")
+    (folder / "floor.txt").write_text(FLOOR)
+    (folder / "scenario.yaml").write_text(SCENARIO)
+    project = tomllib.loads((PLUGIN / "pyproject.toml").read_text())["project"]
+    about = folder / "site" / f"{project['name']}-{project['version']}.dist-info"
+    about.mkdir(parents=True)
+    about.joinpath("METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    )
+    groups = [
+        "\n".join([f"[{group}]", *(f"{name} = {place}" for name, place in points.items())])
+        for group, points in project["entry-points"].items()
+    ]
+    about.joinpath("entry_points.txt").write_text("\n".join(groups) + "\n")
+    return folder
+
+
+def run(folder: Path, *arguments: str, status: int = 0) -> str:
+    """What a Python process says that has the plug-in on its path."""
+    paths = [folder / "site", PLUGIN, ROOT, ROOT / "envs", ROOT / "planners"]
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}, timeout=900,
+    )  # fmt: skip
+    assert done.returncode == status, done.stderr
+    return done.stdout if status == 0 else done.stderr
+
+
+def ambinav(folder: Path, *arguments: str, status: int = 0) -> str:
+    return run(folder, "-m", "ambinav.cli", *arguments, status=status)
+
+
+def test_the_files_are_short() -> None:
+    for path in PLUGIN.glob("*.py"):
+        assert len(path.read_text().splitlines()) < 60, path
+
+
+def test_the_recipes_are_the_files() -> None:
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```(?:python|toml)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    files = [*PLUGIN.glob("*.py"), PLUGIN / "pyproject.toml"]
+    assert sorted(blocks) == sorted(path.read_text() for path in files)
+
+
+def test_a_sensor_is_listed(folder: Path) -> None:
+    presets = json.loads(ambinav(folder, "presets", "--json"))
+    assert "stranger-lidar" in [preset["name"] for preset in presets]
+    assert "beams: 24" in ambinav(folder, "presets", "stranger-lidar")
+
+
+@pytest.fixture(scope="module")
+def amap(folder: Path) -> Path:
+    """A map with the plug-in's layer, of a building that its reader reads, for its sensor."""
+    ambinav(
+        folder, "map", "floor.txt", "--scanner", "stranger-lidar", "--spacing", "0.25",
+        "--layers", "seen_range", "-o", "floor.zarr",
+    )  # fmt: skip
+    return folder / "floor.zarr"
+
+
+def test_a_map_reader_and_a_layer(amap: Path) -> None:
+    from ambinav import AmbiguityMap
+
+    made = AmbiguityMap.open(amap)
+    assert made.environment.free.area == pytest.approx(36.0)
+    assert made.dataset["seen_range"].attrs["long_name"] == "mean share of the range that is seen"
+    # Beside the pillar less is seen than in the open.
+    assert made.sample("seen_range", 5.0, 1.2) < made.sample("seen_range", 2.0, 2.5)
+
+
+def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
+    where = ("--start", "1.5", "1.5", "--goal", "10", "1.5")
+    ambinav(
+        folder, "plan", "floor.zarr", *where, "--planner", "straight", "--radius", "0.1",
+        "-o", "route.wkt",
+    )  # fmt: skip
+    assert (folder / "route.wkt").read_text() == "LINESTRING (1.5 1.5, 10 1.5)\n"
+    across = ("--start", "1.5", "1.5", "--goal", "10", "3.5", "--planner", "straight")
+    told = ambinav(folder, "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
+    assert "planner 'straight' found no" in told
+
+
+def test_a_localizer(folder: Path) -> None:
+    ambinav(folder, "compare", "scenario.yaml", "-o", "compared")
+    report = json.loads((folder / "compared" / "report.json").read_text())
+    assert report["localizer"]["name"] == "dead reckoning that is sure of itself"
+    assert report["plans"][0]["planner"] == "straight"
+
+
+def test_a_reward_and_an_observation(folder: Path) -> None:
+    nearest, reward, terms, weighted = json.loads(run(folder, "-c", TRAINING))
+    assert 0.0 < nearest <= 3.0
+    assert terms["nearness"] == pytest.approx(min(nearest, 0.5) - 0.5)
+    assert weighted["nearness"] == 0.5 * terms["nearness"]
+    assert reward == pytest.approx(sum(weighted.values()))
+
+
+def test_a_broken_plug_in_is_named(folder: Path) -> None:
+    code = (
+        "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"
+    )
+    told = run(
+        folder, "-c", code, "map", "floor.txt", "-s", "stranger-lidar", "--layers", "seen_range",
+        "-o", "none.zarr", status=2,
+    )  # fmt: skip
+    assert "layer 'seen_range' of the plug-in stranger cannot be used" in told
+    assert told.strip().endswith("fix or uninstall stranger.")

@@ -1,0 +1,92 @@
+"""Rooms use the rooms below them, no files import each other in a circle, and the core is light."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from import_graph import FLOORS, circles, import_graph, room_of
+
+ROOT = Path(__file__).parents[1]
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+GRAPH = import_graph(ROOT)
+
+UPWARD = {
+    ("ambinav.compare.controllers", "ambinav_envs"): "policies are to be plug-ins, by name",
+    ("ambinav.compare.plans", "ambinav_planners"): "planners are to be plug-ins, by name",
+}
+"""Modules that reach a room that is not below theirs, and why they do for now."""
+
+HEAVY = ("gymnasium", "ompl", "stable_baselines3", "torch")
+
+
+def upward() -> set[tuple[str, str]]:
+    """Each module and each room that it imports from though that is not below."""
+    return {
+        (module, room)
+        for module, imported in GRAPH.items()
+        for other in imported
+        if (room := str(room_of(other, FLOOR))) != (own := str(room_of(module, FLOOR)))
+        and FLOOR.get(room, 0) >= FLOOR.get(own, 0)
+    }
+
+
+def test_every_module_has_a_room() -> None:
+    homeless = [module for module in GRAPH if room_of(module, FLOOR) is None]
+    assert not homeless, "give them a floor in benchmarks/import_graph.py"
+
+
+def test_no_room_imports_a_room_above_or_beside_it() -> None:
+    assert upward() - set(UPWARD) == set()
+
+
+def test_the_list_of_exceptions_holds_no_more_than_there_are() -> None:
+    assert set(UPWARD) - upward() == set(), "take them off the list"
+
+
+def test_no_circle_of_files() -> None:
+    assert circles(GRAPH) == []
+
+
+def test_the_core_imports_neither_planners_nor_environments() -> None:
+    above = ("ambinav.cli", "ambinav_envs", "ambinav_planners")
+    reaching = {
+        module
+        for module, imported in GRAPH.items()
+        if not module.startswith(above) and any(other.startswith(above) for other in imported)
+    }
+    assert reaching == {module for module, _ in UPWARD}
+
+
+def test_circles_are_found_through_several_files() -> None:
+    chain = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set(), "e": {"a"}}
+    assert circles({name: frozenset(to) for name, to in chain.items()}) == [["a", "b", "c"]]
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("def late():\n    from ambinav.maps import schema", {"ambinav.maps.schema"}),
+        ("from . import errors\nfrom .maps.schema import CORE", {"ambinav.maps.schema"}),
+        ("import ambinav_envs.sb3, numpy", {"ambinav_envs.sb3"}),
+    ],
+)
+def test_imports_are_read_wherever_they_stand(source: str, found: set[str], tmp_path: Path) -> None:
+    for name in ("ambinav/maps/schema", "ambinav/errors", "envs/ambinav_envs/sb3"):
+        path = tmp_path / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    (tmp_path / "ambinav" / "reader.py").write_text(source)
+    assert import_graph(tmp_path)["ambinav.reader"] >= found
+
+
+def test_importing_the_core_loads_none_of_the_heavy_packages() -> None:
+    code = (
+        "import sys, ambinav\n"
+        "[getattr(ambinav, name) for name in ambinav.__all__]\n"
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]", done.stderr
