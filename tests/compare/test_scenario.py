@@ -150,7 +150,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "unknown filter parameter": (
         lambda p: p.update(localizer={"type": "ekf", "gates": 3}),
-        "localizer: the parameter 'gates' of the localizer 'ekf' is unknown; did you mean gate",
+        "localizer: the key 'gates' is unknown; did you mean gate",
     ),
     "filter's gate": (
         lambda p: p.update(localizer={"type": "ekf", "gate": 0}),
