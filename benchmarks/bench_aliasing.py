@@ -32,9 +32,9 @@ from ambinav.ambiguity.layers.context import Ground
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_links
 from ambinav.audit.aliasing import SPACING, seek
-from ambinav.audit.aliasing_pictures import plot_links
 from ambinav.geometry.lattice import Lattice
-from ambinav.maps.drawing import save_figure
+from ambinav.plotting.aliasing import plot_links
+from ambinav.plotting.floor import save_figure
 
 # The spacings that come nearest to 20 000 poses, and one that is quickly done.
 CASES = (

@@ -8,7 +8,6 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
-from ambinav.audit.aliasing_pictures import plot_links
 from ambinav.audit.ambiguous_regions import Place
 from ambinav.audit.audit import Audit, Finding, degrees
 from ambinav.audit.document import (
@@ -22,9 +21,10 @@ from ambinav.audit.document import (
     place_picture,
 )
 from ambinav.maps import schema
-from ambinav.maps.drawing import save_figure
-from ambinav.maps.plot import floor_axes, plot_layer, plot_zones
-from ambinav.maps.plot_scan import plot_scan
+from ambinav.plotting.aliasing import plot_links
+from ambinav.plotting.floor import save_figure
+from ambinav.plotting.maps import floor_axes, plot_layer, plot_zones
+from ambinav.plotting.scan import plot_scan
 
 
 def save_pictures(

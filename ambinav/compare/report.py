@@ -13,8 +13,6 @@ from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
 from ambinav.compare.plans import Plan, check_plans, make_plans
-from ambinav.compare.plot_overview import plot_overview
-from ambinav.compare.plots import plot_errors, plot_floor, plot_spread
 from ambinav.compare.results import Results
 from ambinav.compare.runs import drive_all
 from ambinav.compare.scenario_file import Loaded
@@ -33,8 +31,10 @@ from ambinav.compare.worlds import make_worlds
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.drawing import save_figure
 from ambinav.pages import data_uri, fill
+from ambinav.plotting.drives import plot_errors, plot_floor, plot_spread
+from ambinav.plotting.floor import save_figure
+from ambinav.plotting.overview import plot_overview
 from ambinav.provenance import (
     PLANNING,
     POLICIES,

@@ -13,9 +13,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.tensor import classify
-from ambinav.maps import drawing
-from ambinav.maps.plot import plot_layer, plot_zones, view
 from ambinav.maps.zones import COLOURS, ZONES
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.maps import plot_layer, plot_zones, view
 from real_scans.real_log import RealLog
 
 # Of the picture's longer side, inches, about.

@@ -24,13 +24,13 @@ from ambinav.geometry.io.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.plot import plot_layer, plot_zones
 from ambinav.maps.zones import (
     SOLID_COLOUR,
     UNEXPLORED_COLOUR,
     UNKNOWN_COLOUR,
     UNREACHABLE_COLOUR,
 )
+from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.maps import synthetic

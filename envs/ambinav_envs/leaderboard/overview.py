@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ambinav.compare.plot_rows import label_rows, stacked
-from ambinav.maps import drawing
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.rows import label_rows, stacked
 from ambinav_envs.leaderboard.figures import Row
 
 ENDS: Final = {

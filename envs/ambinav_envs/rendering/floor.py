@@ -11,8 +11,8 @@ from scipy.ndimage import distance_transform_edt
 from shapely import get_parts
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.drawing import FRONTIER_COLOUR, WALL_COLOUR
 from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, SOLID_COLOUR, UNKNOWN_COLOUR, ZONES
+from ambinav.plotting.floor import FRONTIER_COLOUR, WALL_COLOUR
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.rendering.camera import Camera
 

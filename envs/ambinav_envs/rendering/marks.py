@@ -14,7 +14,7 @@ import numpy as np
 import pygame
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.routes.drawing import SIGMAS
+from ambinav.plotting.route_lines import SIGMAS
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import stroke
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pygame
 
-from ambinav.maps.drawing import round_length
+from ambinav.plotting.floor import round_length
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import UNEXPLORED_COLOUR, ZONE_COLOURS, stroke
 from ambinav_envs.rendering.marks import TRUTH, WHITE, Marks

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ambinav.files import replacing
-from ambinav.maps import drawing
+from ambinav.plotting import floor as drawing
 from ambinav_envs.training.progress import Row
 
 ENDS: Final[dict[str, tuple[str, str, str]]] = {

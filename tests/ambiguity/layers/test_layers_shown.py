@@ -17,7 +17,7 @@ import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.cli import app, options
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import plot_layer
+from ambinav.plotting.maps import plot_layer
 from ambinav.sensing import RangeScanner
 from tests.geometry import scenes
 

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import colour_patch, outside_patches, unexplored_patch
-from ambinav.maps.plot import Heading, floor_axes, floor_title, plot_zones, view
 from ambinav.maps.zones import COLOURS, ZONES
-from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor
-from ambinav.routes.drawing import (
+from ambinav.plotting.backdrop import colour_patch, outside_patches, unexplored_patch
+from ambinav.plotting.legends import floor_legend, lower_legend, make_room
+from ambinav.plotting.maps import Heading, floor_axes, floor_title, plot_zones, view
+from ambinav.plotting.route_lines import (
     GOAL,
     SIGMAS,
     START,
@@ -28,7 +28,7 @@ from ambinav.routes.drawing import (
     style,
     widths,
 )
-from ambinav.routes.legends import floor_legend, lower_legend, make_room
+from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor
 from ambinav.routes.route import Route
 
 LINE: Final = 40

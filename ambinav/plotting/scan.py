@@ -17,10 +17,10 @@ from shapely import MultiPolygon
 from shapely import Polygon as ShapelyPolygon
 
 from ambinav.geometry.segments import Segments
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import draw_backdrop
 from ambinav.maps.zones import UNKNOWN_COLOUR
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.backdrop import draw_backdrop
 
 Floats = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from scipy.spatial import cKDTree
 
 from ambinav.audit.aliased_pairs import Link
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import outside_patches, paint_parts, part_patches
-from ambinav.maps.drawing import is_tall
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.plot import draw_image, finish, floor_axes, view
+from ambinav.plotting.backdrop import outside_patches, paint_parts, part_patches
+from ambinav.plotting.floor import is_tall
+from ambinav.plotting.maps import draw_image, finish, floor_axes, view
 
 # Okabe and Ito: told apart by the colour-blind too; each colour also has a letter.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")

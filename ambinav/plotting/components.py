@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import area_text, colour_patch, outside_patches
-from ambinav.maps.plot import draw_image, finish, floor_axes, view
 from ambinav.maps.zones import UNREACHABLE_COLOUR
-from ambinav.routes.drawing import GOAL, START, draw_ends, root_figure
-from ambinav.routes.legends import floor_legend
+from ambinav.plotting.backdrop import area_text, colour_patch, outside_patches
+from ambinav.plotting.legends import floor_legend
+from ambinav.plotting.maps import draw_image, finish, floor_axes, view
+from ambinav.plotting.route_lines import GOAL, START, draw_ends, root_figure
 
 FROM_START: Final = "#5B3A8E"
 FROM_GOAL: Final = "#8FD694"

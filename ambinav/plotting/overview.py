@@ -14,11 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from ambinav.compare.plot_rows import label_rows, stacked
 from ambinav.compare.tables import Cell, Row, judge
 from ambinav.compare.verdict_text import ERROR
-from ambinav.maps import drawing
 from ambinav.maps.zones import COLOURS, CORRIDOR, OPEN, ZONES
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.rows import label_rows, stacked
 from ambinav.routes.bad_floor import BadFloor
 
 LOOKS: Final[dict[str, tuple[str, str, bool, str]]] = {

@@ -18,19 +18,19 @@ from matplotlib.text import Annotation
 
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import COLOURS
-from ambinav.routes.drawing import STYLES
-from ambinav.routes.evaluate import evaluate_route
-from ambinav.routes.no_path_picture import (
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.components import (
     FROM_GOAL,
     FROM_NEITHER,
     FROM_START,
     NO_ROOM,
     plot_components,
 )
-from ambinav.routes.plot import plot_routes
+from ambinav.plotting.route_lines import STYLES
+from ambinav.plotting.routes import plot_routes
+from ambinav.routes.evaluate import evaluate_route
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 
@@ -245,8 +245,8 @@ def test_where_no_cell_fits_all_is_drawn_as_no_room(amap):
 
 def test_no_global_drawing_state():
     code = (
-        "import sys, ambinav.routes.plot, ambinav.routes.no_path_picture; "
-        "import ambinav.routes.plot_pareto; "
+        "import sys, ambinav.plotting.routes, ambinav.plotting.components; "
+        "import ambinav.plotting.pareto; "
         "print('pyplot' in str(sys.modules))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

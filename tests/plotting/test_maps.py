@@ -19,11 +19,11 @@ from ambinav.errors import InputError
 from ambinav.geometry.io.boundary import environment_from_grid
 from ambinav.geometry.io.occupancy import OccupancyGrid
 from ambinav.geometry.io.shapes import environment_from_shapes
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import _padded_solid
-from ambinav.maps.plot import plot_layer, plot_zones
 from ambinav.maps.zones import COLOURS, UNKNOWN_COLOUR, ZONES
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.backdrop import _padded_solid
+from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.maps import synthetic
 
@@ -149,7 +149,8 @@ def test_saved_picture_has_no_wide_margins(amap, tmp_path, part):
 
 def test_no_global_drawing_state():
     code = (
-        "import sys, ambinav.maps.plot, ambinav.maps.plot_scan; print('pyplot' in str(sys.modules))"
+        "import sys, ambinav.plotting.maps, ambinav.plotting.scan; "
+        "print('pyplot' in str(sys.modules))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"

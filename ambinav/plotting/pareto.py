@@ -16,9 +16,9 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ambinav.maps.drawing import DPI
+from ambinav.plotting.floor import DPI
+from ambinav.plotting.route_lines import root_figure
 from ambinav.routes.bad_floor import BadFloor
-from ambinav.routes.drawing import root_figure
 from ambinav.routes.pareto import ParetoFront
 from ambinav.routes.route import Floats
 

@@ -25,12 +25,12 @@ from ambinav.compare.plans import Plan
 from ambinav.compare.results import STEP, Results, quantiles
 from ambinav.drive.metrics import LOST_POSITION
 from ambinav.geometry.environment import Environment
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import finish, view
-from ambinav.routes.drawing import GOAL, START, draw_ends
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.maps import finish, view
+from ambinav.plotting.route_lines import GOAL, START, draw_ends
+from ambinav.plotting.routes import plot_routes
 from ambinav.routes.files import trace
-from ambinav.routes.plot import plot_routes
 from ambinav.routes.route import Route
 
 Floats = NDArray[np.float64]

@@ -15,9 +15,12 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
-from ambinav.maps import drawing, schema
+from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import (
+from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.zones import COLOURS, NOT_FREE, UNKNOWN_COLOUR, ZONES
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.backdrop import (
     area_text,
     colour_patch,
     draw_backdrop,
@@ -25,8 +28,6 @@ from ambinav.maps.backdrop import (
     paint_parts,
     part_patches,
 )
-from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.zones import COLOURS, NOT_FREE, UNKNOWN_COLOUR, ZONES
 
 Heading = str | float
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from ambinav.compare.plot_overview import PALE, plot_overview
 from ambinav.compare.tables import Row, make_rows
 from ambinav.maps.zones import COLOURS, CORRIDOR, OPEN
+from ambinav.plotting.overview import PALE, plot_overview
 from ambinav.routes.bad_floor import BadFloor
 from tests.compare.test_tables import CASES
 

@@ -12,10 +12,10 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Patch
 from matplotlib.transforms import ScaledTranslation
 
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import view
-from ambinav.routes.drawing import root_figure
+from ambinav.plotting import floor as drawing
+from ambinav.plotting.maps import view
+from ambinav.plotting.route_lines import root_figure
 
 FONT_SIZE: Final = 11
 _DROP: Final = 34.0
