@@ -13,13 +13,9 @@ from ambinav.audit.pictures import save_pictures
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.floor_parts import unreachable_label
-from ambinav.maps.zones import (
-    UNEXPLORED_COLOUR,
-    UNEXPLORED_MEANING,
-    UNKNOWN_COLOUR,
-    UNREACHABLE_COLOUR,
-)
+from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.pages import data_uri, fill
+from ambinav.plotting import style
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
@@ -51,7 +47,10 @@ def check_output(folder: str | Path) -> Path:
 
 
 def write_report(
-    audit: Audit, folder: str | Path, progress: Callable[[float], None] | None = None
+    audit: Audit,
+    folder: str | Path,
+    progress: Callable[[float], None] | None = None,
+    form: str = "png",
 ) -> Document:
     """Write the report, whole or not at all; an earlier report in `folder` is replaced.
 
@@ -59,6 +58,7 @@ def write_report(
         audit: What to report.
         folder: Where to.
         progress: Called with the fraction done, 0 to 1.
+        form: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -67,10 +67,10 @@ def write_report(
         InputError: see `check_output`; or the place is not writable.
     """
     path = check_output(folder)
-    report = document(audit)
+    report = document(audit, form)
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_pictures(audit, fresh, progress)
+        save_pictures(audit, fresh, progress, form)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
         inlined = {name: data_uri(fresh / name) for name in _pictures(report)}
@@ -94,7 +94,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
     }
     named = pictures or {name: name for name in _pictures(report)}
     floor = report.floor
-    stripes = f"{UNKNOWN_COLOUR} 0 2px, {UNEXPLORED_COLOUR} 2px 4px"
+    stripes = f"{style.UNKNOWN} 0 2px, {style.UNEXPLORED} 2px 4px"
     unexplored = {
         "meaning": UNEXPLORED_MEANING,
         "swatch": f"repeating-linear-gradient(135deg, {stripes})",
@@ -103,7 +103,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         "label": unreachable_label(floor.robot_radius_m),
         "meaning": f"{metres2(floor.cut_off_area_m2)} where it would fit but cannot get to, "
         f"{metres2(floor.beside_walls_area_m2)} nearer to a wall than its centre comes",
-        "swatch": UNREACHABLE_COLOUR,
+        "swatch": style.UNREACHABLE,
     }
     return fill(
         "ambinav.audit",
@@ -111,6 +111,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         filters,
         report=report,
         pictures=named,
+        form=report.pictures[0].rpartition(".")[2],
         unexplored=unexplored,
         unreachable=unreachable,
     )
@@ -121,7 +122,7 @@ def _pictures(report: Document) -> list[str]:
 
 
 def _is_ours(name: str) -> bool:
-    if name.endswith(".png"):
+    if name.endswith(tuple(f".{form}" for form in style.FORMATS)):
         return name.startswith(("floor-", "place-"))
     return name in (JSON, HTML, MARKDOWN)
 

@@ -53,7 +53,7 @@ def write_routes(
 ) -> None:
     """Write the first route, and all of them into the picture."""
     from ambinav.files import replacing
-    from ambinav.plotting.floor import save_figure
+    from ambinav.plotting.canvas import save_figure
     from ambinav.routes.files import save_route
 
     if picture is not None:
@@ -69,8 +69,8 @@ def draw_no_way(
 ) -> None:
     """Draw the part of the floor that the start reaches, and the one of the goal."""
     from ambinav.files import replacing
+    from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.components import plot_components
-    from ambinav.plotting.floor import save_figure
 
     with replacing(picture) as scratch:
         figure = plot_components(
@@ -120,7 +120,7 @@ def plan_front(
             refuses.
     """
     from ambinav.files import replacing
-    from ambinav.plotting.floor import save_figure
+    from ambinav.plotting.canvas import save_figure
     from ambinav.plotting.pareto import plot_pareto
     from ambinav.plotting.routes import plot_routes
     from ambinav.routes.files import save_route

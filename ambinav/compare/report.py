@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,8 +11,8 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
+from ambinav.compare.pictures import is_picture, save_overview, save_pictures, slug
 from ambinav.compare.plans import Plan, check_plans, make_plans
-from ambinav.compare.results import Results
 from ambinav.compare.runs import drive_all
 from ambinav.compare.scenario_file import Loaded
 from ambinav.compare.tables import (
@@ -32,9 +31,6 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.pages import data_uri, fill
-from ambinav.plotting.drives import plot_errors, plot_floor, plot_spread
-from ambinav.plotting.floor import save_figure
-from ambinav.plotting.overview import plot_overview
 from ambinav.provenance import (
     PLANNING,
     POLICIES,
@@ -57,9 +53,7 @@ WORK: Final = "work"
 ROUTES: Final = "routes"
 DRIVES: Final = "drives"
 """Folder of the drives for other programs."""
-OVERVIEW: Final = "overview.png"
-PICTURES: Final = ("floor-", "spread-", "errors-")
-OURS: Final = (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, OVERVIEW)
+OURS: Final = (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES)
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -77,7 +71,7 @@ def check_output(folder: str | Path) -> Path:
         raise InputError(f"{folder}: this is a file, not a folder; choose another output.")
     for item in sorted(path.iterdir()):
         name = item.name
-        if not (name in OURS or _is_picture(name) or _is_left_over(item)):
+        if not (name in OURS or is_picture(name) or _is_left_over(item)):
             raise InputError(
                 f"{folder}: this folder holds {name}, which is not of an earlier comparison; "
                 "choose a new folder."
@@ -86,7 +80,12 @@ def check_output(folder: str | Path) -> Path:
 
 
 def compare(
-    loaded: Loaded, folder: str | Path, *, jobs: int = 1, bars: Bars | None = None
+    loaded: Loaded,
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    bars: Bars | None = None,
+    form: str = "png",
 ) -> tuple[Document, tuple[Row, ...]]:
     """Compare the routes of a scenario, and write all that was found.
 
@@ -98,6 +97,7 @@ def compare(
         folder: Where to write.
         jobs: How many processes drive.
         bars: Given a text, returns what takes the share done.
+        form: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds, and the rows of the table.
@@ -109,10 +109,12 @@ def compare(
     out = check_output(folder)
     check_plans(loaded)
     with only_one(out / WORK):
-        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None))
+        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None), form)
 
 
-def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Document, tuple[Row, ...]]:
+def _compare(
+    loaded: Loaded, out: Path, jobs: int, begin: Bars, form: str
+) -> tuple[Document, tuple[Row, ...]]:
     for left in (*out.iterdir(), *(out / WORK).iterdir()):
         if _is_left_over(left):
             shutil.rmtree(left)
@@ -124,26 +126,24 @@ def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Documen
     worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
     names = [
-        f"{number + 1:02d}-{_slug(plan.pair)}-{_slug(plan.name)}"
-        for number, plan in enumerate(plans)
+        f"{number + 1:02d}-{slug(plan.pair)}-{slug(plan.name)}" for number, plan in enumerate(plans)
     ]
     files = _save_routes(plans, names, out)
     results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
     written = export_all(setup, plans, out / DRIVES, names, jobs)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
-    pictures = _draw(setup, plans, results, out, begin("pictures"))
-    with replacing(out / OVERVIEW) as scratch:
-        save_figure(plot_overview(rows, f"Routes compared: {scenario.name}"), scratch)
+    pictures = save_pictures(setup, plans, results, out, form, begin("pictures"))
+    overview = save_overview(rows, f"Routes compared: {scenario.name}", out, form)
     drives = [f"{DRIVES}/{name}" for name in written]
-    report = document(loaded, plans, files, rows, pictures, OVERVIEW, drives)
+    report = document(loaded, plans, files, rows, pictures, overview, drives)
     inlined = {name: data_uri(out / name) for name in _names(report)}
     _write(out / TABLE, to_csv(rows))
     _write(out / MARKDOWN, render("report.md.j2", report, rows))
     _write(out / HTML, render("report.html.j2", report, rows, inlined))
     _write(out / JSON, report.model_dump_json(indent=2) + "\n")
     for path in out.iterdir():
-        # Of an earlier scenario with other pairs.
-        if _is_picture(path.name) and path.name not in inlined:
+        # Of an earlier scenario with other pairs, or in another format.
+        if is_picture(path.name) and path.name not in inlined:
             path.unlink()
     return report, rows
 
@@ -222,48 +222,11 @@ def _save_routes(plans: Sequence[Plan], names: Sequence[str], out: Path) -> list
     return [f"{ROUTES}/{name}.csv" for name in names]
 
 
-def _draw(
-    setup: Setup,
-    plans: Sequence[Plan],
-    results: Sequence[Results],
-    out: Path,
-    progress: Callable[[float], None],
-) -> dict[str, tuple[str, ...]]:
-    """Three pictures for each pair; returns their names by pair."""
-    amap = setup.amap
-    pairs = list(dict.fromkeys(plan.pair for plan in plans))
-    named: dict[str, tuple[str, ...]] = {}
-    for number, pair in enumerate(pairs):
-        chosen = [i for i, plan in enumerate(plans) if plan.pair == pair]
-        ways, found = [plans[i] for i in chosen], [results[i] for i in chosen]
-        names = tuple(f"{kind}{number + 1:02d}-{_slug(pair)}.png" for kind in PICTURES)
-        figures = (
-            plot_floor(amap, ways, f"Routes: {pair}"),
-            plot_spread(amap, ways, found, f"Where the localizer errs: {pair}", setup.worlds[pair]),
-            plot_errors(ways, found, f"Error along the way: {pair}"),
-        )
-        for name, figure in zip(names, figures, strict=True):
-            with replacing(out / name) as scratch:
-                save_figure(figure, scratch)
-        named[pair] = names
-        progress((number + 1) / len(pairs))
-    return named
-
-
-def _is_picture(name: str) -> bool:
-    return name.startswith(PICTURES) and name.endswith(".png")
-
-
 def _is_left_over(path: Path) -> bool:
     """Whether `replacing` made this folder and was killed before it could remove it."""
     name, _, rest = path.name.removeprefix(".").rpartition(".")
-    ours = name in OURS or _is_picture(name) or path.parent.name == WORK
+    ours = name in OURS or is_picture(name) or path.parent.name == WORK
     return path.name.startswith(".") and bool(rest) and ours and path.is_dir()
-
-
-def _slug(name: str) -> str:
-    """A name as part of a file's name."""
-    return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
 
 
 def _write(path: Path, text: str) -> None:

@@ -13,7 +13,7 @@ import ambinav
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.pages import fill
-from ambinav.plotting.floor import save_figure
+from ambinav.plotting.canvas import save_figure
 from ambinav.provenance import discard_stale
 from ambinav.runfolder import NAME as LOCK
 from ambinav.runfolder import only_one
