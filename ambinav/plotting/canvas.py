@@ -14,11 +14,18 @@ MARGIN: Final = 0.08
 """Inches around a picture."""
 
 
-def new_figure(width: float, height: float, layout: str | None = "constrained") -> Figure:
-    """An empty figure, sizes in inches; no global state is touched."""
+def new_figure(width: float, height: float, *, laid_out: bool = True, **pads: float) -> Figure:
+    """An empty figure; no global state is touched.
+
+    Args:
+        width: Inches.
+        height: Inches.
+        laid_out: Whether Matplotlib finds room for everything ("constrained" layout).
+        pads: Of that layout.
+    """
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
-    if layout is not None:
-        figure.set_layout_engine(layout)
+    if laid_out:
+        figure.set_layout_engine("constrained", **pads)
     FigureCanvasAgg(figure)
     return figure
 

@@ -105,9 +105,11 @@ def plot_spread(
     columns = min(2 if right - left < 2.5 * (high - low) else 1, len(driven))
     rows = -(-len(driven) // columns)
     figure = new_figure(
-        (right - left) * inches * columns + 1.5, ((high - low) * inches + 0.72) * rows + 1.1
+        (right - left) * inches * columns + 1.5,
+        ((high - low) * inches + 0.72) * rows + 1.1,
+        w_pad=0.03,
+        h_pad=0.03,
     )
-    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03)  # type: ignore[union-attr]
     grid = figure.subplots(rows, columns, squeeze=False)
     floors = grid.ravel().tolist()
     norm = LogNorm(*SCALE)
@@ -279,4 +281,4 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
 
 def _stations(one: DrivenRoute) -> Floats:
     """Metres driven at each column of the errors."""
-    return np.arange(one.error.shape[1]) * one.step
+    return np.arange(one.error.shape[1], dtype=np.float64) * one.step

@@ -85,7 +85,9 @@ class FloorFigure:
         self._own = ax is None
         if ax is None:
             inches = longest / max(width, 1.2 * height)
-            ax = new_figure(width * inches, height * inches, None).add_axes((0.0, 0.0, 1.0, 1.0))
+            ax = new_figure(width * inches, height * inches, laid_out=False).add_axes(
+                (0.0, 0.0, 1.0, 1.0)
+            )
         self.axes = ax
         self._font = 11 if longest > SMALL else 9
         self._drops = {True: 0.0, False: _BELOW if scale_bar else _BAR}
@@ -212,7 +214,7 @@ class FloorFigure:
         place = self.axes.inset_axes((1.0 + 0.12 * inch, 0.1, 0.18 * inch, 0.8))
         bar = root_figure(self.axes).colorbar(image, cax=place)
         bar.set_label(label, fontsize=self._font)
-        bar.outline.set_linewidth(0.5)  # type: ignore[operator]
+        bar.outline.set_linewidth(0.5)
 
     def finish(self) -> Axes:
         """Fit a figure of its own around the floor and its legends; returns the axes."""

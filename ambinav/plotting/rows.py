@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ambinav.plotting.canvas import new_figure
@@ -69,8 +68,7 @@ class RowChart:
                 at += 1.0
             self.places.append(at)
             at += 1.0
-        self.figure: Figure = new_figure(width, 1.75 + _ROW * (at + _BETWEEN))
-        self.figure.get_layout_engine().set(wspace=0.05)  # type: ignore[union-attr]
+        self.figure = new_figure(width, 1.75 + _ROW * (at + _BETWEEN), wspace=0.05)
         grid = self.figure.subplots(1, len(panels), sharey=True, width_ratios=panels, squeeze=False)
         self.panels: list[Axes] = grid[0].tolist()
         for axes in self.panels:

@@ -51,7 +51,8 @@ def cased(axes) -> list[Line2D]:
 
 
 def texts(figure) -> list[str]:
-    legends = figure.axes[0].findobj(Legend)
+    axes = figure.axes[0]
+    legends = sorted(axes.findobj(Legend), key=lambda legend: legend is not axes.get_legend())
     return [text.get_text() for legend in legends for text in legend.get_texts()]
 
 
