@@ -223,7 +223,7 @@ class Document(_Part):
     versions: dict[str, Any]
 
 
-def document(audit: Audit, form: str = "png") -> Document:
+def document(audit: Audit, image_format: str = "png") -> Document:
     """Gather an audit's figures, rounded, with units in the names; pictures are in a format."""
     attrs = audit.amap.dataset.attrs
     return Document(
@@ -253,11 +253,11 @@ def document(audit: Audit, form: str = "png") -> Document:
         floor=_floor(audit),
         zones=_zones(audit),
         by_heading=_by_heading(audit),
-        places=tuple(_place(finding, form) for finding in audit.findings),
+        places=tuple(_place(finding, image_format) for finding in audit.findings),
         places_in_all=audit.regions,
-        layers=_layers(audit, form),
-        alikes=None if audit.alikes is None else _alikes(audit.alikes, form),
-        pictures=tuple(f"{name}.{form}" for name in floor_pictures(audit)),
+        layers=_layers(audit, image_format),
+        alikes=None if audit.alikes is None else _alikes(audit.alikes, image_format),
+        pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
     )
@@ -353,7 +353,7 @@ def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
     return tuple(parts)
 
 
-def _layers(audit: Audit, form: str) -> tuple[LayerPart, ...]:
+def _layers(audit: Audit, image_format: str) -> tuple[LayerPart, ...]:
     data = audit.amap.dataset
     return tuple(
         LayerPart(
@@ -362,13 +362,13 @@ def _layers(audit: Audit, form: str) -> tuple[LayerPart, ...]:
             unit=data[name].attrs["units"],
             source=data[name].attrs["source"],
             worse=data[name].attrs["worse"],
-            picture=f"{layer_picture(name)}.{form}",
+            picture=f"{layer_picture(name)}.{image_format}",
         )
         for name in schema.added(data)
     )
 
 
-def _alikes(alikes: Alikes, form: str) -> AlikesPart:
+def _alikes(alikes: Alikes, image_format: str) -> AlikesPart:
     return AlikesPart(
         sought=alikes.sought,
         poses=alikes.poses,
@@ -377,7 +377,7 @@ def _alikes(alikes: Alikes, form: str) -> AlikesPart:
         share=alikes.share if alikes.sought else None,
         area_m2=alikes.area if alikes.sought else None,
         links=tuple(map(_link, alikes.links)),
-        picture=f"{FLOOR_ALIKES}.{form}" if alikes.links else None,
+        picture=f"{FLOOR_ALIKES}.{image_format}" if alikes.links else None,
     )
 
 
@@ -395,7 +395,7 @@ def _link(link: Link) -> LinkPart:
     )
 
 
-def _place(finding: Finding, form: str) -> PlacePart:
+def _place(finding: Finding, image_format: str) -> PlacePart:
     place: Place = finding.place
     return PlacePart(
         number=place.number,
@@ -415,7 +415,7 @@ def _place(finding: Finding, form: str) -> PlacePart:
         headings=heading_words(place),
         severity_m2=place.severity,
         sees=_sight(finding.sight),
-        picture=f"{place_picture(place.number)}.{form}",
+        picture=f"{place_picture(place.number)}.{image_format}",
     )
 
 

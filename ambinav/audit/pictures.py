@@ -27,7 +27,10 @@ from ambinav.plotting.scan import plot_scan
 
 
 def save_pictures(
-    audit: Audit, folder: Path, progress: Callable[[float], None] | None = None, form: str = "png"
+    audit: Audit,
+    folder: Path,
+    progress: Callable[[float], None] | None = None,
+    image_format: str = "png",
 ) -> None:
     """Draw all pictures into `folder`.
 
@@ -35,7 +38,7 @@ def save_pictures(
         audit: What is drawn.
         folder: Where to.
         progress: Called with the fraction done.
-        form: One of `ambinav.plotting.style.FORMATS`.
+        image_format: One of `ambinav.plotting.style.FORMATS`.
     """
     places = [finding.place for finding in audit.findings]
     numbers = [(place.x, place.y, str(place.number)) for place in places]
@@ -51,11 +54,11 @@ def save_pictures(
         if name in (FLOOR_ZONES, FLOOR_LEVEL):
             # The worst place lies on top.
             label_points(axes, reversed(numbers))
-        save_figure(axes, folder / f"{name}.{form}")
+        save_figure(axes, folder / f"{name}.{image_format}")
         tell(done)
     for finding in audit.findings:
         name = place_picture(finding.place.number)
-        save_figure(plot_finding(audit, finding), folder / f"{name}.{form}")
+        save_figure(plot_finding(audit, finding), folder / f"{name}.{image_format}")
         tell(len(floors) + finding.place.number)
 
 

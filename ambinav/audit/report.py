@@ -50,7 +50,7 @@ def write_report(
     audit: Audit,
     folder: str | Path,
     progress: Callable[[float], None] | None = None,
-    form: str = "png",
+    image_format: str = "png",
 ) -> Document:
     """Write the report, whole or not at all; an earlier report in `folder` is replaced.
 
@@ -58,7 +58,7 @@ def write_report(
         audit: What to report.
         folder: Where to.
         progress: Called with the fraction done, 0 to 1.
-        form: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -67,10 +67,10 @@ def write_report(
         InputError: see `check_output`; or the place is not writable.
     """
     path = check_output(folder)
-    report = document(audit, form)
+    report = document(audit, image_format)
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_pictures(audit, fresh, progress, form)
+        save_pictures(audit, fresh, progress, image_format)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
         inlined = {name: data_uri(fresh / name) for name in _pictures(report)}
@@ -111,7 +111,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         filters,
         report=report,
         pictures=named,
-        form=report.pictures[0].rpartition(".")[2],
+        image_format=report.pictures[0].rpartition(".")[2],
         unexplored=unexplored,
         unreachable=unreachable,
     )
@@ -122,7 +122,7 @@ def _pictures(report: Document) -> list[str]:
 
 
 def _is_ours(name: str) -> bool:
-    if name.endswith(tuple(f".{form}" for form in style.FORMATS)):
+    if name.endswith(tuple(f".{image_format}" for image_format in style.FORMATS)):
         return name.startswith(("floor-", "place-"))
     return name in (JSON, HTML, MARKDOWN)
 

@@ -25,8 +25,8 @@ KINDS: Final = ("floor-", "spread-", "errors-")
 
 def is_picture(name: str) -> bool:
     """Whether a comparison may have drawn a file of this name."""
-    stem, _, form = name.rpartition(".")
-    return form in FORMATS and (stem == OVERVIEW or stem.startswith(KINDS))
+    stem, _, image_format = name.rpartition(".")
+    return image_format in FORMATS and (stem == OVERVIEW or stem.startswith(KINDS))
 
 
 def slug(name: str) -> str:
@@ -34,9 +34,9 @@ def slug(name: str) -> str:
     return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"
 
 
-def save_overview(rows: Sequence[Row], title: str, out: Path, form: str) -> str:
+def save_overview(rows: Sequence[Row], title: str, out: Path, image_format: str) -> str:
     """Draw the picture of all pairs in a format; returns its file's name."""
-    name = f"{OVERVIEW}.{form}"
+    name = f"{OVERVIEW}.{image_format}"
     with replacing(out / name) as scratch:
         save_figure(plot_overview(rows, title), scratch)
     return name
@@ -47,7 +47,7 @@ def save_pictures(
     plans: Sequence[Plan],
     results: Sequence[Results],
     out: Path,
-    form: str,
+    image_format: str,
     progress: Callable[[float], None],
 ) -> dict[str, tuple[str, ...]]:
     """Draw three pictures for each pair in a format; returns their files' names by pair."""
@@ -67,7 +67,7 @@ def save_pictures(
             plot_spread(amap, driven, f"Where the localizer errs: {pair}", setup.worlds[pair]),
             plot_errors(driven, f"Error along the route: {pair}"),
         )
-        names = tuple(f"{kind}{number + 1:02d}-{slug(pair)}.{form}" for kind in KINDS)
+        names = tuple(f"{kind}{number + 1:02d}-{slug(pair)}.{image_format}" for kind in KINDS)
         for name, figure in zip(names, figures, strict=True):
             with replacing(out / name) as scratch:
                 save_figure(figure, scratch)

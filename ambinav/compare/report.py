@@ -85,7 +85,7 @@ def compare(
     *,
     jobs: int = 1,
     bars: Bars | None = None,
-    form: str = "png",
+    image_format: str = "png",
 ) -> tuple[Document, tuple[Row, ...]]:
     """Compare the routes of a scenario, and write all that was found.
 
@@ -97,7 +97,7 @@ def compare(
         folder: Where to write.
         jobs: How many processes drive.
         bars: Given a text, returns what takes the share done.
-        form: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds, and the rows of the table.
@@ -109,11 +109,11 @@ def compare(
     out = check_output(folder)
     check_plans(loaded)
     with only_one(out / WORK):
-        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None), form)
+        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None), image_format)
 
 
 def _compare(
-    loaded: Loaded, out: Path, jobs: int, begin: Bars, form: str
+    loaded: Loaded, out: Path, jobs: int, begin: Bars, image_format: str
 ) -> tuple[Document, tuple[Row, ...]]:
     for left in (*out.iterdir(), *(out / WORK).iterdir()):
         if _is_left_over(left):
@@ -132,8 +132,8 @@ def _compare(
     results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
     written = export_all(setup, plans, out / DRIVES, names, jobs)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
-    pictures = save_pictures(setup, plans, results, out, form, begin("pictures"))
-    overview = save_overview(rows, f"Routes compared: {scenario.name}", out, form)
+    pictures = save_pictures(setup, plans, results, out, image_format, begin("pictures"))
+    overview = save_overview(rows, f"Routes compared: {scenario.name}", out, image_format)
     drives = [f"{DRIVES}/{name}" for name in written]
     report = document(loaded, plans, files, rows, pictures, overview, drives)
     inlined = {name: data_uri(out / name) for name in _names(report)}

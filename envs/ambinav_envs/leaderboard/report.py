@@ -14,6 +14,7 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.pages import fill
 from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.style import FORMATS
 from ambinav.provenance import discard_stale
 from ambinav.runfolder import NAME as LOCK
 from ambinav.runfolder import only_one
@@ -37,10 +38,10 @@ from ambinav_envs.policies.fit import difference_text as differs_text
 JSON: Final = "report.json"
 MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
-OVERVIEW: Final = "overview.png"
+OVERVIEWS: Final = tuple(f"overview.{image_format}" for image_format in FORMATS)
 WORK: Final = "work"
 """Folder of what is kept to go on after a break."""
-OURS: Final = (JSON, MARKDOWN, TABLE, OVERVIEW, WORK)
+OURS: Final = (JSON, MARKDOWN, TABLE, *OVERVIEWS, WORK)
 
 HALVED, LONGER = 0.5, 0.1
 """The goal of a method against the shortest ways: lost at most half as often, for a way that is at
@@ -63,7 +64,9 @@ def check_output(folder: Path) -> None:
             )
 
 
-def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row, ...]:
+def benchmark(
+    board: Board, folder: Path, bars: Bars | None = None, image_format: str = "png"
+) -> tuple[Row, ...]:
     """Make a leaderboard and write it; what an earlier call left in the folder is used.
 
     What other code left there is discarded, which a warning says.
@@ -72,6 +75,7 @@ def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row
         board: Who takes part, and where.
         folder: Where to write.
         bars: Given a text, returns what takes the share done.
+        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         The rows of the table.
@@ -89,11 +93,14 @@ def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
         found = run(board, folder / WORK, begin)
         rows = rows_of(found, board.seed)
-        with replacing(folder / OVERVIEW) as scratch:
+        for picture in OVERVIEWS:
+            (folder / picture).unlink(missing_ok=True)
+        picture = f"overview.{image_format}"
+        with replacing(folder / picture) as scratch:
             save_figure(plot_board(rows, f"Leaderboard, {board.episodes} episodes each"), scratch)
         _write(folder / TABLE, to_csv(rows))
         _write(folder / JSON, to_json(board, found, rows) + "\n")
-        _write(folder / MARKDOWN, to_markdown(board, rows))
+        _write(folder / MARKDOWN, to_markdown(board, rows, picture))
     return rows
 
 
@@ -143,8 +150,8 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
     return json.dumps(told, indent=2, default=str)
 
 
-def to_markdown(board: Board, rows: Sequence[Row]) -> str:
-    """The report for readers."""
+def to_markdown(board: Board, rows: Sequence[Row], picture: str) -> str:
+    """The report for readers; it shows the picture of this name."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
         "difference": difference_text,
@@ -156,7 +163,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
         "settings": list(dict.fromkeys(row.setting for row in rows)),
         "figures": FIGURES,
         "baseline": BASELINE,
-        "picture": OVERVIEW,
+        "picture": picture,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
         "differs": {name: differs_text(found) for name, found in board.differs.items()},
