@@ -105,10 +105,11 @@ def plot_spread(
     columns = min(2 if right - left < 2.5 * (high - low) else 1, len(driven))
     rows = -(-len(driven) // columns)
     figure = new_figure(
-        (right - left) * inches * columns + 1.5,
-        ((high - low) * inches + 0.72) * rows + 1.1,
+        (right - left) * inches * columns + 1.6,
+        ((high - low) * inches + 0.42) * rows + 1.2,
         w_pad=0.03,
         h_pad=0.03,
+        compress=True,
     )
     grid = figure.subplots(rows, columns, squeeze=False)
     floors = grid.ravel().tolist()
@@ -262,13 +263,14 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
     panels[0].annotate(
         f"lost: above {LOST_POSITION:g} m", (0.998, LOST_POSITION), ha="right", va="bottom",
         xycoords=("axes fraction", "data"), fontsize=9, color="#333333",
-        xytext=(0, 1), textcoords="offset points",
+        xytext=(0, 2), textcoords="offset points",
+        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.8},
     )  # fmt: skip
     panels[-1].set_xlabel("distance driven (m)")
     figure.supylabel("error of the position (m)", fontsize=10.5)
     figure.suptitle(title, x=0.005, ha="left", fontsize=13)
     cased = route_line(looks[driven[-1].name], 2.4)
-    cased.set_label("median")
+    cased.set_label("median, in the colour of the route")
     handles: list[Artist] = [cased, Patch(color="#CFCFCF", label="middle 90 % of the runs")]
     if len(driven) > 1:
         handles.append(

@@ -191,16 +191,17 @@ class FloorFigure:
         }
         self.axes.apply_aspect()
         room = self.axes.get_window_extent().width
-        for columns in (1,) if beside else range(len(handles), 0, -1):
+        for rows in range(len(handles) if beside else 1, len(handles) + 1):
+            columns = -(-len(handles) // rows)
             # Matplotlib goes down a column first; who reads goes along a row.
-            rows = [handle for first in range(columns) for handle in handles[first::columns]]
-            labels = [str(handle.get_label()) for handle in rows]
-            legend = Legend(self.axes, rows, labels, ncols=columns, **look)
+            ordered = [handle for first in range(columns) for handle in handles[first::columns]]
+            labels = [str(handle.get_label()) for handle in ordered]
+            legend = Legend(self.axes, ordered, labels, ncols=columns, **look)
             box = legend.get_window_extent()
             if box.width <= room:
                 break
         if self.axes.get_legend() is None:
-            legend = self.axes.legend(rows, labels, ncols=columns, **look)
+            legend = self.axes.legend(ordered, labels, ncols=columns, **look)
         else:
             self.axes.add_artist(legend)
             # Clipped to the floor it would not count for the size of the picture.
