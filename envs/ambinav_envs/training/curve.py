@@ -47,7 +47,7 @@ def plot_curve(rows: Sequence[Row], path: Path) -> None:
     left.set_title("arrived", loc="left")
     right.set_title("how else it ends, judged", loc="left")
     top = max([5.0, *(y for key in ENDS for y in _line(rows, f"eval_{key}", unit)[1])])
-    for axes, high, corner in ((left, 100.0, "lower right"), (right, top, "upper right")):
+    for axes, high in ((left, 100.0), (right, top)):
         axes.set_ylim(0.0, 1.04 * high)
         axes.set_xlim(0.0, most / unit or 1.0)
         axes.set_xlabel(name)
@@ -55,7 +55,11 @@ def plot_curve(rows: Sequence[Row], path: Path) -> None:
         axes.grid(color="#DDDDDD", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         if axes.lines:
-            axes.legend(frameon=False, fontsize="small", loc=corner)
+            # Below: lines and the marks of stages may be anywhere.
+            axes.legend(
+                frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(-0.16, -0.14),
+                ncols=4, columnspacing=1.0, handlelength=1.4,
+            )  # fmt: skip
     _stages(left, rows, unit)
     _minutes(left, rows, unit)
     with replacing(path) as fresh:
