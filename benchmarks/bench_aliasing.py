@@ -32,9 +32,9 @@ from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_links
 from ambinav.audit.aliasing import SPACING, seek
-from ambinav.audit.aliasing_pictures import plot_links
 from ambinav.geometry.lattice import Lattice
-from ambinav.maps.drawing import save_figure
+from ambinav.plotting.aliasing import plot_aliasing
+from ambinav.plotting.canvas import save_figure
 
 # The spacings that come nearest to 20 000 poses, and one that is quickly done.
 CASES = (
@@ -165,7 +165,7 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     found, sought = seek(amap, ground)
     took = time.process_time() - began
     links = find_links(ground, found, 6)
-    axes = plot_links(amap, links, spacing)
+    axes = plot_aliasing(amap, links, spacing)
     save_figure(axes, folder / f"{case.name.replace(' ', '-')}.png")
     x, y = ground.points
     twins = case.twins(x + 1j * y)

@@ -24,13 +24,9 @@ from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.plot import plot_layer, plot_zones
-from ambinav.maps.zones import (
-    SOLID_COLOUR,
-    UNEXPLORED_COLOUR,
-    UNKNOWN_COLOUR,
-    UNREACHABLE_COLOUR,
-)
+from ambinav.plotting.maps import plot_layer, plot_zones
+from ambinav.plotting.style import SOLID, UNEXPLORED, UNREACHABLE
+from ambinav.plotting.style import UNKNOWN as UNKNOWN_SPACE
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.maps import synthetic
@@ -178,7 +174,7 @@ def test_reports_tell_the_same(found, tmp_path):
     for text in (markdown, page):
         assert "not reachable by a robot of 0.25 m" in text
         assert "unexplored" in text
-    assert UNREACHABLE_COLOUR in page and "repeating-linear-gradient" in page
+    assert UNREACHABLE in page and "repeating-linear-gradient" in page
 
 
 def test_nothing_explored_at_all():
@@ -247,10 +243,10 @@ def shade(colour: str) -> float:
 
 
 def test_the_greys_stay_apart():
-    greys = [shade(c) for c in (SOLID_COLOUR, UNREACHABLE_COLOUR, UNKNOWN_COLOUR)]
+    greys = [shade(c) for c in (SOLID, UNREACHABLE, UNKNOWN_SPACE)]
     assert min(np.diff(greys)) > 0.15
     # Stripes are seen in grey print too.
-    assert shade(UNKNOWN_COLOUR) - shade(UNEXPLORED_COLOUR) > 0.2
+    assert shade(UNKNOWN_SPACE) - shade(UNEXPLORED) > 0.2
 
 
 def pixels(axes, points: np.ndarray) -> set[tuple[int, int, int]]:
@@ -272,10 +268,10 @@ def test_pictures_show_what_does_not_count(amap, found):
         plot_zones(amap, parts=found.parts, strokes=False),
         plot_layer(amap, "level", parts=found.parts),
     ):
-        assert pixels(axes, inside_crate) == {byte(UNREACHABLE_COLOUR)}
-        assert pixels(axes, block) == {byte(SOLID_COLOUR)}
-        assert {byte(UNKNOWN_COLOUR), byte(UNEXPLORED_COLOUR)} <= pixels(axes, stripes)
-        assert pixels(axes, np.array([[19.7, 7.0]])) == {byte(UNKNOWN_COLOUR)}
+        assert pixels(axes, inside_crate) == {byte(UNREACHABLE)}
+        assert pixels(axes, block) == {byte(SOLID)}
+        assert {byte(UNKNOWN_SPACE), byte(UNEXPLORED)} <= pixels(axes, stripes)
+        assert pixels(axes, np.array([[19.7, 7.0]])) == {byte(UNKNOWN_SPACE)}
         labels = [text.get_text() for text in axes.get_legend().get_texts()]
         assert any(label.startswith("unexplored\n") for label in labels)
         assert any(label.startswith("not reachable by a\nrobot of 0.25 m, ") for label in labels)

@@ -10,7 +10,7 @@ from matplotlib.patches import ConnectionStyle
 from matplotlib.path import Path
 
 from ambinav.audit.aliased_pairs import Link
-from ambinav.audit.aliasing_pictures import BENDS, _bend
+from ambinav.plotting.aliasing import BENDS, _bend
 
 BOX = (0.0, 0.0, 30.0, 4.0)
 inside = st.tuples(st.floats(0.5, 29.5), st.floats(0.3, 3.7))
