@@ -27,7 +27,7 @@ SAME_PLACE = 0.05
 """A given route may begin and end so far from its pair's start and goal, metres."""
 
 
-class Policy(Protocol):
+class RouteMaker(Protocol):
     """What makes a route for a pair."""
 
     def __call__(
@@ -56,9 +56,9 @@ def policy_route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: Route
         InputError: the policy fails, or makes something else than a route that can be driven.
     """
     assert part.policy is not None  # the scenario has checked it
-    policy = load_callable(part.policy, loaded.folder)
+    maker: RouteMaker = load_callable(part.policy, loaded.folder)
     where = f"policy {part.policy}"
-    route = called(policy, part.policy, loaded.environment, loaded.scanner, amap, pair)
+    route = called(maker, part.policy, loaded.environment, loaded.scanner, amap, pair)
     if not isinstance(route, Route):
         raise InputError(
             f"{where}: it returned a {type(route).__name__}; return an "

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 
 from ambinav.ambiguity.layers.registry import check_known
 from ambinav.compare.controllers import Driver, driven_route, driver_of, is_controller
@@ -153,25 +154,12 @@ def _planner(loaded: Loaded, part: RoutePart) -> str:
 def _check_planned(
     loaded: Loaded, pair: PairPart, part: RoutePart, checker: CollisionChecker
 ) -> None:
-    from ambinav_planners.problem import check_pose
-    from ambinav_planners.registry import planner
-
-    chosen, space = planner(_planner(loaded, part)), loaded.scenario.planning.space
-    if space not in chosen.spaces:
-        raise InputError(
-            f"planner {chosen.name!r} does not plan in {space}; it knows "
-            f"{', '.join(chosen.spaces)}."
-        )
-    check_pose("start", pair.start, checker)
-    check_pose("goal", pair.goal, checker)
+    _planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
 
 
 def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
     """Plan a route; without a limit of time, so that it is the same every time."""
     _need_ompl()
-    from ambinav_planners import RoutePlanner
-    from ambinav_planners.belief.place_search import BeliefModel
-
     common = loaded.scenario.planning
     service = AmbiguityService(
         amap,
@@ -180,19 +168,21 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
         clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
         comfort=part.comfort,
     )
-    robot = RoutePlanner(
+    route: Route = _planners().plan_route(
         service,
-        footprint=loaded.scenario.robot.radius + common.margin,
-        space=common.space,
-        turning_radius=common.turning_radius,
-        belief=BeliefModel(start_std=loaded.scenario.drive.start_deviations),
-        odometry=loaded.scenario.odometry,
-    )
-    return robot.plan(
         pair.start,
         pair.goal,
         planner_name=_planner(loaded, part),
-        seconds=math.inf,
+        footprint=loaded.scenario.robot.radius + common.margin,
+        steering=common.steering,
+        start_std=loaded.scenario.drive.start_deviations,
+        odometry=loaded.scenario.odometry,
         iterations=part.iterations or common.iterations,
         seed=part.seed or common.seed,
     )
+    return route
+
+
+def _planners() -> ModuleType:
+    """The module of the planners' package that plans routes of scenarios, loaded by its name."""
+    return load_module("ambinav_planners.scenario_routes", Path())
