@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import ambinav as an
-from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, aliased_poses
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_links
+from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_aliased_pairs
 from ambinav.audit.aliasing import SPACING, seek
 from ambinav.geometry.lattice import Lattice
 from ambinav.plotting.aliasing import plot_aliasing
@@ -151,7 +151,7 @@ def tiled() -> an.Environment:
 
 
 def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
-    """Link one building's look-alikes as an audit does, draw them, and count the twins."""
+    """Pair one building's aliased poses as an audit does, draw them, and count the twins."""
     sensor = an.RangeSensor(max_range=case.reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     amap = an.build_map(
@@ -164,7 +164,7 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     began = time.process_time()
     found, sought = seek(amap, ground)
     took = time.process_time() - began
-    links = find_links(ground, found, 6)
+    links = find_aliased_pairs(ground, found, 6)
     axes = plot_aliasing(amap, links, spacing)
     save_figure(axes, folder / f"{case.name.replace(' ', '-')}.png")
     x, y = ground.points
@@ -197,7 +197,7 @@ def main() -> None:
     )
     add_out(parser)
     chosen = parser.parse_args()
-    look_alikes(ground_of(str(environment_path("demo")), 1.0, 4.0))
+    aliased_poses(ground_of(str(environment_path("demo")), 1.0, 4.0))
     rows = []
     for name, spacing, reach in CASES:
         if name not in chosen.cases:
@@ -205,7 +205,7 @@ def main() -> None:
         ground = ground_of(str(environment_path(name)), spacing, reach)
         ground.returns(0)
         clock, processor = time.perf_counter(), time.process_time()
-        found = look_alikes(ground, count=3)
+        found = aliased_poses(ground, count=3)
         clock, processor = time.perf_counter() - clock, time.process_time() - processor
         poses = len(ground.points[0])
         rows.append(

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from truth_case import scanner_of
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing.layer import look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
 from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import chosen_layers
@@ -90,7 +90,7 @@ def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place
     _, nearest = cKDTree(np.column_stack(ground.points)).query(here)
     sought = np.zeros(len(ground.points[0]), dtype=np.bool_)
     sought[nearest] = True
-    found = look_alikes(ground, sought=sought)
+    found = aliased_poses(ground, sought=sought)
     share, area = found.share[nearest].mean(axis=1), found.area[nearest].mean(axis=1)
     return [
         {ALIASING: float(a), "aliasing_area": float(b)} for a, b in zip(share, area, strict=True)

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ambinav.audit.aliased_pairs import Link
-from ambinav.audit.aliasing import Alikes
-from ambinav.audit.ambiguous_regions import Place
+from ambinav.audit.aliased_pairs import AliasedPair
+from ambinav.audit.aliasing import AliasingFindings
+from ambinav.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.audit.audit import Audit, Finding, heading_words
 from ambinav.audit.sight import Sight
 from ambinav.maps import schema
@@ -24,7 +24,7 @@ FLOOR_ZONES = "floor-zones"
 FLOOR_LEVEL = "floor-level"
 FLOOR_BEST = "floor-best"
 FLOOR_WORST = "floor-worst"
-FLOOR_ALIKES = "floor-alikes"
+FLOOR_ALIASING = "floor-alikes"
 """Pictures of the floor; files end in the format."""
 
 
@@ -267,7 +267,7 @@ def floor_pictures(audit: Audit) -> tuple[str, ...]:
     """Names of the pictures of the whole floor."""
     by_heading = (FLOOR_BEST, FLOOR_WORST) if audit.amap.has_theta else ()
     layers = map(layer_picture, schema.added(audit.amap.dataset))
-    alikes = (FLOOR_ALIKES,) if audit.alikes is not None and audit.alikes.links else ()
+    alikes = (FLOOR_ALIASING,) if audit.alikes is not None and audit.alikes.links else ()
     return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL, *alikes, *layers)
 
 
@@ -368,7 +368,7 @@ def _layers(audit: Audit, image_format: str) -> tuple[LayerPart, ...]:
     )
 
 
-def _alikes(alikes: Alikes, image_format: str) -> AlikesPart:
+def _alikes(alikes: AliasingFindings, image_format: str) -> AlikesPart:
     return AlikesPart(
         sought=alikes.sought,
         poses=alikes.poses,
@@ -377,11 +377,11 @@ def _alikes(alikes: Alikes, image_format: str) -> AlikesPart:
         share=alikes.share if alikes.sought else None,
         area_m2=alikes.area if alikes.sought else None,
         links=tuple(map(_link, alikes.links)),
-        picture=f"{FLOOR_ALIKES}.{image_format}" if alikes.links else None,
+        picture=f"{FLOOR_ALIASING}.{image_format}" if alikes.links else None,
     )
 
 
-def _link(link: Link) -> LinkPart:
+def _link(link: AliasedPair) -> LinkPart:
     return LinkPart(
         letter=link.letter,
         x_m=link.x,
@@ -396,7 +396,7 @@ def _link(link: Link) -> LinkPart:
 
 
 def _place(finding: Finding, image_format: str) -> PlacePart:
-    place: Place = finding.place
+    place: AmbiguousRegion = finding.place
     return PlacePart(
         number=place.number,
         zone=place.zone,

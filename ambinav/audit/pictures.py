@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ambinav.audit.audit import Audit, Finding, degrees
 from ambinav.audit.document import (
-    FLOOR_ALIKES,
+    FLOOR_ALIASING,
     FLOOR_BEST,
     FLOOR_LEVEL,
     FLOOR_WORST,
@@ -69,7 +69,7 @@ def plot_floor(audit: Audit, name: str) -> Axes:
         return plot_layer(amap, "level", heading=heading, parts=parts)
     if name == FLOOR_ZONES:
         return plot_zones(amap, heading=heading, parts=parts)
-    if name == FLOOR_ALIKES and audit.alikes is not None:
+    if name == FLOOR_ALIASING and audit.alikes is not None:
         return plot_aliasing(amap, audit.alikes.links, audit.alikes.spacing, parts)
     for layer in schema.added(amap.dataset):
         if name == layer_picture(layer):

@@ -110,13 +110,13 @@ def audit(
                 progress=bars("ambiguity"),
                 layers=names,
             )
-            from ambinav.audit.aliasing import find_alikes
+            from ambinav.audit.aliasing import find_aliasing
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
 
             alikes = None
             if aliasing is not False:
-                alikes = find_alikes(
+                alikes = find_aliasing(
                     amap, environment, aliasing, reach=reach, report=bars("look-alikes")
                 )
             found = examine(amap, environment, chosen, places=places, alikes=alikes, reach=reach)

@@ -23,7 +23,7 @@ from ambinav.service.service import AmbiguityService
 
 if TYPE_CHECKING:
     from ambinav.compare.route_part import RoutePart
-    from ambinav.compare.scenario_file import Loaded
+    from ambinav.compare.scenario_file import ScenarioBundle
     from ambinav.compare.scenario_schema import PairPart
     from ambinav.drive.robot import Robot
     from ambinav.geometry.environment import Environment
@@ -95,7 +95,7 @@ def _takes(signature: inspect.Signature, count: int) -> bool:
     return True
 
 
-def driver_of(loaded: Loaded, pair: PairPart, part: RoutePart) -> Driver:
+def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver:
     """The policy of a route, which is loaded to see whether it can be.
 
     Raises:
@@ -134,7 +134,7 @@ def controller_of(
     return made
 
 
-def driven_route(loaded: Loaded, amap: AmbiguityMap, driver: Driver) -> Route:
+def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> Route:
     """The way that a policy drives where it knows its place and nothing is unmapped.
 
     Raises:

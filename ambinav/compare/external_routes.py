@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ambinav.compare.route_part import RoutePart
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.scenario_schema import PairPart
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -36,7 +36,7 @@ class RouteMaker(Protocol):
         """A route from `pair.start` to `pair.goal` (x, y, perhaps heading; metres, radians)."""
 
 
-def saved_route(loaded: Loaded, pair: PairPart, part: RoutePart) -> Route:
+def saved_route(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Route:
     """Read a route, and check that the robot can drive it from the pair's start to its goal.
 
     Raises:
@@ -49,7 +49,9 @@ def saved_route(loaded: Loaded, pair: PairPart, part: RoutePart) -> Route:
     return route
 
 
-def policy_route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+def policy_route(
+    loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart
+) -> Route:
     """Ask a policy for a route, and check it as one from a file.
 
     Raises:
@@ -68,7 +70,7 @@ def policy_route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: Route
     return route
 
 
-def measured(loaded: Loaded, amap: AmbiguityMap, route: Route, where: str) -> Route:
+def measured(loaded: ScenarioBundle, amap: AmbiguityMap, route: Route, where: str) -> Route:
     """A given route with its figures on the scenario's map.
 
     Raises:
@@ -88,7 +90,7 @@ def measured(loaded: Loaded, amap: AmbiguityMap, route: Route, where: str) -> Ro
         raise InputError(f"{where}: {error}") from error
 
 
-def check_drivable(loaded: Loaded, pair: PairPart, route: Route, where: str) -> None:
+def check_drivable(loaded: ScenarioBundle, pair: PairPart, route: Route, where: str) -> None:
     """Check that a robot can drive a route from a pair's start to its goal.
 
     Raises:

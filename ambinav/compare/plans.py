@@ -12,7 +12,7 @@ from ambinav.ambiguity.layers.registry import check_known
 from ambinav.compare.controllers import Driver, driven_route, driver_of, is_controller
 from ambinav.compare.external_routes import measured, policy_route, saved_route
 from ambinav.compare.route_part import GIVEN, RoutePart
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.scenario_schema import PairPart
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -41,7 +41,7 @@ class Plan:
     driver: Driver | None = None
 
 
-def check_plans(loaded: Loaded) -> None:
+def check_plans(loaded: ScenarioBundle) -> None:
     """Find out what is wrong with the routes as far as that needs no map, which takes a while.
 
     Raises:
@@ -77,7 +77,7 @@ def check_plans(loaded: Loaded) -> None:
 
 
 def make_plans(
-    loaded: Loaded, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
+    loaded: ScenarioBundle, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
 ) -> tuple[Plan, ...]:
     """All routes, pair by pair.
 
@@ -100,7 +100,7 @@ def make_plans(
     return tuple(plans)
 
 
-def _wanted(loaded: Loaded) -> list[tuple[PairPart, RoutePart]]:
+def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
     return [
         (pair, part)
         for pair in loaded.scenario.pairs
@@ -119,7 +119,7 @@ def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
         raise InputError(f"pair {pair.name!r}, route {part.name!r}: {told}.") from error
 
 
-def _plan(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:
+def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:
     driver = None
     if part.kind == "file":
         route = measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
@@ -141,7 +141,7 @@ def _need_ompl() -> None:
         raise InputError('planning needs OMPL; run: pip install "ambinav[planners]"')
 
 
-def _planner(loaded: Loaded, part: RoutePart) -> str:
+def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
     """Name of the planner of a route."""
     common = loaded.scenario.planning
     if part.kind in ("belief", "belief-roadmap", "reference"):
@@ -152,12 +152,12 @@ def _planner(loaded: Loaded, part: RoutePart) -> str:
 
 
 def _check_planned(
-    loaded: Loaded, pair: PairPart, part: RoutePart, checker: CollisionChecker
+    loaded: ScenarioBundle, pair: PairPart, part: RoutePart, checker: CollisionChecker
 ) -> None:
     _planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
 
 
-def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
     """Plan a route; without a limit of time, so that it is the same every time."""
     _need_ompl()
     common = loaded.scenario.planning

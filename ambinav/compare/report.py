@@ -13,7 +13,7 @@ from ambinav.compare.exports import export_all
 from ambinav.compare.pictures import PICTURES, is_picture, save_overview, save_pictures, slug
 from ambinav.compare.plans import Plan, check_plans, make_plans
 from ambinav.compare.runs import drive_all
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.tables import FIGURES, Row, make_rows, to_csv
 from ambinav.compare.verdict_text import EFFECTS, OUTCOMES
 from ambinav.compare.workers import Setup
@@ -44,7 +44,7 @@ Bars = Callable[[str], Callable[[float], None]]
 
 
 def compare(
-    loaded: Loaded,
+    loaded: ScenarioBundle,
     folder: str | Path,
     *,
     jobs: int = 1,
@@ -77,7 +77,7 @@ def compare(
 
 
 def _compare(
-    loaded: Loaded, out: Path, jobs: int, begin: Bars, image_format: str
+    loaded: ScenarioBundle, out: Path, jobs: int, begin: Bars, image_format: str
 ) -> tuple[Document, tuple[Row, ...]]:
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
@@ -143,7 +143,7 @@ def render(
     )
 
 
-def _has_policies(loaded: Loaded) -> bool:
+def _has_policies(loaded: ScenarioBundle) -> bool:
     return any(part.kind == "policy" for part in loaded.scenario.routes)
 
 
@@ -152,7 +152,7 @@ def _names(report: Document) -> list[str]:
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
-def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
+def _map(loaded: ScenarioBundle, work: Path, begin: Bars) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer

@@ -26,8 +26,8 @@ EDGE = 0.01
 """So far from the picture's edge lines stay, as a share of its shorter side."""
 
 
-class Link(Protocol):
-    """Two regions with the same scans; `ambinav.audit.aliased_pairs.Link` is one."""
+class AliasedPair(Protocol):
+    """Two regions with the same scans; `ambinav.audit.aliased_pairs.AliasedPair` is one."""
 
     @property
     def letter(self) -> str:
@@ -47,7 +47,10 @@ class Link(Protocol):
 
 
 def plot_aliasing(
-    amap: AmbiguityMap, links: Sequence[Link], spacing: float, parts: FloorParts | None = None
+    amap: AmbiguityMap,
+    links: Sequence[AliasedPair],
+    spacing: float,
+    parts: FloorParts | None = None,
 ) -> Axes:
     """Draw regions with the same scans on the plain floor.
 
@@ -98,7 +101,7 @@ def plot_aliasing(
     return floor.finish()
 
 
-def _bend(link: Link, box: Bounds) -> float:
+def _bend(link: AliasedPair, box: Bounds) -> float:
     """How far a line bends aside, as a share of its length: the first that stays in the picture.
 
     Args:
@@ -125,7 +128,7 @@ def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _around(links: Sequence[Link], spacing: float) -> NDArray[np.float64]:
+def _around(links: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
     """The points of the first link's region that stand for it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its

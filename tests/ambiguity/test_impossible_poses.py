@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing.layer import look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
 from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.standing import can_stand
@@ -115,7 +115,7 @@ def test_sample_and_cost(amap: AmbiguityMap, possible: np.ndarray) -> None:
 
 def test_aliases_are_possible_poses(amap: AmbiguityMap) -> None:
     ground = LayerContext.of(amap)
-    found = look_alikes(ground, 3, least=1e-4).found
+    found = aliased_poses(ground, 3, least=1e-4).found
     x, y = ground.points
     for k, heading in enumerate(ground.headings):
         assert np.isnan(found[~ground.possible[:, k], k]).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.ambiguity.layers.aliasing.layer import look_alikes, squares
+from ambinav.ambiguity.layers.aliasing.layer import aliased_poses, squares
 from ambinav.ambiguity.layers.aliasing.settle import settle
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit.aliasing_groups import join, neighbours, same, stepped
@@ -36,7 +36,7 @@ def test_every_pose_has_its_twins(laser, make, twins, every):
     x, y = here.points
     row, column = squares(x, y, SPACING)
     sought = (row % every == 0) & (column % every == 0)
-    found = look_alikes(here, count=8, sought=sought).found
+    found = aliased_poses(here, count=8, sought=sought).found
     full = follow(here, settle(here, found))
     p = x + 1j * y
     for twin in twins:
@@ -52,7 +52,7 @@ def test_every_pose_has_its_twins(laser, make, twins, every):
 
 def test_less_alike_is_left_out_and_the_rest_kept(laser):
     here = ground(symmetric.crossing(), laser)
-    settled = settle(here, look_alikes(here, count=5).found)
+    settled = settle(here, aliased_poses(here, count=5).found)
     full = follow(here, settled)
     told = settled[..., 3] >= LEAST_LIKENESS
     np.testing.assert_array_equal(full[told], settled[told])

@@ -11,8 +11,8 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from ambinav.ambiguity.build import build_map
-from ambinav.audit.aliasing import find_alikes
-from ambinav.audit.ambiguous_regions import find_places
+from ambinav.audit.aliasing import find_aliasing
+from ambinav.audit.ambiguous_regions import find_ambiguous_regions
 from ambinav.audit.audit import Audit, audit, robot_radius
 from ambinav.audit.document import document
 from ambinav.audit.report import write_report
@@ -68,7 +68,7 @@ def amap(place) -> AmbiguityMap:
 def found(place, amap) -> Audit:
     with pytest.warns(InputWarning):
         reach = find_reach(place, 0.25)
-    alikes = find_alikes(amap, place, True, reach=reach)
+    alikes = find_aliasing(amap, place, True, reach=reach)
     return audit(amap, place, LASER, reach=reach, alikes=alikes)
 
 
@@ -130,7 +130,7 @@ def test_places_lie_on_floor_that_counts(amap, found):
         assert np.hypot(*(counted - (one.x, one.y)).T).min() < 1e-5
         assert one.area <= found.area
     # The same map without a robot: margin and crate are its worst places.
-    worst = find_places(amap)[0]
+    worst = find_ambiguous_regions(amap)[0]
     assert worst.zone == "open" and not found.reach.reaches(worst.x, worst.y)
 
 
@@ -141,7 +141,7 @@ def test_look_alikes_are_sought_where_the_robot_goes(place, amap, found):
     assert found.alikes.area <= 1.15 * found.area
     for link in found.alikes.links:
         assert found.reach.reaches(*link.cells.T).all()
-    everywhere = find_alikes(amap, place, False)
+    everywhere = find_aliasing(amap, place, False)
     assert everywhere.poses > 2 * found.alikes.poses
 
 
@@ -189,7 +189,7 @@ def test_nothing_explored_at_all():
     assert "all of it unexplored" in found.summary and "nothing to hold on to" not in found.summary
     assert [share.share for share in found.shares] == [0.0] * 4
     assert document(found).floor.counted_share == 0.0
-    alikes = find_alikes(amap, environment, True, reach=found.reach)
+    alikes = find_aliasing(amap, environment, True, reach=found.reach)
     assert (alikes.poses, alikes.sought) == (0, False)
 
 

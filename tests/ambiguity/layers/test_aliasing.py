@@ -14,7 +14,12 @@ from ambinav.ambiguity import reference
 from ambinav.ambiguity.build import _evidence, build_map
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.layers.aliasing.kernel import compare_fully
-from ambinav.ambiguity.layers.aliasing.layer import LEAST_LIKENESS, LookAlikes, compute, look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import (
+    LEAST_LIKENESS,
+    AliasedPoses,
+    aliased_poses,
+    compute,
+)
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.errors import InputError
@@ -85,7 +90,7 @@ def all_pairs(data, beams, xy, limit, icap, use, evidence, tau, c0, c2, near, mo
 )
 def test_search_equals_brute_force(scanner, headings, least):
     here = ground(floor(), scanner, 0.4, headings=headings)
-    found = look_alikes(here, least=least)
+    found = aliased_poses(here, least=least)
     scans, table = Scans.of(here), here.table
     around = headings is None
     beams = turns(here.scanner) if around else np.arange(here.scanner.beams, dtype=np.uint64)[None]
@@ -116,7 +121,7 @@ def test_pairs_are_compared_as_the_reference_does():
     x, y = here.points
     cell = np.diag([scans.cell_variance[0]] * 2 + [scans.cell_variance[1]])
     step = math.tau / 36
-    found = look_alikes(here)
+    found = aliased_poses(here)
     limit, cap = np.full(36, 4.0), np.full(36, -math.log(0.05))
 
     def beams(cell: int, theta: float) -> tuple[np.ndarray, ...]:
@@ -139,7 +144,7 @@ def test_pairs_are_compared_as_the_reference_does():
         assert off.min() < 0.02
 
 
-def at(here: LayerContext, alike: LookAlikes, x: float, y: float) -> tuple[float, np.ndarray]:
+def at(here: LayerContext, alike: AliasedPoses, x: float, y: float) -> tuple[float, np.ndarray]:
     """Share and look-alikes of the cell nearest to a point."""
     px, py = here.points
     cell = int(np.argmin(np.hypot(px - x, py - y)))
@@ -157,7 +162,7 @@ def test_equal_rooms_in_a_row(rooms):
         [shapely.affinity.translate(outline, i * period) for i in range(rooms)]
     )
     here = ground(env, laser(60), 0.1)
-    alike = look_alikes(here, count=rooms)
+    alike = aliased_poses(here, count=rooms)
     # A twin between the lattice's points counts a little less than the pose itself.
     assert 1 - 1 / rooms - 0.05 < np.median(alike.share) < 1 - 1 / rooms + 0.01
     px, py = here.points
@@ -178,7 +183,7 @@ def test_rotated_places_are_the_look_alikes(fold):
     turned = [shapely.affinity.rotate(arm, 360 / fold * i, origin=(0, 0)) for i in range(fold)]
     env = environment_from_shapes([shapely.union_all(turned)])
     here = ground(env, laser(60, 8.0), 0.1)
-    alike = look_alikes(here, count=fold)
+    alike = aliased_poses(here, count=fold)
     share, twins = at(here, alike, 2.5, 0.3)
     assert 1 - 1 / fold - 0.13 < share < 1 - 1 / fold + 0.01
     px, py = here.points
@@ -196,14 +201,14 @@ def test_rotated_places_are_the_look_alikes(fold):
 
 def test_a_room_without_symmetry_has_no_look_alikes():
     env = environment_from_shapes([shapely.Polygon([(0, 0), (3, 0), (3.5, 1.2), (1.2, 2.6)])])
-    alike = look_alikes(ground(env, laser(60), 0.2))
+    alike = aliased_poses(ground(env, laser(60), 0.2))
     assert np.median(alike.share) < 0.02
 
 
 def test_places_of_ones_own_are_not_listed_but_count():
     here = ground(floor(), laser(), 0.4)
-    free = look_alikes(here)
-    own = look_alikes(here, place=np.ones(len(here.points[0]), dtype=np.int32))
+    free = aliased_poses(here)
+    own = aliased_poses(here, place=np.ones(len(here.points[0]), dtype=np.int32))
     np.testing.assert_array_equal(own.share, free.share)
     assert np.isnan(own.found).all()
 
@@ -213,15 +218,15 @@ def test_places_of_ones_own_are_not_listed_but_count():
 )
 def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
     here = ground(floor(), scanner, 0.4, headings=headings)
-    whole = look_alikes(here, count=3)
+    whole = aliased_poses(here, count=3)
     sought = np.arange(len(here.points[0])) % 3 == 1
-    some = look_alikes(here, count=3, sought=sought)
+    some = aliased_poses(here, count=3, sought=sought)
     for name in ("share", "area", "found"):
         one, all_ = getattr(some, name), getattr(whole, name)
         np.testing.assert_array_equal(one[sought], all_[sought])
         assert np.isnan(one[~sought]).all()
     assert some.compared < whole.compared
-    none = look_alikes(here, sought=np.zeros_like(sought))
+    none = aliased_poses(here, sought=np.zeros_like(sought))
     assert np.isnan(none.share).all() and none.compared == 0
 
 
@@ -258,5 +263,5 @@ def test_layer_on_the_lattice():
 @pytest.mark.parametrize("least", [0.0, 1.0, -0.1, math.nan])
 def test_bad_least(least):
     with pytest.raises(InputError, match="least"):
-        look_alikes(ground(floor(), laser(), 0.5), least=least)
+        aliased_poses(ground(floor(), laser(), 0.5), least=least)
     assert 0.0 < LEAST_LIKENESS < 1.0

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.layers.aliasing.layer import look_alikes
+from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.position import position
 from ambinav.geometry.environment import Environment
@@ -91,7 +91,7 @@ def cap_of(ground: LayerContext) -> float:
 def test_aliasing(building: Environment, scanner: RangeScanner, least: float) -> None:
     """Every pose and every turn of it, without any search."""
     ground = ground_of(building, scanner, 0.3)
-    found, limit = look_alikes(ground, least=least), limit_of(ground)
+    found, limit = aliased_poses(ground, least=least), limit_of(ground)
     x, y = ground.points
     if scanner.turns_in_place:
         poses, possible = np.column_stack([x, y, np.zeros(len(x))]), np.ones(len(x), bool)

@@ -20,8 +20,8 @@ from ambinav_envs.leaderboard import report as report_module
 from ambinav_envs.leaderboard.board import (
     CONDITIONS,
     Board,
-    Place,
     Setting,
+    Venue,
     fitting,
     settings_for,
 )
@@ -41,7 +41,7 @@ OPTIONS = {"longest": 5.0, "max_steps": 150}
 
 
 def small(environment: Environment, **changed: Any) -> Board:
-    place = Place("room", environment, None)
+    place = Venue("room", environment, None)
     values: dict[str, Any] = {
         "methods": [*planner_methods(["reference:0.5"]), policy_method("plug.py:spinner", HERE)],
         "settings": [Setting(f"room, {name}", place, name) for name in CONDITIONS],

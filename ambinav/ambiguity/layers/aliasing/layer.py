@@ -65,7 +65,7 @@ SIDE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class LookAlikes:
+class AliasedPoses:
     """What looks like each of N poses: P free cells, times K headings where these matter.
 
     Attributes:
@@ -89,7 +89,7 @@ class LookAlikes:
         return int(self.left[COMPARED])
 
 
-def look_alikes(
+def aliased_poses(
     context: LayerContext,
     count: int = 1,
     *,
@@ -97,7 +97,7 @@ def look_alikes(
     place: NDArray[np.int32] | None = None,
     sought: NDArray[np.bool_] | None = None,
     report: Callable[[float], None] | None = None,
-) -> LookAlikes:
+) -> AliasedPoses:
     """Find what looks like each pose of a map.
 
     Args:
@@ -155,7 +155,7 @@ def look_alikes(
     # Where the scanner looks all around, one heading stands for all.
     shape = (cells, poses // cells)
     wide = (cells, len(context.headings))
-    return LookAlikes(
+    return AliasedPoses(
         np.broadcast_to(share.reshape(shape), wide),
         np.broadcast_to(area.reshape(shape), wide),
         np.broadcast_to(found.reshape(*shape, count, 4), (*wide, count, 4)),
@@ -179,8 +179,8 @@ def squares(x: Floats, y: Floats, spacing: float) -> tuple[Floats, Floats]:
 
 
 def compute(context: LayerContext, least: float = LEAST_LIKENESS) -> dict[str, NDArray[np.float32]]:
-    """The layer and its companions; `least` as in `look_alikes`."""
-    alike = look_alikes(context, least=least)
+    """The layer and its companions; `least` as in `aliased_poses`."""
+    alike = aliased_poses(context, least=least)
     best = alike.found[:, :, 0]
     x, y = context.points
     apart = np.hypot(best[..., 0] - x[:, np.newaxis], best[..., 1] - y[:, np.newaxis])

@@ -35,7 +35,7 @@ def settle(context: LayerContext, found: Floats) -> Floats:
 
     Args:
         context: Where the poses are.
-        found: `LookAlikes.found`, shape (P, K, count, 4).
+        found: `AliasedPoses.found`, shape (P, K, count, 4).
 
     Returns:
         The same, most alike first, without what `settle_at` leaves out.
