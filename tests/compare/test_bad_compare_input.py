@@ -46,7 +46,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     ),
     "unknown planner": (
         lambda p: p["routes"].append({"kind": "planner", "planner": "rrtstr"}),
-        "did you mean 'rrtstar'?",
+        "did you mean rrtstar",
     ),
     "planner of another space": (
         lambda p: p.update(
