@@ -30,11 +30,11 @@ from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_links
+from ambinav.audit.aliased_pairs import LEAST_DISTANCE, find_aliased_pairs
 from ambinav.audit.aliasing import SPACING, seek
-from ambinav.audit.aliasing_pictures import plot_links
 from ambinav.geometry.lattice import Lattice
-from ambinav.maps.drawing import save_figure
+from ambinav.plotting.aliasing import plot_aliasing
+from ambinav.plotting.canvas import save_figure
 
 # The spacings that come nearest to 20 000 poses, and one that is quickly done.
 CASES = (
@@ -151,7 +151,7 @@ def tiled() -> an.Environment:
 
 
 def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
-    """Link one building's look-alikes as an audit does, draw them, and count the twins."""
+    """Pair one building's aliased poses as an audit does, draw them, and count the twins."""
     sensor = an.RangeSensor(max_range=case.reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     amap = an.build_map(
@@ -164,8 +164,8 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     began = time.process_time()
     found, sought = seek(amap, ground)
     took = time.process_time() - began
-    links = find_links(ground, found, 6)
-    axes = plot_links(amap, links, spacing)
+    links = find_aliased_pairs(ground, found, 6)
+    axes = plot_aliasing(amap, links, spacing)
     save_figure(axes, folder / f"{case.name.replace(' ', '-')}.png")
     x, y = ground.points
     twins = case.twins(x + 1j * y)

@@ -10,7 +10,7 @@ import numpy as np
 from harness import table
 from numpy.typing import NDArray
 
-from ambinav.compare.criterion import GOAL
+from ambinav.compare.criterion import CRITERION
 
 LIMITS = (0.0, 4.0, 8.0, np.inf)
 """Ends of the ranges of a longest stretch, metres; before them is none at all."""
@@ -132,12 +132,12 @@ def outcome(pairs: Sequence[Pair]) -> str:
     lost = [mean_of(pairs, route, "lost") for route in ("aware", "shortest")]
     error = [mean_of(pairs, route, "position_p95") for route in ("aware", "shortest")]
     walls = resampled(pairs, "collided", "difference")
-    if lost[1] == 0.0 and error[1] < GOAL.easy:
+    if lost[1] == 0.0 and error[1] < CRITERION.easy:
         return "easy: nothing to gain"
     parts = []
-    if lost[0] > GOAL.lost * lost[1]:
+    if lost[0] > CRITERION.lost * lost[1]:
         parts.append("lost")
-    if error[0] > GOAL.error * error[1]:
+    if error[0] > CRITERION.error * error[1]:
         parts.append("error")
     if walls[1] > 0.0:
         parts.append("collisions")

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ambinav.plotting.canvas import new_figure, save_figure
+from ambinav.plotting.style import MARKS, SERIES
 
-# Okabe and Ito's colours, which the colour-blind can tell apart.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
-MARKS = ("o", "s", "^", "D", "v")
+Floats = NDArray[np.float64]
 
 
 def scores_picture(
@@ -33,10 +31,8 @@ def scores_picture(
     mean = np.nanmean(values[:, :, told], axis=(0, 1))
     order = np.flatnonzero(told)[np.argsort(mean)]
     names = [layers[i].replace("_", " ") for i in order]
-    figure, panels = plt.subplots(
-        1, len(scores), figsize=(3.6 + 4.4 * len(scores), 4.6), sharex=True, sharey=True,
-        layout="constrained", squeeze=False,
-    )  # fmt: skip
+    figure = new_figure(3.6 + 4.4 * len(scores), 4.6)
+    panels = figure.subplots(1, len(scores), sharex=True, sharey=True, squeeze=False)
     known = [
         s for k, s in enumerate(next(iter(scores.values()))) if np.isfinite(values[:, k]).any()
     ]
@@ -45,7 +41,7 @@ def scores_picture(
         for k, scanner in enumerate(known):
             axes.plot(
                 np.array(panel[scanner])[order], np.arange(len(order)) + offsets[k], MARKS[k],
-                color=COLOURS[k], ms=6, label=scanner,
+                color=SERIES[k], ms=6, label=scanner,
             )  # fmt: skip
         for row_number in range(len(order)):
             shade = "0.95" if row_number % 2 else "white"
@@ -60,8 +56,7 @@ def scores_picture(
     panels[0, 0].set_ylim(-0.5, len(order) - 0.5)
     handles, called = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, called, title="scanner", loc="outside right upper")
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    save_figure(figure, path)
 
 
 def radius_picture(
@@ -75,22 +70,19 @@ def radius_picture(
         limit: Above this error a place is bad, metres.
         path: Where the picture goes.
     """
-    figure, panels = plt.subplots(
-        1, len(places), figsize=(3.0 * len(places), 3.3), sharex=True, sharey=True,
-        layout="constrained", squeeze=False,
-    )  # fmt: skip
+    figure = new_figure(3.0 * len(places), 3.3)
+    panels = figure.subplots(1, len(places), sharex=True, sharey=True, squeeze=False)
     low, high = 0.003, 3.0
     line = np.array([low, high])
     for panel, (scanner, (radius, error)) in zip(panels[0], places.items(), strict=True):
         panel.fill_between(line, 0.5 * line, 2.0 * line, color="0.88", lw=0, label="factor 2")
         panel.plot(line, line, color="0.5", lw=1.0, label="equal")
         bad = error > limit
-        panel.plot(radius[~bad], error[~bad], ".", color=COLOURS[0], ms=3, alpha=0.5,
+        panel.plot(radius[~bad], error[~bad], ".", color=SERIES[0], ms=3, alpha=0.5,
                    label=f"error up to {limit:g} m")  # fmt: skip
-        panel.plot(radius[bad], error[bad], "x", color=COLOURS[1], ms=4, label="above")
+        panel.plot(radius[bad], error[bad], "x", color=SERIES[1], ms=4, label="above")
         panel.set(xscale="log", yscale="log", xlim=(low, 1.0), ylim=(0.02, high), title=scanner)
         panel.set_xlabel(f"{name}, m")
     panels[0, 0].set_ylabel("measured error, m")
     panels[0, 0].legend(fontsize=7, loc="lower right")
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
+    save_figure(figure, path)

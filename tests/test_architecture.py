@@ -13,10 +13,7 @@ ROOT = Path(__file__).parents[1]
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 GRAPH = import_graph(ROOT)
 
-UPWARD = {
-    ("ambinav.compare.controllers", "ambinav_envs"): "policies are to be plug-ins, by name",
-    ("ambinav.compare.plans", "ambinav_planners"): "planners are to be plug-ins, by name",
-}
+UPWARD: dict[tuple[str, str], str] = {}
 """Modules that reach a room that is not below theirs, and why they do for now."""
 
 HEAVY = ("gymnasium", "ompl", "stable_baselines3", "torch")

@@ -96,7 +96,7 @@ def test_any_edited_file_is_another_key(copy: Path) -> None:
 
 def test_what_is_no_source_does_not_count(copy: Path) -> None:
     before = code_digest()
-    path = copy / "ambinav" / "pages.py"
+    path = copy / "ambinav" / "reports" / "pages.py"
     content = path.read_bytes()
     path.write_bytes(content.replace(b"\n", b"\r\n"))
     (copy / "ambinav" / "__pycache__").mkdir(exist_ok=True)

@@ -29,7 +29,7 @@ others are linked with it: less is what is left over from large ones."""
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class AliasedPair:
     """A region, and another one from which a scanner sees the same.
 
     Attributes:
@@ -67,7 +67,9 @@ class Link:
         return math.dist(*self.ends)
 
 
-def find_links(ground: LayerContext, found: AliasedPoses, letters: int) -> tuple[Link, ...]:
+def find_aliased_pairs(
+    ground: LayerContext, found: AliasedPoses, letters: int
+) -> tuple[AliasedPair, ...]:
     """Join neighbouring poses whose look-alikes are neighbours in the same arrangement.
 
     Cells are joined along lattice steps while their look-alikes are where `stepped` expects them.
@@ -94,7 +96,7 @@ def find_links(ground: LayerContext, found: AliasedPoses, letters: int) -> tuple
     points = cKDTree(np.column_stack([x, y]))
     looks_like = [points.query(entries[region][:, :2])[1] for region in regions]
     large = weight >= LEAST_SHARE * weight.max(initial=0.0)
-    links: list[Link] = []
+    links: list[AliasedPair] = []
     shown = np.zeros(len(x), dtype=np.bool_)
     letter = 0
     for i in np.argsort(-weight, kind="stable").tolist():
@@ -150,10 +152,10 @@ def _start(
 
 def _link(
     ground: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
-) -> Link:
+) -> AliasedPair:
     """Describe the region of `cells`, whose look-alikes are `alike`, at the cell `start`."""
     x, y = ground.points
-    return Link(
+    return AliasedPair(
         letter=letter,
         x=round(float(x[start]), 6),
         y=round(float(y[start]), 6),

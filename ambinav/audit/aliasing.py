@@ -14,7 +14,7 @@ from scipy import ndimage
 from ambinav.ambiguity.layers.aliasing.layer import AliasedPoses, aliased_poses, squares
 from ambinav.ambiguity.layers.aliasing.settle import settle
 from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.audit.aliased_pairs import Link, find_links
+from ambinav.audit.aliased_pairs import AliasedPair, find_aliased_pairs
 from ambinav.audit.aliasing_tracks import follow
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
@@ -36,7 +36,7 @@ COUNT = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Alikes:
+class AliasingFindings:
     """What an audit says of look-alikes.
 
     Attributes:
@@ -56,10 +56,10 @@ class Alikes:
     sought_from: int = 0
     share: float = math.nan
     area: float = math.nan
-    links: tuple[Link, ...] = ()
+    links: tuple[AliasedPair, ...] = ()
 
 
-def find_alikes(
+def find_aliasing(
     amap: AmbiguityMap,
     environment: Environment,
     wanted: bool | None = None,
@@ -67,7 +67,7 @@ def find_alikes(
     letters: int = 6,
     reach: Reach | None = None,
     report: Callable[[float], None] | None = None,
-) -> Alikes:
+) -> AliasingFindings:
     """Seek the look-alikes of a map.
 
     Unexplored poses take no part, nor do those that a robot does not reach: it never stands there.
@@ -90,7 +90,7 @@ def find_alikes(
     ground = dataclasses.replace(ground, lattice=_counted(amap, ground.lattice, reach))
     poses = pose_count(ground)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
-        return Alikes(poses, spacing, False)
+        return AliasingFindings(poses, spacing, False)
     found, sought = seek(amap, ground, report)
     # A heading at which half of the beams end in unknown space tells nothing of the building.
     told = np.isfinite(found.area[sought])
@@ -98,15 +98,15 @@ def find_alikes(
     share = np.where(told, found.share[sought], 0.0).sum(axis=1) / poses_told
     share = share[told.any(axis=1)]
     if not share.size:
-        return Alikes(0, spacing, False)
-    return Alikes(
+        return AliasingFindings(0, spacing, False)
+    return AliasingFindings(
         poses,
         spacing,
         True,
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
         float((share >= 0.5).mean()) * float(told.any(axis=1).mean()) * len(sought) * spacing**2,
-        find_links(ground, found, letters),
+        find_aliased_pairs(ground, found, letters),
     )
 
 

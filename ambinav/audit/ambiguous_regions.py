@@ -30,7 +30,7 @@ _PRONOUNCED = 0.3
 
 
 @dataclass(frozen=True)
-class Place:
+class AmbiguousRegion:
     """A connected region where the robot may get lost.
 
     Attributes:
@@ -81,7 +81,7 @@ class Place:
         return max(self.by_heading, key=lambda pair: pair[1])[0] if self.by_heading else None
 
 
-def find_places(
+def find_ambiguous_regions(
     amap: AmbiguityMap,
     count: int | None = None,
     heading: str | float = "mean",
@@ -89,7 +89,7 @@ def find_places(
     gap: float = GAP,
     least_area: float = LEAST_AREA,
     parts: FloorParts | None = None,
-) -> tuple[Place, ...]:
+) -> tuple[AmbiguousRegion, ...]:
     """Find the regions of corridor and open zones, the worst first.
 
     Where half of the beams or more end in unknown space the map ends, and nothing is said of the
@@ -147,7 +147,7 @@ def _describe(
     zone: NDArray[np.uint8],
     floor: dict[str, Floats],
     axis: Floats,
-) -> Place:
+) -> AmbiguousRegion:
     """Measure one region; `box` is the part of the lattice that holds it."""
     inside = labels[box] == label
     x = amap.dataset["x"].values[box[1]]
@@ -161,7 +161,7 @@ def _describe(
     half = amap.spacing / 2
     counts = np.bincount(zone[box][inside], minlength=len(ZONES))
     kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]
-    return Place(
+    return AmbiguousRegion(
         number=number,
         zone=kind,
         x=px,

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ambinav.audit.aliasing import Alikes
-from ambinav.audit.ambiguous_regions import Place, find_places
+from ambinav.audit.aliasing import AliasingFindings
+from ambinav.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.audit.sight import Sight, look
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach, find_reach
@@ -32,7 +32,7 @@ class Finding:
         sight: The scan at the place's point; at its most ambiguous heading if that matters.
     """
 
-    place: Place
+    place: AmbiguousRegion
     sight: Sight
 
 
@@ -64,7 +64,7 @@ class Audit:
     findings: tuple[Finding, ...]
     regions: int
     extents: Mapping[str, tuple[float, ...]]
-    alikes: Alikes | None = None
+    alikes: AliasingFindings | None = None
 
     @property
     def area(self) -> float:
@@ -148,7 +148,7 @@ def audit(
     *,
     places: int = 10,
     heading: str | float = "mean",
-    alikes: Alikes | None = None,
+    alikes: AliasingFindings | None = None,
     reach: Reach | None = None,
 ) -> Audit:
     """Find the worst places of a map and look at each through the scanner.
@@ -161,7 +161,7 @@ def audit(
         scanner: What the map was built for.
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        alikes: Look-alikes to report, see `ambinav.audit.aliasing.find_alikes`.
+        alikes: Look-alikes to report, see `ambinav.audit.aliasing.find_aliasing`.
         reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             what a disc of `robot_radius(scanner)` reaches of the largest piece.
 
@@ -182,7 +182,7 @@ def audit(
             f"spacing: none of the map's cells, {amap.spacing:g} m apart, lies on floor that a "
             f"robot of radius {reach.radius:g} m reaches; give a smaller spacing."
         )
-    found = find_places(amap, None, heading, parts=parts)
+    found = find_ambiguous_regions(amap, None, heading, parts=parts)
     findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
     return Audit(
         amap=amap,
@@ -207,7 +207,7 @@ def robot_radius(scanner: RangeScanner) -> float:
     return ROBOT_RADIUS if scanner.robot_radius is None else scanner.robot_radius
 
 
-def _look(environment: Environment, scanner: RangeScanner, place: Place) -> Sight:
+def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:
     """Scan at a place: at its worst heading, or along the weak direction if all are alike."""
     heading = place.worst_heading
     if heading is None:
@@ -242,7 +242,7 @@ def axis_degrees(axis: float | None) -> str:
     return "none" if axis is None else f"{round(axis) % 180}°"
 
 
-def heading_words(place: Place) -> str:
+def heading_words(place: AmbiguousRegion) -> str:
     """How much the robot's heading matters at a place; empty if the map knows no headings."""
     if not place.by_heading:
         return ""

@@ -9,21 +9,23 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ambinav.audit.aliased_pairs import Link
-from ambinav.audit.aliasing import Alikes
-from ambinav.audit.ambiguous_regions import Place
+from ambinav.audit.aliased_pairs import AliasedPair
+from ambinav.audit.aliasing import AliasingFindings
+from ambinav.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.audit.audit import Audit, Finding, heading_words
 from ambinav.audit.sight import Sight
 from ambinav.maps import schema
-from ambinav.maps.zones import COLOURS, MEANINGS, ZONES
+from ambinav.maps.zones import MEANINGS, ZONES
+from ambinav.plotting.style import ZONE_COLOURS
 
 FORMAT = "ambinav-audit/2"
 
-FLOOR_ZONES = "floor-zones.png"
-FLOOR_LEVEL = "floor-level.png"
-FLOOR_BEST = "floor-best.png"
-FLOOR_WORST = "floor-worst.png"
-FLOOR_ALIKES = "floor-alikes.png"
+FLOOR_ZONES = "floor-zones"
+FLOOR_LEVEL = "floor-level"
+FLOOR_BEST = "floor-best"
+FLOOR_WORST = "floor-worst"
+FLOOR_ALIASING = "floor-alikes"
+"""Pictures of the floor; files end in the format."""
 
 
 def _rounded(digits: int) -> AfterValidator:
@@ -221,8 +223,8 @@ class Document(_Part):
     versions: dict[str, Any]
 
 
-def document(audit: Audit) -> Document:
-    """Gather an audit's figures, rounded, with units in the names."""
+def document(audit: Audit, image_format: str = "png") -> Document:
+    """Gather an audit's figures, rounded, with units in the names; pictures are in a format."""
     attrs = audit.amap.dataset.attrs
     return Document(
         created=str(attrs.get("created", "")),
@@ -251,32 +253,32 @@ def document(audit: Audit) -> Document:
         floor=_floor(audit),
         zones=_zones(audit),
         by_heading=_by_heading(audit),
-        places=tuple(_place(finding) for finding in audit.findings),
+        places=tuple(_place(finding, image_format) for finding in audit.findings),
         places_in_all=audit.regions,
-        layers=_layers(audit),
-        alikes=None if audit.alikes is None else _alikes(audit.alikes),
-        pictures=floor_pictures(audit),
+        layers=_layers(audit, image_format),
+        alikes=None if audit.alikes is None else _alikes(audit.alikes, image_format),
+        pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
     )
 
 
 def floor_pictures(audit: Audit) -> tuple[str, ...]:
-    """File names of the pictures of the whole floor."""
+    """Names of the pictures of the whole floor."""
     by_heading = (FLOOR_BEST, FLOOR_WORST) if audit.amap.has_theta else ()
     layers = map(layer_picture, schema.added(audit.amap.dataset))
-    alikes = (FLOOR_ALIKES,) if audit.alikes is not None and audit.alikes.links else ()
+    alikes = (FLOOR_ALIASING,) if audit.alikes is not None and audit.alikes.links else ()
     return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL, *alikes, *layers)
 
 
 def layer_picture(name: str) -> str:
-    """File name of an added layer's picture."""
-    return f"floor-layer-{name}.png"
+    """Name of an added layer's picture."""
+    return f"floor-layer-{name}"
 
 
 def place_picture(number: int) -> str:
-    """File name of a place's picture."""
-    return f"place-{number:02d}.png"
+    """Name of a place's picture."""
+    return f"place-{number:02d}"
 
 
 def _headings(audit: Audit) -> str:
@@ -323,7 +325,7 @@ def _zones(audit: Audit) -> tuple[ZonePart, ...]:
             share_best_heading=best[code],
             share_worst_heading=worst[code],
             meaning=MEANINGS[code],
-            colour=COLOURS[code],
+            colour=ZONE_COLOURS[code],
         )
         for code, name in enumerate(ZONES)
     )
@@ -351,7 +353,7 @@ def _by_heading(audit: Audit) -> tuple[HeadingPart, ...]:
     return tuple(parts)
 
 
-def _layers(audit: Audit) -> tuple[LayerPart, ...]:
+def _layers(audit: Audit, image_format: str) -> tuple[LayerPart, ...]:
     data = audit.amap.dataset
     return tuple(
         LayerPart(
@@ -360,13 +362,13 @@ def _layers(audit: Audit) -> tuple[LayerPart, ...]:
             unit=data[name].attrs["units"],
             source=data[name].attrs["source"],
             worse=data[name].attrs["worse"],
-            picture=layer_picture(name),
+            picture=f"{layer_picture(name)}.{image_format}",
         )
         for name in schema.added(data)
     )
 
 
-def _alikes(alikes: Alikes) -> AlikesPart:
+def _alikes(alikes: AliasingFindings, image_format: str) -> AlikesPart:
     return AlikesPart(
         sought=alikes.sought,
         poses=alikes.poses,
@@ -375,11 +377,11 @@ def _alikes(alikes: Alikes) -> AlikesPart:
         share=alikes.share if alikes.sought else None,
         area_m2=alikes.area if alikes.sought else None,
         links=tuple(map(_link, alikes.links)),
-        picture=FLOOR_ALIKES if alikes.links else None,
+        picture=f"{FLOOR_ALIASING}.{image_format}" if alikes.links else None,
     )
 
 
-def _link(link: Link) -> LinkPart:
+def _link(link: AliasedPair) -> LinkPart:
     return LinkPart(
         letter=link.letter,
         x_m=link.x,
@@ -393,8 +395,8 @@ def _link(link: Link) -> LinkPart:
     )
 
 
-def _place(finding: Finding) -> PlacePart:
-    place: Place = finding.place
+def _place(finding: Finding, image_format: str) -> PlacePart:
+    place: AmbiguousRegion = finding.place
     return PlacePart(
         number=place.number,
         zone=place.zone,
@@ -413,7 +415,7 @@ def _place(finding: Finding) -> PlacePart:
         headings=heading_words(place),
         severity_m2=place.severity,
         sees=_sight(finding.sight),
-        picture=place_picture(place.number),
+        picture=f"{place_picture(place.number)}.{image_format}",
     )
 
 

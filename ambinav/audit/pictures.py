@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.axes import Axes
-from matplotlib.patheffects import withStroke
 
-from ambinav.audit.aliasing_pictures import plot_links
-from ambinav.audit.ambiguous_regions import Place
 from ambinav.audit.audit import Audit, Finding, degrees
 from ambinav.audit.document import (
-    FLOOR_ALIKES,
+    FLOOR_ALIASING,
     FLOOR_BEST,
     FLOOR_LEVEL,
     FLOOR_WORST,
@@ -22,16 +19,29 @@ from ambinav.audit.document import (
     place_picture,
 )
 from ambinav.maps import schema
-from ambinav.maps.drawing import save_figure
-from ambinav.maps.plot import floor_axes, plot_layer, plot_zones
-from ambinav.maps.plot_scan import plot_scan
+from ambinav.plotting.aliasing import plot_aliasing
+from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.floor import label_points
+from ambinav.plotting.maps import plot_layer, plot_zones
+from ambinav.plotting.scan import plot_scan
 
 
 def save_pictures(
-    audit: Audit, folder: Path, progress: Callable[[float], None] | None = None
+    audit: Audit,
+    folder: Path,
+    progress: Callable[[float], None] | None = None,
+    image_format: str = "png",
 ) -> None:
-    """Draw all pictures into `folder`; `progress` is called with the fraction done."""
+    """Draw all pictures into `folder`.
+
+    Args:
+        audit: What is drawn.
+        folder: Where to.
+        progress: Called with the fraction done.
+        image_format: One of `ambinav.plotting.style.FORMATS`.
+    """
     places = [finding.place for finding in audit.findings]
+    numbers = [(place.x, place.y, str(place.number)) for place in places]
     floors = floor_pictures(audit)
     total = len(floors) + len(places)
 
@@ -42,52 +52,32 @@ def save_pictures(
     for done, name in enumerate(floors, start=1):
         axes = plot_floor(audit, name)
         if name in (FLOOR_ZONES, FLOOR_LEVEL):
-            mark_places(axes, places)
-        save_figure(axes, folder / name)
+            # The worst place lies on top.
+            label_points(axes, reversed(numbers))
+        save_figure(axes, folder / f"{name}.{image_format}")
         tell(done)
     for finding in audit.findings:
-        save_figure(plot_finding(audit, finding), folder / place_picture(finding.place.number))
+        name = place_picture(finding.place.number)
+        save_figure(plot_finding(audit, finding), folder / f"{name}.{image_format}")
         tell(len(floors) + finding.place.number)
 
 
 def plot_floor(audit: Audit, name: str) -> Axes:
     """Draw one of the pictures that `floor_pictures` names, without the places."""
+    amap, heading, parts = audit.amap, audit.heading, audit.parts
     if name == FLOOR_LEVEL:
-        return plot_layer(audit.amap, "level", heading=audit.heading, parts=audit.parts)
+        return plot_layer(amap, "level", heading=heading, parts=parts)
     if name == FLOOR_ZONES:
-        return plot_zones(audit.amap, heading=audit.heading, parts=audit.parts)
-    if name == FLOOR_ALIKES and audit.alikes is not None:
-        return plot_links(audit.amap, audit.alikes.links, audit.alikes.spacing, audit.parts)
-    for layer in schema.added(audit.amap.dataset):
+        return plot_zones(amap, heading=heading, parts=parts)
+    if name == FLOOR_ALIASING and audit.alikes is not None:
+        return plot_aliasing(amap, audit.alikes.links, audit.alikes.spacing, parts)
+    for layer in schema.added(amap.dataset):
         if name == layer_picture(layer):
-            return plot_layer(audit.amap, layer, heading=audit.heading, parts=audit.parts)
+            return plot_layer(amap, layer, heading=heading, parts=parts)
     # These two stand side by side.
     heading = {FLOOR_BEST: "best", FLOOR_WORST: "worst"}[name]
-    axes = floor_axes(audit.amap, longest=8.0)
     title = f"Each point at its {heading} heading"
-    return plot_zones(audit.amap, axes, heading, legend=False, title=title, parts=audit.parts)
-
-
-def mark_places(axes: Axes, places: Iterable[Place]) -> None:
-    """Number the places on a floor map: a round label on each place's point."""
-    for place in sorted(places, key=lambda place: -place.number):
-        axes.annotate(
-            str(place.number),
-            (place.x, place.y),
-            ha="center",
-            va="center_baseline",
-            fontsize=10,
-            fontweight="bold",
-            color="black",
-            bbox={
-                "boxstyle": "circle,pad=0.25",
-                "facecolor": "white",
-                "edgecolor": "black",
-                "linewidth": 1.2,
-            },
-            path_effects=[withStroke(linewidth=2, foreground="white")],
-            zorder=10,
-        )
+    return plot_zones(amap, None, heading, legend=False, title=title, parts=parts, longest=8.0)
 
 
 def plot_finding(audit: Audit, finding: Finding) -> Axes:
@@ -99,11 +89,4 @@ def plot_finding(audit: Audit, finding: Finding) -> Axes:
     title = f"Place {place.number}: {place.zone} at ({place.x:.1f}, {place.y:.1f}) m"
     if place.worst_heading is not None:
         title += f", heading {degrees(finding.sight.theta)}"
-    return plot_scan(
-        audit.environment.segments,
-        finding.sight,
-        audit.environment.free,
-        slide=slide,
-        title=title,
-        amap=audit.amap,
-    )
+    return plot_scan(audit.amap, finding.sight, slide=slide, title=title)

@@ -11,12 +11,8 @@ from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.pictures import save_pictures
 from ambinav.files import replacing
 from ambinav.maps.floor_parts import unreachable_label
-from ambinav.maps.zones import (
-    UNEXPLORED_COLOUR,
-    UNEXPLORED_MEANING,
-    UNKNOWN_COLOUR,
-    UNREACHABLE_COLOUR,
-)
+from ambinav.maps.zones import UNEXPLORED_MEANING
+from ambinav.plotting import style
 from ambinav.reports.pages import data_uri, fill
 from ambinav.runfolder import RunFolder
 
@@ -25,14 +21,22 @@ HTML: Final = "report.html"
 MARKDOWN: Final = "report.md"
 FOLDER: Final = RunFolder(
     "audit",
-    (JSON, HTML, MARKDOWN, "floor-*.png", "place-*.png"),
+    (
+        JSON,
+        HTML,
+        MARKDOWN,
+        *(f"{kind}-*.{f}" for f in style.FORMATS for kind in ("floor", "place")),
+    ),
     proof=JSON,
     format=FORMAT.split("/")[0],
 )
 
 
 def write_report(
-    audit: Audit, folder: str | Path, progress: Callable[[float], None] | None = None
+    audit: Audit,
+    folder: str | Path,
+    progress: Callable[[float], None] | None = None,
+    image_format: str = "png",
 ) -> Document:
     """Write the report, whole or not at all; an earlier report in `folder` is replaced.
 
@@ -40,6 +44,7 @@ def write_report(
         audit: What to report.
         folder: Where to.
         progress: Called with the fraction done, 0 to 1.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds.
@@ -48,10 +53,10 @@ def write_report(
         InputError: see `RunFolder.check`; or the place is not writable.
     """
     path = FOLDER.check(folder).absolute()
-    report = document(audit)
+    report = document(audit, image_format)
     with replacing(path) as fresh:
         fresh.mkdir()
-        save_pictures(audit, fresh, progress)
+        save_pictures(audit, fresh, progress, image_format)
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
         inlined = {name: data_uri(fresh / name) for name in _pictures(report)}
@@ -75,7 +80,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
     }
     named = pictures or {name: name for name in _pictures(report)}
     floor = report.floor
-    stripes = f"{UNKNOWN_COLOUR} 0 2px, {UNEXPLORED_COLOUR} 2px 4px"
+    stripes = f"{style.UNKNOWN} 0 2px, {style.UNEXPLORED} 2px 4px"
     unexplored = {
         "meaning": UNEXPLORED_MEANING,
         "swatch": f"repeating-linear-gradient(135deg, {stripes})",
@@ -84,7 +89,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         "label": unreachable_label(floor.robot_radius_m),
         "meaning": f"{metres2(floor.cut_off_area_m2)} where it would fit but cannot get to, "
         f"{metres2(floor.beside_walls_area_m2)} nearer to a wall than its centre comes",
-        "swatch": UNREACHABLE_COLOUR,
+        "swatch": style.UNREACHABLE,
     }
     return fill(
         "ambinav.audit",
@@ -92,6 +97,7 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         filters,
         report=report,
         pictures=named,
+        image_format=report.pictures[0].rpartition(".")[2],
         unexplored=unexplored,
         unreachable=unreachable,
     )

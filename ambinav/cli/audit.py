@@ -57,6 +57,7 @@ def audit(
             show_default="up to 6000 poses",
         ),
     ] = None,
+    pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
@@ -70,6 +71,7 @@ def audit(
     with reporting():
         options.check_numbers(spacing, radius, headings, map_std)
         above_zero(robot_radius, "--robot-radius", "0.2")
+        options.check_pictures(pictures)
         if places < 0:
             raise InputError(f"--places: {places} is negative; give 0 or more.")
         from ambinav.audit.report import FOLDER
@@ -108,17 +110,17 @@ def audit(
                 progress=bars("ambiguity"),
                 layers=names,
             )
-            from ambinav.audit.aliasing import find_alikes
+            from ambinav.audit.aliasing import find_aliasing
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
 
             alikes = None
             if aliasing is not False:
-                alikes = find_alikes(
+                alikes = find_aliasing(
                     amap, environment, aliasing, reach=reach, report=bars("look-alikes")
                 )
             found = examine(amap, environment, chosen, places=places, alikes=alikes, reach=reach)
-            report = write_report(found, output, progress=bars("report"))
+            report = write_report(found, output, progress=bars("report"), image_format=pictures)
             if keep is not None:
                 amap.save(keep)
         if as_json:

@@ -108,13 +108,14 @@ def benchmark(
             "--quick", help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it."
         ),
     ] = False,
+    pictures: options.Pictures = "png",
     force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Let every planner and every policy drive the same episodes, and put them into one table.
 
-    Writes report.md, report.json, table.csv and overview.png. docs/leaderboard.md explains them.
-    A policy that was trained with another scanner or robot is refused (a shipped one left out),
+    Writes report.md, report.json, table.csv and a picture. docs/leaderboard.md explains them. A
+    policy that was trained with another scanner or robot is refused (a shipped one left out),
     unless --force is given. Policies may hold code: use those that you trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
@@ -125,6 +126,7 @@ def benchmark(
         if seed < 0:
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         options.check_plan_options(map_file, level, unit)
+        options.check_pictures(pictures)
         common = arguments_of(values or [])
         check_writable(output)
         # The shipped policies, which take part, are trained ones.
@@ -148,7 +150,7 @@ def benchmark(
         )
         try:
             with progress_bars(as_json) as bars:
-                rows = run(board, output, bars)
+                rows = run(board, output, bars, pictures)
         except KeyboardInterrupt:
             typer.echo(
                 f"ambinav: interrupted; what is finished is in {output / WORK}, and the same "

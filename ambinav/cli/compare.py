@@ -62,6 +62,7 @@ def compare(
             show_default="the scenario's `runs`",
         ),
     ] = None,
+    pictures: options.Pictures = "png",
     force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -77,6 +78,7 @@ def compare(
         for option, number in (("--jobs", jobs), ("--episodes", episodes)):
             if number is not None and number < 1:
                 raise InputError(f"{option}: {number} is too few; give 1 or more.")
+        options.check_pictures(pictures)
         from ambinav.compare.report import FOLDER, HTML
         from ambinav.compare.report import compare as run
         from ambinav.compare.scenario_file import load_scenario
@@ -87,7 +89,13 @@ def compare(
         FOLDER.check(output)
         try:
             with progress_bars(as_json) as bars:
-                report, rows = run(loaded, output, jobs=jobs or os.cpu_count() or 1, bars=bars)
+                report, rows = run(
+                    loaded,
+                    output,
+                    jobs=jobs or os.cpu_count() or 1,
+                    bars=bars,
+                    image_format=pictures,
+                )
         except KeyboardInterrupt:
             kept = output / WORK
             typer.echo(

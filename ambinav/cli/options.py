@@ -127,6 +127,10 @@ Start = Annotated[
         show_default="the largest piece of floor",
     ),
 ]
+Pictures = Annotated[
+    str,
+    typer.Option("--pictures", metavar="png|svg", help="Format of the pictures in the report."),
+]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
 ]
@@ -181,6 +185,18 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     expanded.__annotations__ = {each.name: each.annotation for each in parameters}
     return expanded
+
+
+def check_pictures(image_format: str) -> None:
+    """Check the value of --pictures.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    from ambinav.plotting.style import FORMATS
+
+    if image_format not in FORMATS:
+        raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
 
 
 def check_plan_options(map_file: object, level: str | None, unit: str | None) -> None:

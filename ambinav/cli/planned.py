@@ -53,11 +53,11 @@ def write_routes(
 ) -> None:
     """Write the first route, and all of them into the picture."""
     from ambinav.files import replacing
-    from ambinav.maps.drawing import save_figure
+    from ambinav.plotting.canvas import save_figure
     from ambinav.routes.files import save_route
 
     if picture is not None:
-        from ambinav.routes.plot import plot_routes
+        from ambinav.plotting.routes import plot_routes
 
         with replacing(picture) as scratch:
             save_figure(plot_routes(robot.service.map, routes), scratch)
@@ -69,8 +69,8 @@ def draw_no_path(
 ) -> None:
     """Draw the part of the floor that the start reaches, and the one of the goal."""
     from ambinav.files import replacing
-    from ambinav.maps.drawing import save_figure
-    from ambinav.routes.no_path_picture import plot_components
+    from ambinav.plotting.canvas import save_figure
+    from ambinav.plotting.components import plot_components
 
     with replacing(picture) as scratch:
         figure = plot_components(
@@ -124,11 +124,11 @@ def plan_front(
             refuses.
     """
     from ambinav.files import replacing
-    from ambinav.maps.drawing import save_figure
+    from ambinav.plotting.canvas import save_figure
+    from ambinav.plotting.pareto import plot_pareto
+    from ambinav.plotting.routes import plot_routes
     from ambinav.routes.files import save_route
     from ambinav.routes.pareto import FOLDER
-    from ambinav.routes.plot import plot_routes
-    from ambinav.routes.plot_pareto import plot_pareto
     from ambinav_planners.fronts import WEIGHTS, pareto
 
     chosen = WEIGHTS if weights is None else _weights(weights)

@@ -17,7 +17,7 @@ from ambinav.cli.running import INTERRUPTED, above_zero, check_writable, reporti
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav_envs.training.run import Tell, Told
+    from ambinav_envs.training.run import Tell, TrainingStatus
 
 
 def train(
@@ -125,7 +125,7 @@ def _shown(quiet: bool) -> Iterator[Tell]:
         task = bars.add_task("training", total=1.0)
         last = 0.0
 
-        def show(told: Told) -> None:
+        def show(told: TrainingStatus) -> None:
             nonlocal last
             if told.share < last:
                 # The maps are made: the clock of the training starts.
@@ -137,7 +137,7 @@ def _shown(quiet: bool) -> Iterator[Tell]:
         yield show
 
 
-def _described(told: Told) -> str:
+def _described(told: TrainingStatus) -> str:
     """How far, how fast and how well, in a few words."""
     if told.preparing:
         return "maps of the buildings"
@@ -149,7 +149,7 @@ def _described(told: Told) -> str:
     return ", ".join(words)
 
 
-def _line(told: Told, say: Callable[[str], None]) -> None:
+def _line(told: TrainingStatus, say: Callable[[str], None]) -> None:
     """A line for an evaluation."""
     figures = told.evaluation
     if figures is not None:

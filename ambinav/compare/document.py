@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import ALL_PAIRS, Scenario
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.tables import RouteFigure, Row, judge
 from ambinav.compare.verdict_text import (
     baseline_sentence,
@@ -134,7 +134,7 @@ class Document(ConfigModel):
 
 
 def document(
-    loaded: Loaded,
+    loaded: ScenarioBundle,
     plans: Sequence[Plan],
     files: Sequence[str],
     rows: Sequence[Row],

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from ambinav.compare.route_part import RoutePart
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.scenario_schema import PairPart
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -27,7 +27,7 @@ SAME_PLACE = 0.05
 """A given route may begin and end so far from its pair's start and goal, metres."""
 
 
-class Policy(Protocol):
+class RouteMaker(Protocol):
     """What makes a route for a pair."""
 
     def __call__(
@@ -36,7 +36,7 @@ class Policy(Protocol):
         """A route from `pair.start` to `pair.goal` (x, y, perhaps heading; metres, radians)."""
 
 
-def saved_route(loaded: Loaded, pair: PairPart, part: RoutePart) -> Route:
+def saved_route(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Route:
     """Read a route, and check that the robot can drive it from the pair's start to its goal.
 
     Raises:
@@ -49,16 +49,18 @@ def saved_route(loaded: Loaded, pair: PairPart, part: RoutePart) -> Route:
     return route
 
 
-def policy_route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+def policy_route(
+    loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart
+) -> Route:
     """Ask a policy for a route, and check it as one from a file.
 
     Raises:
         InputError: the policy fails, or makes something else than a route that can be driven.
     """
     assert part.policy is not None  # the scenario has checked it
-    policy = load_callable(part.policy, loaded.folder)
+    maker: RouteMaker = load_callable(part.policy, loaded.folder)
     where = f"policy {part.policy}"
-    route = called(policy, part.policy, loaded.environment, loaded.scanner, amap, pair)
+    route = called(maker, part.policy, loaded.environment, loaded.scanner, amap, pair)
     if not isinstance(route, Route):
         raise InputError(
             f"{where}: it returned a {type(route).__name__}; return an "
@@ -68,7 +70,7 @@ def policy_route(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: Route
     return route
 
 
-def measured(loaded: Loaded, amap: AmbiguityMap, route: Route, where: str) -> Route:
+def measured(loaded: ScenarioBundle, amap: AmbiguityMap, route: Route, where: str) -> Route:
     """A given route with its figures on the scenario's map.
 
     Raises:
@@ -88,7 +90,7 @@ def measured(loaded: Loaded, amap: AmbiguityMap, route: Route, where: str) -> Ro
         raise InputError(f"{where}: {error}") from error
 
 
-def check_drivable(loaded: Loaded, pair: PairPart, route: Route, where: str) -> None:
+def check_drivable(loaded: ScenarioBundle, pair: PairPart, route: Route, where: str) -> None:
     """Check that a robot can drive a route from a pair's start to its goal.
 
     Raises:

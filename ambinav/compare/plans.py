@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 
 from ambinav.ambiguity.layers.registry import check_known
 from ambinav.compare.controllers import Driver, driven_route, driver_of, is_controller
 from ambinav.compare.external_routes import measured, policy_route, saved_route
 from ambinav.compare.route_part import GIVEN, RoutePart
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.scenario_schema import PairPart
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -40,7 +41,7 @@ class Plan:
     driver: Driver | None = None
 
 
-def check_plans(loaded: Loaded) -> None:
+def check_plans(loaded: ScenarioBundle) -> None:
     """Find out what is wrong with the routes as far as that needs no map, which takes a while.
 
     Raises:
@@ -76,7 +77,7 @@ def check_plans(loaded: Loaded) -> None:
 
 
 def make_plans(
-    loaded: Loaded, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
+    loaded: ScenarioBundle, amap: AmbiguityMap, progress: Callable[[float], None] | None = None
 ) -> tuple[Plan, ...]:
     """All routes, pair by pair.
 
@@ -99,7 +100,7 @@ def make_plans(
     return tuple(plans)
 
 
-def _wanted(loaded: Loaded) -> list[tuple[PairPart, RoutePart]]:
+def _wanted(loaded: ScenarioBundle) -> list[tuple[PairPart, RoutePart]]:
     return [
         (pair, part)
         for pair in loaded.scenario.pairs
@@ -118,7 +119,7 @@ def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
         raise InputError(f"pair {pair.name!r}, route {part.name!r}: {told}.") from error
 
 
-def _plan(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:
+def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:
     driver = None
     if part.kind == "file":
         route = measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
@@ -133,7 +134,7 @@ def _plan(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -
     return Plan(pair.name, part.name, route, driver)
 
 
-def _planner(loaded: Loaded, part: RoutePart) -> str:
+def _planner(loaded: ScenarioBundle, part: RoutePart) -> str:
     """Name of the planner of a route."""
     common = loaded.scenario.planning
     if part.kind in ("belief", "belief-roadmap", "reference"):
@@ -144,26 +145,13 @@ def _planner(loaded: Loaded, part: RoutePart) -> str:
 
 
 def _check_planned(
-    loaded: Loaded, pair: PairPart, part: RoutePart, checker: CollisionChecker
+    loaded: ScenarioBundle, pair: PairPart, part: RoutePart, checker: CollisionChecker
 ) -> None:
-    from ambinav_planners.problem import check_pose
-    from ambinav_planners.registry import planner
-
-    chosen, space = planner(_planner(loaded, part)), loaded.scenario.planning.space
-    if space not in chosen.spaces:
-        raise InputError(
-            f"planner {chosen.name!r} does not plan in {space}; it knows "
-            f"{', '.join(chosen.spaces)}."
-        )
-    check_pose("start", pair.start, checker)
-    check_pose("goal", pair.goal, checker)
+    _planners().check_route(_planner(loaded, part), pair.start, pair.goal, checker)
 
 
-def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
+def _planned(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Route:
     """Plan a route; without a limit of time, so that it is the same every time."""
-    from ambinav_planners import RoutePlanner
-    from ambinav_planners.belief.model import BeliefModel
-
     common = loaded.scenario.planning
     service = AmbiguityService(
         amap,
@@ -172,19 +160,21 @@ def _planned(loaded: Loaded, amap: AmbiguityMap, pair: PairPart, part: RoutePart
         clearance_weight=part.clearance_weight if part.kind == "clearance" else 0.0,
         comfort=part.comfort,
     )
-    robot = RoutePlanner(
+    route: Route = _planners().plan_route(
         service,
-        footprint=loaded.scenario.robot.radius + common.margin,
-        space=common.space,
-        turning_radius=common.turning_radius,
-        belief=BeliefModel(start_std=loaded.scenario.drive.start_deviations),
-        odometry=loaded.scenario.odometry,
-    )
-    return robot.plan(
         pair.start,
         pair.goal,
         planner_name=_planner(loaded, part),
-        seconds=math.inf,
+        footprint=loaded.scenario.robot.radius + common.margin,
+        steering=common.steering,
+        start_std=loaded.scenario.drive.start_deviations,
+        odometry=loaded.scenario.odometry,
         iterations=part.iterations or common.iterations,
         seed=common.seed if part.seed is None else part.seed,
     )
+    return route
+
+
+def _planners() -> ModuleType:
+    """The module of the planners' package that plans routes of scenarios, loaded by its name."""
+    return load_module("ambinav_planners.scenario_routes", Path())

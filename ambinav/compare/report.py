@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -11,12 +10,10 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
+from ambinav.compare.pictures import PICTURES, is_picture, save_overview, save_pictures, slug
 from ambinav.compare.plans import Plan, check_plans, make_plans
-from ambinav.compare.plot_overview import plot_overview
-from ambinav.compare.plots import plot_errors, plot_floor, plot_spread
-from ambinav.compare.results import Results
 from ambinav.compare.runs import drive_all
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.compare.tables import FIGURES, Row, make_rows, to_csv
 from ambinav.compare.verdict_text import EFFECTS, OUTCOMES
 from ambinav.compare.workers import Setup
@@ -24,14 +21,7 @@ from ambinav.compare.worlds import make_worlds
 from ambinav.files import replacing, write_text
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import environment_digest
-from ambinav.maps.drawing import save_figure
-from ambinav.provenance import (
-    PLANNING,
-    POLICIES,
-    Provenance,
-    digest_of,
-    discard_stale,
-)
+from ambinav.provenance import PLANNING, POLICIES, Provenance, digest_of, discard_stale
 from ambinav.reports.pages import data_uri, fill
 from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
@@ -45,11 +35,8 @@ TABLE: Final = "table.csv"
 ROUTES: Final = "routes"
 DRIVES: Final = "drives"
 """Folder of the drives for other programs."""
-OVERVIEW: Final = "overview.png"
-PICTURES: Final = ("floor-", "spread-", "errors-")
 FOLDER: Final = RunFolder(
-    "comparison",
-    (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, OVERVIEW, *(f"{p}*.png" for p in PICTURES)),
+    "comparison", (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, *PICTURES)
 )
 """Its folder `work` has the map, and a file for each piece of work."""
 
@@ -57,7 +44,12 @@ Bars = Callable[[str], Callable[[float], None]]
 
 
 def compare(
-    loaded: Loaded, folder: str | Path, *, jobs: int = 1, bars: Bars | None = None
+    loaded: ScenarioBundle,
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    bars: Bars | None = None,
+    image_format: str = "png",
 ) -> tuple[Document, tuple[Row, ...]]:
     """Compare the routes of a scenario, and write all that was found.
 
@@ -69,6 +61,7 @@ def compare(
         folder: Where to write.
         jobs: How many processes drive.
         bars: Given a text, returns what takes the share done.
+        image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         What report.json holds, and the rows of the table.
@@ -80,10 +73,12 @@ def compare(
     out = FOLDER.check(folder)
     check_plans(loaded)
     with FOLDER.hold(out):
-        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None))
+        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None), image_format)
 
 
-def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Document, tuple[Row, ...]]:
+def _compare(
+    loaded: ScenarioBundle, out: Path, jobs: int, begin: Bars, image_format: str
+) -> tuple[Document, tuple[Row, ...]]:
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
@@ -92,26 +87,24 @@ def _compare(loaded: Loaded, out: Path, jobs: int, begin: Bars) -> tuple[Documen
     worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
     names = [
-        f"{number + 1:02d}-{_slug(plan.pair)}-{_slug(plan.name)}"
-        for number, plan in enumerate(plans)
+        f"{number + 1:02d}-{slug(plan.pair)}-{slug(plan.name)}" for number, plan in enumerate(plans)
     ]
     files = _save_routes(plans, names, out)
     results = drive_all(setup, plans, out / WORK, jobs=jobs, progress=begin("drives"))
     written = export_all(setup, plans, out / DRIVES, names, jobs)
     rows = make_rows(plans, results, scenario.baseline, scenario.drive.seed)
-    pictures = _draw(setup, plans, results, out, begin("pictures"))
-    with replacing(out / OVERVIEW) as scratch:
-        save_figure(plot_overview(rows, f"Routes compared: {scenario.name}"), scratch)
+    pictures = save_pictures(setup, plans, results, out, image_format, begin("pictures"))
+    overview = save_overview(rows, f"Routes compared: {scenario.name}", out, image_format)
     drives = [f"{DRIVES}/{name}" for name in written]
-    report = document(loaded, plans, files, rows, pictures, OVERVIEW, drives)
+    report = document(loaded, plans, files, rows, pictures, overview, drives)
     inlined = {name: data_uri(out / name) for name in _names(report)}
     write_text(out / TABLE, to_csv(rows))
     write_text(out / MARKDOWN, render("report.md.j2", report, rows))
     write_text(out / HTML, render("report.html.j2", report, rows, inlined))
     write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
     for path in out.iterdir():
-        # Of an earlier scenario with other pairs.
-        if path.name.startswith(PICTURES) and path.name not in inlined:
+        # Of an earlier scenario with other pairs, or in another format.
+        if is_picture(path.name) and path.name not in inlined:
             path.unlink()
     return report, rows
 
@@ -150,7 +143,7 @@ def render(
     )
 
 
-def _has_policies(loaded: Loaded) -> bool:
+def _has_policies(loaded: ScenarioBundle) -> bool:
     return any(part.kind == "policy" for part in loaded.scenario.routes)
 
 
@@ -159,7 +152,7 @@ def _names(report: Document) -> list[str]:
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
-def _map(loaded: Loaded, work: Path, begin: Bars) -> AmbiguityMap:
+def _map(loaded: ScenarioBundle, work: Path, begin: Bars) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer
@@ -188,36 +181,3 @@ def _save_routes(plans: Sequence[Plan], names: Sequence[str], out: Path) -> list
         for plan, name in zip(plans, names, strict=True):
             save_route(plan.route, fresh / f"{name}.csv")
     return [f"{ROUTES}/{name}.csv" for name in names]
-
-
-def _draw(
-    setup: Setup,
-    plans: Sequence[Plan],
-    results: Sequence[Results],
-    out: Path,
-    progress: Callable[[float], None],
-) -> dict[str, tuple[str, ...]]:
-    """Three pictures for each pair; returns their names by pair."""
-    amap = setup.amap
-    pairs = list(dict.fromkeys(plan.pair for plan in plans))
-    named: dict[str, tuple[str, ...]] = {}
-    for number, pair in enumerate(pairs):
-        chosen = [i for i, plan in enumerate(plans) if plan.pair == pair]
-        ways, found = [plans[i] for i in chosen], [results[i] for i in chosen]
-        names = tuple(f"{kind}{number + 1:02d}-{_slug(pair)}.png" for kind in PICTURES)
-        figures = (
-            plot_floor(amap, ways, f"Routes: {pair}"),
-            plot_spread(amap, ways, found, f"Where the localizer errs: {pair}", setup.worlds[pair]),
-            plot_errors(ways, found, f"Error along the way: {pair}"),
-        )
-        for name, figure in zip(names, figures, strict=True):
-            with replacing(out / name) as scratch:
-                save_figure(figure, scratch)
-        named[pair] = names
-        progress((number + 1) / len(pairs))
-    return named
-
-
-def _slug(name: str) -> str:
-    """A name as part of a file's name."""
-    return re.sub(r"[^a-z0-9.]+", "-", name.lower()).strip("-.") or "unnamed"

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Loaded:
+class ScenarioBundle:
     """A scenario with what it names.
 
     Attributes:
@@ -41,7 +41,9 @@ class Loaded:
     force: bool = False
 
 
-def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = False) -> Loaded:
+def load_scenario(
+    path: str | Path, *, runs: int | None = None, force: bool = False
+) -> ScenarioBundle:
     """Read a scenario with its building and scanner.
 
     What it leaves out of map and localizer is as suits the scanner. An `InputWarning` says so
@@ -50,7 +52,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
     Args:
         path: The file.
         runs: Instead of the file's.
-        force: See `Loaded`.
+        force: See `ScenarioBundle`.
 
     Raises:
         InputError: a file is missing or cannot be used; the message names file, key and value.
@@ -68,7 +70,7 @@ def load_scenario(path: str | Path, *, runs: int | None = None, force: bool = Fa
     note = scenario.chosen_localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
-    return Loaded(scenario, path.parent, _environment(scenario, path), scanner, force)
+    return ScenarioBundle(scenario, path.parent, _environment(scenario, path), scanner, force)
 
 
 def parse_scenario(

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ambinav.compare.controllers import PolicyController
+from ambinav.compare.controllers import controller_of
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import Scenario
 from ambinav.drive.drives import Drives
@@ -82,7 +82,7 @@ def drive_item(setup: Setup, item: Item, *, keep_ranges: bool = False) -> Drives
     scenario, how = setup.scenario, setup.scenario.drive
     controller = None
     if item.plan.driver is not None:
-        controller = PolicyController(
+        controller = controller_of(
             item.plan.driver, setup.environment, setup.scanner, scenario.robot, how.rate, item.runs
         )
     return drive(

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.compare.plans import Plan
-from ambinav.compare.scenario_file import Loaded
+from ambinav.compare.scenario_file import ScenarioBundle
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.routes.files import trace
 
 
-def make_worlds(loaded: Loaded, plans: Sequence[Plan]) -> dict[str, Environment]:
+def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Environment]:
     """The building with its obstacles, for each pair by name.
 
     All routes of a pair are driven in the same world, and no box is in the way of any of them.

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.config import as_count
-from ambinav.drive.controller import Controller
 from ambinav.drive.course import Course
 from ambinav.drive.drives import Drives, Recorder
 from ambinav.drive.localizer_spec import (
@@ -43,6 +42,23 @@ if TYPE_CHECKING:
 PATIENCE, SPARE = 3.0, 10.0
 
 Floats = NDArray[np.float64]
+
+
+class Controller(Protocol):
+    """Steers R robots by what they know; made for one drive, it may remember what was before."""
+
+    def command(
+        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
+    ) -> Floats:
+        """What to tell each robot now, speed (m/s) and turn rate (rad/s), shape (R, 2).
+
+        Args:
+            belief: Where the localizer believes them to be, shape (R, 3), metres and radians, map
+                frame.
+            covariance: How sure it is, shape (R, 3, 3); zero if it knows the truth.
+            speeds: Speed and turn rate, shape (R, 2).
+            ranges: Readings, shape (R, B), metres: inf no echo, -inf too near.
+        """
 
 
 def drive(
@@ -154,10 +170,10 @@ def drive(
         record.add(going, (robots.truth, robots.odometry, belief), covariance, fresh, ranges)
         if k + 1 == steps and not open_loop:
             robots.outcome[robots.outcome == DRIVING] = TIMED_OUT
-        want = None
+        command = None
         if steered is not None:
-            want = steered.want(belief, covariance, robots.speeds, ranges)
-        going = robots.step(belief, want)
+            command = steered.command(belief, covariance, robots.speeds, ranges)
+        going = robots.step(belief, command)
         if not going.any():
             break
         if crowd is not None:

@@ -79,12 +79,12 @@ class DeadReckoning:
         if self._odometry is not None:
             before = self._odometry
             self._covariance = self._noise.spread(self._mean, self._covariance, before, odometry)
-            self._mean = carried(self._mean, before, odometry)
+            self._mean = compose_motion(self._mean, before, odometry)
         self._odometry = odometry.copy()
         return np.ones(len(odometry), dtype=np.bool_)
 
 
-def carried(poses: Floats, before: Floats, after: Floats) -> Floats:
+def compose_motion(poses: Floats, before: Floats, after: Floats) -> Floats:
     """Poses moved as odometry moved from before to after; all of shape (R, 3)."""
     turn = poses[:, 2] - before[:, 2]
     c, s = np.cos(turn), np.sin(turn)

@@ -160,7 +160,7 @@ class OdometryNoise:
         trans = np.hypot(move[:, 0], move[:, 1])
         turn = np.abs((move[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
         moving = trans > 0.0
-        # Turning on the spot it slips along its heading, as `report` has it.
+        # Turning on the spot it slips along its heading, as `sample_odometry` has it.
         turned = np.where(moving, np.arctan2(move[:, 1], move[:, 0]) - before[:, 2], 0.0)
         way = poses[:, 2] + turned
         c, s = np.cos(way), np.sin(way)
@@ -180,7 +180,7 @@ class OdometryNoise:
 
 
 @kernel
-def report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
+def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
     """The odometry pose after a true motion.
 
     Args:
@@ -212,7 +212,7 @@ def report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
 
 
 @kernel
-def reckon(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
+def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
 
     `OdometryNoise.spread` for one pose; biases are not known to who reckons.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ambinav.drive.follower import ARRIVED, limited, pursue
-from ambinav.drive.noise import report
+from ambinav.drive.noise import sample_odometry
 from ambinav.geometry.collision.disc_sweep import clear_along
 from ambinav.kernels import kernel
 from ambinav.localization.odometry import wrapped
@@ -185,14 +185,14 @@ def _go(
     if met:
         outcome[r] = COLLIDED
     ox, oy, ot = odometry[r]
-    odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
+    odometry[r] = sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
 
 
 @kernel
 def report_all(odometry, before, after, noise, states):
-    """`report` for each run, in place: poses of shape (R, 3)."""
+    """`sample_odometry` for each run, in place: poses of shape (R, 3)."""
     for r in range(len(odometry)):
         ox, oy, ot = odometry[r]
         x0, y0, t0 = before[r]
         x1, y1, t1 = after[r]
-        odometry[r] = report(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])
+        odometry[r] = sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, states[r])

@@ -33,8 +33,9 @@ def fill(
 
 
 def data_uri(path: Path) -> str:
-    """A PNG as a text that stands for its address, so that a page needs no other file."""
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+    """A PNG or SVG as a text that stands for its address, so that a page needs no other file."""
+    kind = {".png": "png", ".svg": "svg+xml"}[path.suffix]
+    return f"data:image/{kind};base64," + base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def cell(value: object) -> str:

@@ -52,6 +52,9 @@ class ScannerText(NamedTuple):
     robot_radius: float | None
 
 
+_MOUNTS = TypeAdapter(tuple[MountDegrees, ...])
+
+
 class _PlanarModel(ConfigModel):
     beams: Count
     aperture_deg: Degrees
@@ -77,7 +80,7 @@ def _ring(plain: object) -> Ring:
 def _mounts(plain: object) -> Mounts:
     if not isinstance(plain, list):
         raise fault(plain, "give a list of [x, y, yaw_deg]")
-    return Mounts(TypeAdapter(tuple[MountDegrees, ...]).validate_python(plain))
+    return Mounts(_MOUNTS.validate_python(plain))
 
 
 def _sensor(plain: object) -> RangeSensor:

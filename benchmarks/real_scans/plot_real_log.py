@@ -6,16 +6,16 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.tensor import classify
-from ambinav.maps import drawing
-from ambinav.maps.plot import plot_layer, plot_zones, view
-from ambinav.maps.zones import COLOURS, ZONES
+from ambinav.maps.zones import ZONES
+from ambinav.plotting.canvas import new_figure
+from ambinav.plotting.floor import colour_patch, view
+from ambinav.plotting.maps import plot_layer, plot_zones
+from ambinav.plotting.style import ZONE_COLOURS
 from real_scans.real_log import RealLog
 
 # Of the picture's longer side, inches, about.
@@ -39,13 +39,7 @@ def plot_real_log(study: RealLog) -> Figure:
     bounds = view(amap)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     inches = LONGEST / max(2.0 * width, 1.2 * height)
-    figure = Figure(
-        figsize=(2.0 * width * inches + 1.6, height * inches + 2.0),
-        dpi=drawing.DPI,
-        layout="constrained",
-        facecolor="white",
-    )
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.0 * width * inches + 2.2, height * inches + 2.4)
     zones, level = figure.subplots(1, 2)
     name = study.log.name.removesuffix("-corrected")
     far = f"{study.scanner.max_range:g} m"
@@ -53,13 +47,13 @@ def plot_real_log(study: RealLog) -> Figure:
     seen, model = study.scan_says, study.model
     measured = classify(seen["major"], seen["minor"], model.low, model.high)
     dot = 72.0 * inches * min(WIDE * max(width, height), WIDEST)
-    _path(zones, study, study.alone, np.array(COLOURS)[measured], dot)
+    _path(zones, study, study.alone, np.array(ZONE_COLOURS)[measured], dot)
     plot_layer(amap, "level", level, title="Level and pairs")
     _path(level, study, *study.pairs.mean_by_scan(study.pairs.measured_rank), dot)
     handles = [
         *(
-            Patch(facecolor=colour, edgecolor="#555555", linewidth=0.6, label=zone)
-            for zone, colour in zip(ZONES, COLOURS, strict=True)
+            colour_patch(colour, zone)
+            for zone, colour in zip(ZONES, ZONE_COLOURS, strict=True)
         ),
         Line2D(
             [], [], marker="o", linestyle="", markerfacecolor="white", markeredgecolor="black",
@@ -67,7 +61,7 @@ def plot_real_log(study: RealLog) -> Figure:
             "agreement, on the scale of the level)",
         ),
     ]  # fmt: skip
-    columns = 3 if drawing.is_tall(bounds) else len(handles)
+    columns = 3 if height > 1.1 * width else len(handles)
     figure.legend(
         handles=handles, frameon=False, fontsize=9, ncol=columns, loc="outside lower right"
     )

@@ -40,7 +40,7 @@ Bools = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 
-class Controller(Protocol):
+class EpisodeDriver(Protocol):
     """What drives robots and may look at more than a policy sees."""
 
     def begin(self, simulation: Simulation, rows: Sequence[int]) -> None:
@@ -143,7 +143,7 @@ def episode_seeds(seed: int, first: int, count: int) -> NDArray[np.int64]:
 
 
 def evaluate(
-    controller: Controller | Policy,
+    controller: EpisodeDriver | Policy,
     source: BuildingSource,
     parameters: NavigationParameters,
     episodes: int = 200,
@@ -201,7 +201,7 @@ class _Blind:
 
 
 def _drive(
-    driver: Controller, simulation: Simulation, seeds: NDArray[np.int64], tell: Progress
+    driver: EpisodeDriver, simulation: Simulation, seeds: NDArray[np.int64], tell: Progress
 ) -> Episodes:
     """One episode of each of the first robots; the rest stand idle."""
     count, parameters = len(seeds), simulation.parameters

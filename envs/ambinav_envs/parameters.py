@@ -79,25 +79,26 @@ def _people(value: object) -> People:
     return people
 
 
-def _localizer(name: object) -> object:
+def _localizer(value: object) -> str:
     """The name of a localizer that is compiled into the environments."""
-    if name in LOCALIZERS:
-        return name
-    if name in ALL_LOCALIZERS.names():
-        raise fault(
-            name, f"it is not compiled into the environments; choose from {', '.join(LOCALIZERS)}"
+    if value in LOCALIZERS:
+        return str(value)
+    if value in ALL_LOCALIZERS.names():
+        raise FaultError(
+            f"is {value!r}, which is not compiled into the environments; they have "
+            f"{', '.join(LOCALIZERS)}"
         )
-    raise fault(name, nearest(str(name), LOCALIZERS))
+    raise fault(value, nearest(str(value), LOCALIZERS))
 
 
-def _observations(names: object) -> object:
+def _observations(value: object) -> tuple[str, ...]:
     """Names of parts of the observation that plug-ins bring."""
-    if not isinstance(names, list | tuple):
-        raise fault(names, "give a list of names")
-    for name in names:
+    if not isinstance(value, list | tuple):
+        raise fault(value, "give a list of names")
+    for name in map(str, value):
         if OBSERVATIONS.get(name).function is None:
-            raise InputError(f"{name!r} is one of ours, which need not be named; leave it out")
-    return tuple(names)
+            raise InputError(f"{name!r} is one of ours, which need not be named; leave it out.")
+    return tuple(map(str, value))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from PIL import Image
 import ambinav as an
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit import aliasing as module
-from ambinav.audit.aliasing import Alikes, find_alikes, own_places, seek
+from ambinav.audit.aliasing import AliasingFindings, find_aliasing, own_places, seek
 from ambinav.audit.audit import audit
 from ambinav.audit.document import Document
 from ambinav.audit.report import write_report
@@ -36,9 +36,9 @@ def rooms() -> an.Environment:
 
 
 @pytest.fixture(scope="module")
-def found(rooms, laser) -> tuple[AmbiguityMap, Alikes]:
+def found(rooms, laser) -> tuple[AmbiguityMap, AliasingFindings]:
     amap = an.build_map(rooms, laser, spacing=0.2)
-    return amap, find_alikes(amap, rooms)
+    return amap, find_aliasing(amap, rooms)
 
 
 def test_equal_rooms_are_linked(found):
@@ -72,7 +72,7 @@ def test_equal_rooms_are_linked(found):
 def test_turned_places_are_linked(make, fold, laser):
     """Each arm with all the others, a place at its start's own turned by whole steps."""
     env = make()
-    alikes = find_alikes(an.build_map(env, laser, spacing=0.1), env)
+    alikes = find_aliasing(an.build_map(env, laser, spacing=0.1), env)
     first = [link for link in alikes.links if link.letter == "A"]
     steps = {round(link.turn / math.tau * fold) % fold: link for link in first}
     assert sorted(steps) == list(range(1, fold))
@@ -99,7 +99,7 @@ def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
     assert np.isfinite(some.share[sought]).all() and np.isnan(some.share[~sought]).all()
     # Those that were not are followed to.
     assert np.isfinite(some.found[~sought, 0, 0, 3]).sum() > 100
-    few = find_alikes(amap, rooms, True)
+    few = find_aliasing(amap, rooms, True)
     assert few.sought
     assert few.share == pytest.approx(alikes.share, abs=0.1)
     assert len([link for link in few.links if link.letter == "A"]) == 2
@@ -127,14 +127,14 @@ def test_report_shows_them(found, rooms, laser, tmp_path):
 def test_not_sought_unasked_in_a_large_building(found, rooms, laser, tmp_path, monkeypatch):
     amap, alikes = found
     monkeypatch.setattr(module, "MOST_POSES", alikes.poses - 1)
-    left = find_alikes(amap, rooms)
+    left = find_aliasing(amap, rooms)
     assert (left.sought, left.links, left.poses) == (False, (), alikes.poses)
     assert math.isnan(left.share)
     report = write_report(audit(amap, rooms, laser, places=0, alikes=left), tmp_path / "out")
     assert report.alikes is not None and report.alikes.share is None
     assert "--aliasing" in (tmp_path / "out" / "report.md").read_text()
     assert "--aliasing" in (tmp_path / "out" / "report.html").read_text()
-    assert not find_alikes(amap, rooms, False).sought
+    assert not find_aliasing(amap, rooms, False).sought
 
 
 def test_own_places_are_corridors_and_halls():
@@ -150,7 +150,7 @@ def test_own_places_are_corridors_and_halls():
 def test_a_building_without_look_alikes_says_so(laser, tmp_path):
     env = an.environment_from_shapes([shapely.Polygon([(0, 0), (3, 0), (3.5, 1.2), (1.2, 2.6)])])
     amap = an.build_map(env, laser, spacing=0.2)
-    alikes = find_alikes(amap, env)
+    alikes = find_aliasing(amap, env)
     assert alikes.sought and alikes.links == ()
     report = write_report(audit(amap, env, laser, places=0, alikes=alikes), tmp_path / "out")
     assert "floor-alikes.png" not in report.pictures

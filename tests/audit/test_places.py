@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ambinav.audit.ambiguous_regions import find_places
+from ambinav.audit.ambiguous_regions import find_ambiguous_regions
 from ambinav.audit.regions import find_regions, passable
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
@@ -80,7 +80,7 @@ def test_a_wall_without_thickness_parts_regions():
 
 @pytest.mark.parametrize("headings", [0, 8])
 def test_places_of_the_known_building(headings):
-    places = find_places(AmbiguityMap(synthetic.dataset(headings)))
+    places = find_ambiguous_regions(AmbiguityMap(synthetic.dataset(headings)))
     assert [place.number for place in places] == [1, 2, 3, 4, 5, 6]
     assert [place.severity for place in places] == sorted(
         (place.severity for place in places), reverse=True
@@ -109,7 +109,7 @@ def test_the_representative_point_is_a_worst_one_inside_the_region():
     dataset = synthetic.dataset()
     bad = (dataset["x"] > 12.0) & (dataset["x"] < 13.5) & (dataset["zone"] == CORRIDOR)
     dataset["level"] = dataset["level"].where(~bad, 0.6).astype(np.float32)
-    place = find_places(AmbiguityMap(dataset))[1]
+    place = find_ambiguous_regions(AmbiguityMap(dataset))[1]
     assert 12.0 < place.x < 13.5
     assert place.y == pytest.approx(2.0, abs=0.1)
 
@@ -122,21 +122,21 @@ def test_an_l_shaped_region_is_marked_inside():
     dataset["zone"] = dataset["zone"].where(~ell, OPEN).astype(np.uint8)
     dataset["level"] = dataset["level"].where(~ell, 1.0).astype(np.float32)
     amap = AmbiguityMap(dataset)
-    place = next(p for p in find_places(amap) if p.x < 4)
+    place = next(p for p in find_ambiguous_regions(amap) if p.x < 4)
     assert amap.sample("zone", place.x, place.y) == OPEN
     assert place.area == pytest.approx(4 + 3)
 
 
 def test_count_limits_and_a_harmless_map_has_none():
     amap = AmbiguityMap(synthetic.dataset())
-    assert len(find_places(amap, 2)) == 2
-    assert find_places(amap, 0) == ()
+    assert len(find_ambiguous_regions(amap, 2)) == 2
+    assert find_ambiguous_regions(amap, 0) == ()
     dataset = synthetic.dataset()
     dataset["zone"] = dataset["zone"].where(~dataset["free"], 0).astype(np.uint8)
-    assert find_places(AmbiguityMap(dataset)) == ()
+    assert find_ambiguous_regions(AmbiguityMap(dataset)) == ()
 
 
 def test_cracks_that_no_robot_stands_in_are_no_places():
     dataset = synthetic.dataset()
     dataset["clearance"] = dataset["clearance"].clip(max=0.19)
-    assert find_places(AmbiguityMap(dataset)) == ()
+    assert find_ambiguous_regions(AmbiguityMap(dataset)) == ()

@@ -11,8 +11,8 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from ambinav.ambiguity.build import build_map
-from ambinav.audit.aliasing import find_alikes
-from ambinav.audit.ambiguous_regions import find_places
+from ambinav.audit.aliasing import find_aliasing
+from ambinav.audit.ambiguous_regions import find_ambiguous_regions
 from ambinav.audit.audit import Audit, audit, robot_radius
 from ambinav.audit.document import document
 from ambinav.audit.report import write_report
@@ -24,13 +24,9 @@ from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.plot import plot_layer, plot_zones
-from ambinav.maps.zones import (
-    SOLID_COLOUR,
-    UNEXPLORED_COLOUR,
-    UNKNOWN_COLOUR,
-    UNREACHABLE_COLOUR,
-)
+from ambinav.plotting.maps import plot_layer, plot_zones
+from ambinav.plotting.style import SOLID, UNEXPLORED, UNREACHABLE
+from ambinav.plotting.style import UNKNOWN as UNKNOWN_SPACE
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.maps import synthetic
@@ -72,7 +68,7 @@ def amap(place) -> AmbiguityMap:
 def found(place, amap) -> Audit:
     with pytest.warns(InputWarning):
         reach = find_reach(place, 0.25)
-    alikes = find_alikes(amap, place, True, reach=reach)
+    alikes = find_aliasing(amap, place, True, reach=reach)
     return audit(amap, place, LASER, reach=reach, alikes=alikes)
 
 
@@ -134,7 +130,7 @@ def test_places_lie_on_floor_that_counts(amap, found):
         assert np.hypot(*(counted - (one.x, one.y)).T).min() < 1e-5
         assert one.area <= found.area
     # The same map without a robot: margin and crate are its worst places.
-    worst = find_places(amap)[0]
+    worst = find_ambiguous_regions(amap)[0]
     assert worst.zone == "open" and not found.reach.reaches(worst.x, worst.y)
 
 
@@ -145,7 +141,7 @@ def test_look_alikes_are_sought_where_the_robot_goes(place, amap, found):
     assert found.alikes.area <= 1.15 * found.area
     for link in found.alikes.links:
         assert found.reach.reaches(*link.cells.T).all()
-    everywhere = find_alikes(amap, place, False)
+    everywhere = find_aliasing(amap, place, False)
     assert everywhere.poses > 2 * found.alikes.poses
 
 
@@ -178,7 +174,7 @@ def test_reports_tell_the_same(found, tmp_path):
     for text in (markdown, page):
         assert "not reachable by a robot of 0.25 m" in text
         assert "unexplored" in text
-    assert UNREACHABLE_COLOUR in page and "repeating-linear-gradient" in page
+    assert UNREACHABLE in page and "repeating-linear-gradient" in page
 
 
 def test_nothing_explored_at_all():
@@ -193,7 +189,7 @@ def test_nothing_explored_at_all():
     assert "all of it unexplored" in found.summary and "nothing to hold on to" not in found.summary
     assert [share.share for share in found.shares] == [0.0] * 4
     assert document(found).floor.counted_share == 0.0
-    alikes = find_alikes(amap, environment, True, reach=found.reach)
+    alikes = find_aliasing(amap, environment, True, reach=found.reach)
     assert (alikes.poses, alikes.sought) == (0, False)
 
 
@@ -247,10 +243,10 @@ def shade(colour: str) -> float:
 
 
 def test_the_greys_stay_apart():
-    greys = [shade(c) for c in (SOLID_COLOUR, UNREACHABLE_COLOUR, UNKNOWN_COLOUR)]
+    greys = [shade(c) for c in (SOLID, UNREACHABLE, UNKNOWN_SPACE)]
     assert min(np.diff(greys)) > 0.15
     # Stripes are seen in grey print too.
-    assert shade(UNKNOWN_COLOUR) - shade(UNEXPLORED_COLOUR) > 0.2
+    assert shade(UNKNOWN_SPACE) - shade(UNEXPLORED) > 0.2
 
 
 def pixels(axes, points: np.ndarray) -> set[tuple[int, int, int]]:
@@ -272,10 +268,10 @@ def test_pictures_show_what_does_not_count(amap, found):
         plot_zones(amap, parts=found.parts, strokes=False),
         plot_layer(amap, "level", parts=found.parts),
     ):
-        assert pixels(axes, inside_crate) == {byte(UNREACHABLE_COLOUR)}
-        assert pixels(axes, block) == {byte(SOLID_COLOUR)}
-        assert {byte(UNKNOWN_COLOUR), byte(UNEXPLORED_COLOUR)} <= pixels(axes, stripes)
-        assert pixels(axes, np.array([[19.7, 7.0]])) == {byte(UNKNOWN_COLOUR)}
+        assert pixels(axes, inside_crate) == {byte(UNREACHABLE)}
+        assert pixels(axes, block) == {byte(SOLID)}
+        assert {byte(UNKNOWN_SPACE), byte(UNEXPLORED)} <= pixels(axes, stripes)
+        assert pixels(axes, np.array([[19.7, 7.0]])) == {byte(UNKNOWN_SPACE)}
         labels = [text.get_text() for text in axes.get_legend().get_texts()]
         assert any(label.startswith("unexplored\n") for label in labels)
         assert any(label.startswith("not reachable by a\nrobot of 0.25 m, ") for label in labels)

@@ -60,6 +60,23 @@ def test_all_files_are_there(folder):
                 assert min(picture.size) > 500
 
 
+def test_pictures_can_be_drawn_as_lines(examined, tmp_path):
+    report = write_report(examined, tmp_path / "out", image_format="svg")
+    names = {name.replace(".png", ".svg") for name in FILES}
+    assert {item.name for item in (tmp_path / "out").iterdir()} == names
+    assert {*report.pictures, *(place.picture for place in report.places)} <= names
+    assert (tmp_path / "out" / "floor-zones.svg").read_text().startswith("<?xml")
+    links = Links()
+    links.feed((tmp_path / "out" / "report.html").read_text())
+    assert links.links
+    assert all(link.startswith("data:image/svg+xml;base64,") for link in links.links)
+    linked = re.findall(r"\]\(([^)]+)\)", (tmp_path / "out" / "report.md").read_text())
+    assert set(linked) == {name for name in names if name.endswith(".svg")}
+    # It is a report like any other, and replaced by the next.
+    write_report(examined, tmp_path / "out")
+    assert {item.name for item in (tmp_path / "out").iterdir()} == FILES
+
+
 def test_html_stands_alone(folder):
     page = (folder / "report.html").read_text()
     links = Links()

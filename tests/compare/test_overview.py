@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from ambinav.compare.plot_overview import PALE, plot_overview
+from ambinav.compare.overview import PALE, plot_overview
 from ambinav.compare.tables import Row, make_rows
-from ambinav.maps.zones import COLOURS, CORRIDOR, OPEN
+from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.routes.bad_floor import BadFloor
 from tests.compare.test_tables import CASES
 
@@ -30,7 +31,7 @@ def test_each_zone_has_a_bar_and_its_longest_stretch_is_in_full_colour() -> None
         for bar in axes.patches
         if bar.get_width()
     }
-    corridor, wide = (COLOURS[zone] for zone in (CORRIDOR, OPEN))
+    corridor, wide = (ZONE_COLOURS[zone] for zone in (CORRIDOR, OPEN))
     assert bars == {
         (1, to_rgba(corridor, PALE)): 20.0,
         (1, to_rgba(corridor)): 15.0,
@@ -61,5 +62,7 @@ def test_nothing_overlaps(walls: int) -> None:
 def test_a_stretch_that_is_not_known_is_left_pale() -> None:
     rows = rows_with(FLOORS[1], replace(FLOORS[0], longest_corridor=math.nan))
     axes = plot_overview(rows, "a title").axes[-1]
-    full = [bar.get_width() for bar in axes.patches if bar.get_facecolor() == to_rgba(COLOURS[2])]
+    full = [
+        bar.get_width() for bar in axes.patches if bar.get_facecolor() == to_rgba(ZONE_COLOURS[2])
+    ]
     assert full == [1.5]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
-from ambinav.compare.scenario_file import Loaded, load_scenario, parse_scenario
+from ambinav.compare.scenario_file import ScenarioBundle, load_scenario, parse_scenario
 from ambinav.drive.own_localizers import EkfParameters
 from ambinav.errors import InputError, InputWarning
 from ambinav.localization.parameters import MclParameters
@@ -284,7 +284,7 @@ def test_floor_and_unit_of_the_building(scenario: Plain, tmp_path: Path) -> None
         corners = part["geometry"]["coordinates"][0]
         part["geometry"]["coordinates"] = [[[1000 * x, 1000 * y] for x, y in corners]]
 
-    def load(**keys: object) -> Loaded:
+    def load(**keys: object) -> ScenarioBundle:
         path.write_text(yaml.safe_dump({**scenario, **keys}))
         plan.write_text(json.dumps(document))
         return load_scenario(path)

@@ -32,7 +32,7 @@ class Imitator:
         self._followers = Followers([course] * RUNS, Robot(), FollowerParameters(), 0.1)
         self.ranges: Any = None
 
-    def want(self, belief: Any, covariance: Any, speeds: Any, ranges: Any) -> Any:
+    def command(self, belief: Any, covariance: Any, speeds: Any, ranges: Any) -> Any:
         self.ranges = ranges
         return self._followers.steer(belief, speeds)
 
@@ -43,7 +43,7 @@ class Steady:
     def __init__(self, speed: float, rate: float) -> None:
         self._want = np.tile([speed, rate], (RUNS, 1))
 
-    def want(self, belief: Any, covariance: Any, speeds: Any, ranges: Any) -> Any:
+    def command(self, belief: Any, covariance: Any, speeds: Any, ranges: Any) -> Any:
         return self._want
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from ambinav.drive.localizers import carried
-from ambinav.drive.noise import OdometryNoise, reckon
+from ambinav.drive.localizers import compose_motion
+from ambinav.drive.noise import OdometryNoise, propagate_covariance
 from ambinav.drive.world import moved, report_all, unicycle
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
@@ -198,8 +198,8 @@ def test_reckoning_in_a_kernel_is_the_spread() -> None:
             mean, root = rng.uniform(-2.0, 2.0, 3), rng.normal(size=(3, 3))
             cov = root @ root.T
             spread = noise.spread(mean[None], cov[None], before[None], after[None])[0]
-            place = carried(mean[None], before[None], after[None])[0]
-            reckon(mean, cov, *before, *after, noise.packed)
+            place = compose_motion(mean[None], before[None], after[None])[0]
+            propagate_covariance(mean, cov, *before, *after, noise.packed)
             assert np.allclose(cov, spread, atol=1e-12) and np.allclose(mean, place, atol=1e-12)
 
 

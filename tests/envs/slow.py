@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.drive.follower import limited
-from ambinav.drive.localizers import carried
-from ambinav.drive.noise import report
+from ambinav.drive.localizers import compose_motion
+from ambinav.drive.noise import sample_odometry
 from ambinav.drive.world import moved
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.random import uniform, ziggurat
@@ -57,12 +57,12 @@ class SlowNavigation:
         self.truth = np.array(pose)
         noise = p.true_odometry.packed
         self.odometry = np.array(
-            report(*reported, *before, *self.truth, noise, self.odometry_random)
+            sample_odometry(*reported, *before, *self.truth, noise, self.odometry_random)
         )
         self.cov = p.odometry.spread(
             self.mean[None], self.cov[None], reported[None], self.odometry[None]
         )[0]
-        self.mean = carried(self.mean[None], reported[None], self.odometry[None])[0]
+        self.mean = compose_motion(self.mean[None], reported[None], self.odometry[None])[0]
         readings = self.read()
         self.update(readings)
         line = (before[0], before[1], self.truth[0], self.truth[1], before[2], self.truth[2])

@@ -16,9 +16,9 @@ from matplotlib.text import Annotation
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.plotting.pareto import plot_pareto
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.routes.pareto import ParetoFront, ParetoPoint
-from ambinav.routes.plot_pareto import plot_pareto
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 

@@ -39,7 +39,7 @@ Bars = Callable[[str], Callable[[float], None]]
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Venue:
     """Where episodes take place.
 
     Attributes:
@@ -71,7 +71,7 @@ class Setting:
     """
 
     name: str
-    place: Place
+    place: Venue
     condition: str
 
 
@@ -141,10 +141,10 @@ def settings_for(
     Raises:
         InputError: there is no such suite, a map cannot be read, or two have the same name.
     """
-    places = [Place(suite(name).name, name, buildings) for name in suites or SUITES]
+    places = [Venue(suite(name).name, name, buildings) for name in suites or SUITES]
     for path in maps:
         environment = load_environment(path, level=level, unit=unit)
-        places.append(Place(environment.name, environment, None))
+        places.append(Venue(environment.name, environment, None))
     names = [place.name for place in places]
     for name in names:
         if names.count(name) > 1:

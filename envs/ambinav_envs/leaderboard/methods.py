@@ -12,7 +12,7 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
-from ambinav_envs.evaluation import Controller
+from ambinav_envs.evaluation import EpisodeDriver
 from ambinav_envs.leaderboard.follow import Followers, as_actions
 from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
 from ambinav_envs.leaderboard.waypoint import (
@@ -63,7 +63,7 @@ class Method:
     text: str
     identity: dict[str, Any]
     seeing: dict[str, Any] = field(default_factory=dict)
-    make: Callable[[NavigationParameters], Controller | Policy] = WaypointFollower
+    make: Callable[[NavigationParameters], EpisodeDriver | Policy] = WaypointFollower
     shipped: bool = False
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from ambinav.files import replacing, write_text
-from ambinav.maps.drawing import save_figure
+from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.style import FORMATS
 from ambinav.provenance import discard_stale
 from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.reports.pages import fill
@@ -28,14 +29,16 @@ from ambinav_envs.policies.fit import difference_text as differs_text
 JSON: Final = "report.json"
 MARKDOWN: Final = "report.md"
 TABLE: Final = "table.csv"
-OVERVIEW: Final = "overview.png"
-FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, OVERVIEW, WORK))
+OVERVIEWS: Final = tuple(f"overview.{image_format}" for image_format in FORMATS)
+FOLDER: Final = RunFolder("leaderboard", (JSON, MARKDOWN, TABLE, *OVERVIEWS, WORK))
 
 CRITERION: Final = AcceptanceCriterion(lost=0.5)
 """Of a method against the shortest routes: lost rate and length count."""
 
 
-def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row, ...]:
+def benchmark(
+    board: Board, folder: Path, bars: Bars | None = None, image_format: str = "png"
+) -> tuple[Row, ...]:
     """Make a leaderboard and write it; what an earlier call left in the folder is used.
 
     What other code left there is discarded, which a warning says.
@@ -44,6 +47,7 @@ def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row
         board: Who takes part, and where.
         folder: Where to write.
         bars: Given a text, returns what takes the share done.
+        image_format: Of the picture, one of `ambinav.plotting.style.FORMATS`.
 
     Returns:
         The rows of the table.
@@ -58,11 +62,14 @@ def benchmark(board: Board, folder: Path, bars: Bars | None = None) -> tuple[Row
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
         found = run(board, folder / WORK, begin)
         rows = rows_of(found, board.seed)
-        with replacing(folder / OVERVIEW) as scratch:
+        for picture in OVERVIEWS:
+            (folder / picture).unlink(missing_ok=True)
+        picture = f"overview.{image_format}"
+        with replacing(folder / picture) as scratch:
             save_figure(plot_board(rows, f"Leaderboard, {board.episodes} episodes each"), scratch)
         write_text(folder / TABLE, to_csv(rows))
         write_text(folder / JSON, to_json(board, found, rows) + "\n")
-        write_text(folder / MARKDOWN, to_markdown(board, rows))
+        write_text(folder / MARKDOWN, to_markdown(board, rows, picture))
     return rows
 
 
@@ -112,8 +119,8 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
     return json.dumps(told, indent=2, default=str)
 
 
-def to_markdown(board: Board, rows: Sequence[Row]) -> str:
-    """The report for readers."""
+def to_markdown(board: Board, rows: Sequence[Row], picture: str) -> str:
+    """The report for readers; it shows the picture of this name."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
         "difference": partial(difference_text, bold=True),
@@ -125,7 +132,7 @@ def to_markdown(board: Board, rows: Sequence[Row]) -> str:
         "settings": list(dict.fromkeys(row.setting for row in rows)),
         "figures": FIGURES,
         "baseline": BASELINE,
-        "picture": OVERVIEW,
+        "picture": picture,
         "conditions": CONDITIONS,
         "layer": NavigationParameters.of(board.options).cost_layer,
         "differs": {name: differs_text(found) for name, found in board.differs.items()},

@@ -11,8 +11,8 @@ from scipy.ndimage import distance_transform_edt
 from shapely import get_parts
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.drawing import FRONTIER_COLOUR, WALL_COLOUR
-from ambinav.maps.zones import COLOURS, NOT_FREE, OPEN, SOLID_COLOUR, UNKNOWN_COLOUR, ZONES
+from ambinav.maps.zones import NOT_FREE, OPEN, ZONES
+from ambinav.plotting import style
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.rendering.camera import Camera
 
@@ -29,8 +29,8 @@ def _rgb(colour: str) -> NDArray[np.float64]:
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)], dtype=np.float64)
 
 
-_UNKNOWN, _SOLID = _rgb(UNKNOWN_COLOUR), _rgb(SOLID_COLOUR)
-_ZONES = np.array([(1.0 - PALE) * _rgb(colour) + PALE * 255.0 for colour in COLOURS])
+_UNKNOWN, _SOLID = _rgb(style.UNKNOWN), _rgb(style.SOLID)
+_ZONES = np.array([(1.0 - PALE) * _rgb(colour) + PALE * 255.0 for colour in style.ZONE_COLOURS])
 
 ZONE_COLOURS: Final = {
     name: tuple(int(part) for part in colour) for name, colour in zip(ZONES, _ZONES, strict=True)
@@ -113,8 +113,8 @@ def _walls(picture: pygame.Surface, building: Building, camera: Camera) -> None:
     shown = (high > -9.0).all(axis=1) & (low < np.array(camera.size) + 9.0).all(axis=1)
     wide = max(THINNEST, round(WALL * camera.scale))
     for of_kind, colour, width in (
-        (~segments.walls, FRONTIER_COLOUR, max(1, wide // 2)),
-        (segments.walls, WALL_COLOUR, wide),
+        (~segments.walls, style.FRONTIER, max(1, wide // 2)),
+        (segments.walls, style.WALL, wide),
     ):
         for a, b in ends[shown & of_kind].tolist():
             stroke(picture, colour, a, b, width)

@@ -14,18 +14,13 @@ import numpy as np
 import pygame
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.routes.drawing import SIGMAS
+from ambinav.plotting.style import BOX, ESTIMATE, GOAL_RING, PERSON, ROBOT, SIGMAS
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import stroke
 
 Floats = NDArray[np.float64]
 
 WHITE: Final = "#FFFFFF"
-TRUTH: Final = "#111111"
-BELIEF: Final = "#6A1B9A"
-GOAL: Final = "#00664A"
-PERSON: Final = "#F0E442"
-BOX: Final = "#595959"
 BEAM: Final = (20, 20, 20, 55)
 # Pixels of the (large) picture.
 LINE = 5
@@ -48,7 +43,7 @@ class Marks:
         """The robot: a filled disc and the direction that it faces; at least some pixels large."""
         middle, nose, size = self._body(pose, radius)
         pygame.draw.circle(self.picture, WHITE, middle, size + 3)
-        pygame.draw.circle(self.picture, TRUTH, middle, size)
+        pygame.draw.circle(self.picture, ROBOT, middle, size)
         stroke(self.picture, WHITE, middle, nose, LINE)
 
     def belief(self, pose: ArrayLike, covariance: ArrayLike | None, radius: float) -> None:
@@ -63,24 +58,24 @@ class Marks:
         if covariance is not None:
             self.ellipse(pose, covariance)
         pygame.draw.circle(self.picture, WHITE, middle, size + 4, LINE + 5)
-        pygame.draw.circle(self.picture, BELIEF, middle, size + 2, LINE + 1)
-        self._cased(np.array([middle, nose]), BELIEF, LINE)
+        pygame.draw.circle(self.picture, ESTIMATE, middle, size + 2, LINE + 1)
+        self._cased(np.array([middle, nose]), ESTIMATE, LINE)
 
     def ellipse(self, pose: ArrayLike, covariance: ArrayLike) -> None:
         """Where the robot truly is, with two standard deviations; arguments as for `belief`."""
         rim = rim_of(np.asarray(pose)[:2], np.asarray(covariance)[:2, :2])
-        self._cased(self.camera.pixels(rim), BELIEF, LINE - 1, closed=True)
+        self._cased(self.camera.pixels(rim), ESTIMATE, LINE - 1, closed=True)
 
     def goal(self, place: ArrayLike, radius: float) -> None:
         """A ring of the goal's radius with a flag in it."""
         x, y = self.camera.pixels(place).tolist()
         size = max(radius * self.camera.scale, 14.0)
         pygame.draw.circle(self.picture, WHITE, (x, y), size + 3)
-        pygame.draw.circle(self.picture, GOAL, (x, y), size, LINE)
+        pygame.draw.circle(self.picture, GOAL_RING, (x, y), size, LINE)
         foot, top = [x - 0.25 * size, y + 0.55 * size], [x - 0.25 * size, y - 0.6 * size]
-        stroke(self.picture, GOAL, foot, top, 4)
+        stroke(self.picture, GOAL_RING, foot, top, 4)
         flag = [top, [x + 0.5 * size, y - 0.3 * size], [x - 0.25 * size, y]]
-        pygame.draw.polygon(self.picture, GOAL, flag)
+        pygame.draw.polygon(self.picture, GOAL_RING, flag)
 
     def scan(self, origins: Floats, ends: Floats, echo: NDArray[np.bool_]) -> None:
         """Beams, and a dot where each had an echo.
@@ -96,12 +91,12 @@ class Marks:
             pygame.draw.line(veil, BEAM if hit else (*BEAM[:3], BEAM[3] // 2), a, b, 2)
         self.picture.blit(veil, (0, 0))
         for place in stops[echo].tolist():
-            pygame.draw.circle(self.picture, TRUTH, place, 6)
+            pygame.draw.circle(self.picture, ROBOT, place, 6)
             pygame.draw.circle(self.picture, WHITE, place, 4)
 
     def trail(self, places: Floats) -> None:
         """Where the robot truly was: a full line."""
-        self._cased(self.camera.pixels(places), TRUTH, 3)
+        self._cased(self.camera.pixels(places), ROBOT, 3)
 
     def estimated_trail(self, places: Floats) -> None:
         """The estimated poses: dots at even distances."""
@@ -109,7 +104,7 @@ class Marks:
         length = np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
         at = np.arange(0.0, length[-1], 16.0)
         dots = np.stack([np.interp(at, length, points[:, k]) for k in (0, 1)], axis=-1).tolist()
-        for colour, size in ((WHITE, 5), (BELIEF, 3.5)):
+        for colour, size in ((WHITE, 5), (ESTIMATE, 3.5)):
             for dot in dots:
                 pygame.draw.circle(self.picture, colour, dot, size)
 
@@ -121,14 +116,14 @@ class Marks:
         pygame.draw.polygon(self.picture, BOX, corners)
         for k in (0, 1):
             stroke(self.picture, WHITE, corners[k], corners[k + 2], 3)
-        self._cased(np.array(corners), TRUTH, 3, closed=True)
+        self._cased(np.array(corners), ROBOT, 3, closed=True)
 
     def person(self, pose: Floats, radius: float) -> None:
         """A person: a bright disc with a small head."""
         middle, _, size = self._body(pose, radius)
-        pygame.draw.circle(self.picture, TRUTH, middle, size + 2)
+        pygame.draw.circle(self.picture, ROBOT, middle, size + 2)
         pygame.draw.circle(self.picture, PERSON, middle, size - 2)
-        pygame.draw.circle(self.picture, TRUTH, middle, 0.45 * size)
+        pygame.draw.circle(self.picture, ROBOT, middle, 0.45 * size)
 
     def _body(self, pose: ArrayLike, radius: float) -> tuple[list[float], list[float], float]:
         """Middle, tip and radius of a disc, pixels."""

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pygame
 
-from ambinav.maps.drawing import round_length
+from ambinav.plotting.style import ROBOT, round_length
 from ambinav_envs.rendering.camera import Camera
 from ambinav_envs.rendering.floor import UNEXPLORED_COLOUR, ZONE_COLOURS, stroke
-from ambinav_envs.rendering.marks import TRUTH, WHITE, Marks
+from ambinav_envs.rendering.marks import WHITE, Marks
 
 GREY = "#5A5A5A"
 # Pixels of the (large) picture.
@@ -32,7 +32,7 @@ def _font(size: int) -> pygame.font.Font:
 
 
 def text(
-    picture: pygame.Surface, what: str, x: float, y: float, size: int = NORMAL, colour: str = TRUTH
+    picture: pygame.Surface, what: str, x: float, y: float, size: int = NORMAL, colour: str = ROBOT
 ) -> None:
     """Write a line from x on, its middle at y; what does not fit is cut, with three dots."""
     font, room = _font(size), picture.get_width() - x - 8
@@ -124,7 +124,7 @@ def _scale_bar(picture: pygame.Surface, scale: float) -> None:
     width, height = picture.get_size()
     length = round_length(4.0 * (width - 2.0 * EDGE - 110.0) / scale)
     y, right = height - 40.0, EDGE + length * scale
-    stroke(picture, TRUTH, [EDGE, y], [right, y], 4)
+    stroke(picture, ROBOT, [EDGE, y], [right, y], 4)
     for x in (float(EDGE), right):
-        stroke(picture, TRUTH, [x, y - 10.0], [x, y + 10.0], 4)
+        stroke(picture, ROBOT, [x, y - 10.0], [x, y + 10.0], 4)
     text(picture, f"{length:g} m" if length >= 1.0 else f"{100 * length:g} cm", right + 18.0, y)

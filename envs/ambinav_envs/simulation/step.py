@@ -10,7 +10,7 @@ import math
 
 from ambinav.drive.follower import limited
 from ambinav.drive.metrics import LOST_HEADING, LOST_POSITION
-from ambinav.drive.noise import reckon, report
+from ambinav.drive.noise import propagate_covariance, sample_odometry
 from ambinav.drive.world import free_share, path, unicycle
 from ambinav.kernels import kernel
 from ambinav.localization.ekf_update import update_pose
@@ -84,12 +84,14 @@ def move(walls, state, settings, people, boxes, i, speed, rate):
     state.truth[0], state.truth[1], state.truth[2] = x1, y1, t1
     state.speeds[0], state.speeds[1] = speed, rate
     before = state.odometry[0], state.odometry[1], state.odometry[2]
-    after = report(
+    after = sample_odometry(
         *before, x0, y0, t0, x1, y1, t1, settings.true_odometry, state.random[ODOMETRY_NOISE]
     )
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
-        reckon(state.mean, state.covariance, *before, *after, settings.modelled_odometry)
+        propagate_covariance(
+            state.mean, state.covariance, *before, *after, settings.modelled_odometry
+        )
     if people.shape[1] > 0:
         walk(people, i, x1, y1, settings, table, bound, state.random[WALKERS])
 

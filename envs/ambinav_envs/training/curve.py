@@ -9,22 +9,20 @@ from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from ambinav.files import replacing
-from ambinav.maps import drawing
+from ambinav.plotting.canvas import new_figure
+from ambinav.plotting.style import BLUE, OUTCOMES, SKY
 from ambinav_envs.training.progress import Row
 
-ENDS: Final[dict[str, tuple[str, str, str]]] = {
-    "collided": ("#D55E00", "X", "touched something"),
-    "timeout": ("#777777", "s", "out of time"),
-    "missed": ("#CC79A7", "P", "stopped elsewhere"),
-    "lost": ("#000000", "D", "ever lost"),
+ENDS: Final = {
+    "collided": "collided",
+    "timeout": "out of time",
+    "missed": "stopped elsewhere",
+    "lost": "ever lost",
 }
-"""Colour, mark and name of what is drawn beside arrival; colours of Okabe and Ito."""
+"""What is drawn beside arrival, and its name."""
 Line = tuple[list[float], list[float]]
-_TRAIN, _JUDGED = "#56B4E9", "#0072B2"
 
 
 def plot_curve(rows: Sequence[Row], path: Path) -> None:
@@ -34,22 +32,22 @@ def plot_curve(rows: Sequence[Row], path: Path) -> None:
         rows: See `folder.COLUMNS`.
         path: The picture, a .png.
     """
-    figure = Figure(figsize=(10.0, 4.2), dpi=drawing.DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(10.0, 4.2)
     left, right = figure.subplots(1, 2, sharex=True).tolist()
     most = max((row["steps"] or 0.0 for row in rows), default=0.0)
     unit, name = (1e6, "million steps") if most >= 1e6 else (1e3, "thousand steps")
     for kind, colour, mark, label in (
-        ("train", _TRAIN, "", "in training, with exploration"),
-        ("eval", _JUDGED, "o", "judged, without exploration"),
+        ("train", SKY, "", "in training, with exploration"),
+        ("eval", BLUE, "o", "judged, without exploration"),
     ):
         _draw(left, _line(rows, f"{kind}_arrived", unit), color=colour, marker=mark, label=label)
-    for key, (colour, mark, label) in ENDS.items():
+    for key, label in ENDS.items():
+        colour, mark, _ = OUTCOMES[key]
         _draw(right, _line(rows, f"eval_{key}", unit), color=colour, marker=mark, label=label)
     left.set_title("arrived", loc="left")
     right.set_title("how else it ends, judged", loc="left")
     top = max([5.0, *(y for key in ENDS for y in _line(rows, f"eval_{key}", unit)[1])])
-    for axes, high, corner in ((left, 100.0, "lower right"), (right, top, "upper right")):
+    for axes, high in ((left, 100.0), (right, top)):
         axes.set_ylim(0.0, 1.04 * high)
         axes.set_xlim(0.0, most / unit or 1.0)
         axes.set_xlabel(name)
@@ -57,7 +55,11 @@ def plot_curve(rows: Sequence[Row], path: Path) -> None:
         axes.grid(color="#DDDDDD", linewidth=0.6)
         axes.spines[["top", "right"]].set_visible(False)
         if axes.lines:
-            axes.legend(frameon=False, fontsize="small", loc=corner)
+            # Below: lines and the marks of stages may be anywhere.
+            axes.legend(
+                frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(-0.16, -0.14),
+                ncols=4, columnspacing=1.0, handlelength=1.4,
+            )  # fmt: skip
     _stages(left, rows, unit)
     _minutes(left, rows, unit)
     with replacing(path) as fresh:
@@ -78,7 +80,7 @@ def _line(rows: Sequence[Row], column: str, unit: float) -> Line:
 
 
 def _stages(axes: Axes, rows: Sequence[Row], unit: float) -> None:
-    """Lines where the ways become longer."""
+    """Lines where the paths become longer."""
     for before, row in itertools.pairwise(rows):
         longest, at = row["longest"], before["steps"] or 0.0
         if longest != before["longest"]:

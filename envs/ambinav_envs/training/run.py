@@ -41,7 +41,7 @@ DIGITS: Final = 12
 
 
 @dataclass(frozen=True)
-class Told:
+class TrainingStatus:
     """How far a training is.
 
     Attributes:
@@ -61,7 +61,7 @@ class Told:
     preparing: bool = False
 
 
-Tell = Callable[[Told], None]
+Tell = Callable[[TrainingStatus], None]
 
 
 class Run:
@@ -182,7 +182,9 @@ class Run:
         ]
         for done, (source, number) in enumerate(wanted):
             steps = int(self.model.num_timesteps)
-            self._tell(Told(done / len(wanted), steps, math.nan, None, None, preparing=True))
+            self._tell(
+                TrainingStatus(done / len(wanted), steps, math.nan, None, None, preparing=True)
+            )
             source.get(number).amap  # noqa: B018 - made when it is asked for
 
     def _round(self) -> float:
@@ -214,7 +216,7 @@ class Run:
         if steps >= self._next["checkpoint"]:
             self._pass("checkpoint")
             self._checkpoint()
-        self._tell(Told(share, steps, rate, self._last, judged))
+        self._tell(TrainingStatus(share, steps, rate, self._last, judged))
 
     def _pass(self, what: str) -> None:
         """Set when something is due for the next time."""
@@ -296,7 +298,7 @@ class Run:
         if not judged or judged[-1]["steps"] != steps or self.best is None:
             figures = self._evaluate()
             self._row(math.nan, figures)
-            self._tell(Told(1.0, steps, math.nan, self._last, figures))
+            self._tell(TrainingStatus(1.0, steps, math.nan, self._last, figures))
             judged = self.progress.evaluations()
         last = {
             name.removeprefix("eval_"): value

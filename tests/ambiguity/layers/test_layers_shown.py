@@ -17,7 +17,7 @@ import ambinav as an
 from ambinav.ambiguity.build import build_map
 from ambinav.cli import app, options
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.plot import plot_layer
+from ambinav.plotting.maps import plot_layer
 from ambinav.sensing import RangeScanner
 from tests.geometry import scenes
 
@@ -68,7 +68,7 @@ def figure(axes: object) -> Figure:
 
 def dark(axes: object, x: float, y: float) -> float:
     """Luminance at a point, 0 to 1."""
-    image = axes.images[0]  # type: ignore[attr-defined]
+    image = axes.images[-1]  # type: ignore[attr-defined]
     left, right, low, high = image.get_extent()
     rows, columns = image.get_array().shape
     row = int((y - low) / (high - low) * rows)
@@ -83,26 +83,26 @@ def dark(axes: object, x: float, y: float) -> float:
 def test_dark_is_badly_localized(amap: AmbiguityMap, name: str) -> None:
     axes = plot_layer(amap, name)
     assert dark(axes, 10.0, 1.5) < dark(axes, 1.0, 1.5) - 0.2
-    label = figure(axes).axes[-1].get_ylabel()
+    label = axes.child_axes[-1].get_ylabel()
     attrs = amap.dataset[name].attrs
     assert label == f"{attrs['long_name']} ({attrs['units']})"
 
 
 def test_what_spans_powers_is_drawn_by_powers(amap: AmbiguityMap) -> None:
-    norm = plot_layer(amap, "localizability_determinant").images[0].norm
+    norm = plot_layer(amap, "localizability_determinant").images[-1].norm
     assert isinstance(norm, LogNorm)
     assert norm.vmax == pytest.approx(np.nanmax(amap.dataset["localizability_determinant"].values))
-    assert not isinstance(plot_layer(amap, "fisher").images[0].norm, LogNorm)
+    assert not isinstance(plot_layer(amap, "fisher").images[-1].norm, LogNorm)
 
 
 def test_what_goes_below_zero_is_drawn_whole(amap: AmbiguityMap) -> None:
     below = AmbiguityMap(amap.dataset.assign(fisher=amap.dataset["fisher"] - 0.1))
-    norm = plot_layer(below, "fisher").images[0].norm
+    norm = plot_layer(below, "fisher").images[-1].norm
     assert norm.vmin == pytest.approx(float(below.dataset["fisher"].min()))
 
 
 def test_axes_are_drawn_in_degrees(amap: AmbiguityMap) -> None:
-    assert plot_layer(amap, "fisher_direction").images[0].norm.vmax == 180.0
+    assert plot_layer(amap, "fisher_direction").images[-1].norm.vmax == 180.0
 
 
 def test_map_command(folder: Path) -> None:

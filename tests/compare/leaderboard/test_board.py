@@ -20,13 +20,13 @@ from ambinav_envs.leaderboard import report as report_module
 from ambinav_envs.leaderboard.board import (
     CONDITIONS,
     Board,
-    Place,
     Setting,
+    Venue,
     fitting,
     settings_for,
 )
 from ambinav_envs.leaderboard.methods import all_methods, planner_methods, policy_method
-from ambinav_envs.leaderboard.report import OURS, benchmark
+from ambinav_envs.leaderboard.report import FOLDER, benchmark
 from ambinav_envs.leaderboard.routes import Routes
 from ambinav_envs.leaderboard.store import (
     key_of,
@@ -41,7 +41,7 @@ OPTIONS = {"longest": 5.0, "max_steps": 150}
 
 
 def small(environment: Environment, **changed: Any) -> Board:
-    place = Place("room", environment, None)
+    place = Venue("room", environment, None)
     values: dict[str, Any] = {
         "methods": [*planner_methods(["reference:0.5"]), policy_method("plug.py:spinner", HERE)],
         "settings": [Setting(f"room, {name}", place, name) for name in CONDITIONS],
@@ -55,7 +55,9 @@ def small(environment: Environment, **changed: Any) -> Board:
 def test_what_is_written(tmp_path: Path) -> None:
     board = small(room())
     rows = benchmark(board, tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(OURS)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(
+        name for name in FOLDER.names if not name.endswith(".svg")
+    )
     assert [(row.setting, row.method) for row in rows] == [
         (f"room, {name}", method)
         for name in CONDITIONS

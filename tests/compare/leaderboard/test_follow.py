@@ -136,5 +136,5 @@ def test_without_a_route_a_robot_stands(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_an_unknown_planner() -> None:
-    with pytest.raises(InputError, match="did you mean 'prmstar'"):
+    with pytest.raises(InputError, match="did you mean prmstar"):
         Routes(PlannerChoice("prmstr"))

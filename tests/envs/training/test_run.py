@@ -21,7 +21,7 @@ from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import load_config
-from ambinav_envs.training.run import Run, Told, best_of
+from ambinav_envs.training.run import Run, TrainingStatus, best_of
 from ambinav_envs.training.train import train
 from ambinav_envs.training.vec import TrainingEnvs
 from tests.envs.training.cases import RECURRENT, SAC, TINY, tiny
@@ -54,7 +54,7 @@ def figures(folder: Path) -> list[dict[str, str]]:
 
 
 def interrupted_at(steps: int) -> Any:
-    def tell(told: Told) -> None:
+    def tell(told: TrainingStatus) -> None:
         if told.steps >= steps:
             raise KeyboardInterrupt
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ambinav.config import as_number
 from ambinav.drive.localizer_spec import LocalizerSpec
-from ambinav.drive.localizers import carried
+from ambinav.drive.localizers import compose_motion
 from ambinav.errors import InputError
 
 
@@ -37,7 +37,7 @@ class Confident:
 
     def update(self, odometry, ranges):
         if self._odometry is not None:
-            self.mean = carried(self.mean, self._odometry, odometry)
+            self.mean = compose_motion(self.mean, self._odometry, odometry)
         self._odometry = odometry.copy()
         return np.ones(len(odometry), dtype=bool)
 

@@ -6,6 +6,7 @@ import math
 from typing import Final, Protocol
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection, PolyCollection
 from matplotlib.colors import to_rgb
@@ -13,20 +14,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, PathPatch, Polygon, Wedge
 from matplotlib.path import Path
 from numpy.typing import NDArray
-from shapely import MultiPolygon
 from shapely import Polygon as ShapelyPolygon
+from shapely.geometry.base import BaseGeometry
 
-from ambinav.geometry.segments import Segments
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import draw_backdrop
-from ambinav.maps.zones import UNKNOWN_COLOUR
+from ambinav.plotting import style
+from ambinav.plotting.floor import Bounds, FloorFigure
 
 Floats = NDArray[np.float64]
 
-RETURNED_COLOUR: Final = "#2C7FB8"
-SILENT_COLOUR: Final = "#D95F0E"
-ROBOT_COLOUR: Final = "#1A1A1A"
+LONGEST: Final = 6.4
+"""Inches of a picture of its own."""
 _MANY = 120
 """Beams of a fan that is drawn as an area: single lines would fill the picture."""
 
@@ -72,46 +70,35 @@ class Scan(Protocol):
 
 
 def plot_scan(
-    segments: Segments,
+    amap: AmbiguityMap,
     scan: Scan,
-    free: ShapelyPolygon | MultiPolygon | None = None,
     ax: Axes | None = None,
     *,
     slide: tuple[float, float] | None = None,
     title: str = "",
-    amap: AmbiguityMap | None = None,
 ) -> Axes:
     """Draw a scan over the walls: beams that return, beams without echo, the robot.
 
     Args:
-        segments: Walls and frontiers.
+        amap: A map of the building.
         scan: The scan.
-        free: Free space, drawn white on grey; None leaves all white.
         ax: Where to draw; None makes a figure of its own (`ax.figure`).
         slide: Direction (radians) and radius (metres) in which the robot can slide unseen; drawn
             as a double arrow, never shorter than can be seen.
         title: Above the picture.
-        amap: A map of the building, which knows what is solid around the free space; None: all
-            around it is drawn as unknown.
     """
     reach = _reach(scan)
     bounds = (scan.x - reach, scan.y - reach, scan.x + reach, scan.y + reach)
-    axes = drawing.new_axes(bounds, longest=6.4) if ax is None else ax
-    drawing.frame(axes, bounds, "white" if free is None else UNKNOWN_COLOUR)
-    if free is not None:
-        if amap is not None:
-            draw_backdrop(axes, amap)
-        _draw_free(axes, free, bounds)
-    drawing.draw_walls(axes, segments, width=1.5)
+    floor = FloorFigure(amap, ax, title, bounds=bounds, longest=LONGEST, walls=1.5)
+    axes = floor.axes
+    _draw_free(axes, amap.environment.free, bounds)
     returned = np.isfinite(scan.distance)
     _draw_beams(axes, scan, returned)
     _draw_robot(axes, scan, reach)
     if slide is not None:
         _draw_slide(axes, scan, slide, reach)
-    drawing.draw_scale_bar(axes)
-    _legend(axes, returned, slide)
-    axes.set_title(title, fontsize=10, loc="left")
-    return axes
+    floor.legend(_handles(returned, slide))
+    return floor.finish()
 
 
 def _reach(scan: Scan) -> float:
@@ -124,15 +111,13 @@ def _reach(scan: Scan) -> float:
     return 1.06 * (longest + offset)
 
 
-def _draw_free(
-    axes: Axes, free: ShapelyPolygon | MultiPolygon, bounds: tuple[float, float, float, float]
-) -> None:
+def _draw_free(axes: Axes, free: BaseGeometry, bounds: Bounds) -> None:
     shown = free.intersection(ShapelyPolygon.from_bounds(*bounds))
     for part in getattr(shown, "geoms", [shown]):
         if isinstance(part, ShapelyPolygon) and not part.is_empty:
             rings = [np.asarray(ring.coords) for ring in (part.exterior, *part.interiors)]
             outline = Path.make_compound_path(*(Path(ring, closed=True) for ring in rings))
-            axes.add_patch(PathPatch(outline, facecolor="white", linewidth=0, zorder=1.0))
+            axes.add_patch(PathPatch(outline, facecolor=style.FLOOR, linewidth=0, zorder=1.0))
 
 
 def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
@@ -144,16 +129,16 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
     lines = np.stack([scan.origin, end], axis=1)
     cone = scan.aperture > 0
     area = ~cone & (not few)
-    for mask, colour, style in (
-        (returned, RETURNED_COLOUR, "solid"),
-        (~returned, SILENT_COLOUR, (0, (5, 4))),
+    for mask, colour, dashes in (
+        (returned, style.ECHO, "solid"),
+        (~returned, style.SILENT, (0, (5, 4))),
     ):
         axes.add_collection(
             LineCollection(
                 list(lines[mask & ~cone & ~area]),
                 colors=colour,
                 linewidths=0.9,
-                linestyles=style,
+                linestyles=dashes,
                 alpha=0.75,
                 zorder=2,
             ),
@@ -185,9 +170,7 @@ def _draw_beams(axes: Axes, scan: Scan, returned: NDArray[np.bool_]) -> None:
             ),
             autolim=False,
         )
-    axes.plot(
-        *scan.hit[returned].T, ".", color=RETURNED_COLOUR, markersize=5 if few else 2.5, zorder=6
-    )
+    axes.plot(*scan.hit[returned].T, ".", color=style.ECHO, markersize=5 if few else 2.5, zorder=6)
 
 
 def _pale(colour: str) -> tuple[float, float, float]:
@@ -208,11 +191,11 @@ def _slices(scan: Scan, end: Floats) -> Floats:
 
 def _draw_robot(axes: Axes, scan: Scan, reach: float) -> None:
     size = 0.035 * reach
-    axes.add_patch(Circle((scan.x, scan.y), size, color=ROBOT_COLOUR, zorder=7))
+    axes.add_patch(Circle((scan.x, scan.y), size, color=style.ROBOT, zorder=7))
     c, s = math.cos(scan.theta), math.sin(scan.theta)
     nose = np.array([[2.4, 0.0], [0.5, 0.85], [0.5, -0.85]]) * size
     axes.add_patch(
-        Polygon(nose @ np.array([[c, s], [-s, c]]) + [scan.x, scan.y], color=ROBOT_COLOUR, zorder=7)
+        Polygon(nose @ np.array([[c, s], [-s, c]]) + [scan.x, scan.y], color=style.ROBOT, zorder=7)
     )
 
 
@@ -229,35 +212,27 @@ def _draw_slide(axes: Axes, scan: Scan, slide: tuple[float, float], reach: float
             shrinkA=0,
             shrinkB=0,
             linewidth=2.2,
-            color="#7B1FA2",
+            color=style.SLIDE,
             zorder=8,
         )
     )
 
 
-def _legend(axes: Axes, returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> None:
+def _handles(returned: NDArray[np.bool_], slide: tuple[float, float] | None) -> list[Artist]:
+    """Entries of the legend."""
     echo = f"echo ({int(returned.sum())})"
     silent = f"no echo ({int((~returned).sum())})"
-    handles: list[Line2D | Patch]
+    handles: list[Artist]
     if returned.size > _MANY:
         handles = [
-            Patch(facecolor=_pale(RETURNED_COLOUR), label=echo),
-            Patch(facecolor=_pale(SILENT_COLOUR), label=silent),
+            Patch(facecolor=_pale(style.ECHO), label=echo),
+            Patch(facecolor=_pale(style.SILENT), label=silent),
         ]
     else:
         handles = [
-            Line2D([], [], color=RETURNED_COLOUR, marker=".", label=echo),
-            Line2D([], [], color=SILENT_COLOUR, linestyle="--", label=silent),
+            Line2D([], [], color=style.ECHO, marker=".", label=echo),
+            Line2D([], [], color=style.SILENT, linestyle="--", label=silent),
         ]
     if slide is not None:
-        handles.append(Line2D([], [], color="#7B1FA2", linewidth=2.2, label="slides unseen"))
-    axes.legend(
-        handles=handles,
-        loc="upper right",
-        bbox_to_anchor=(1.0, -0.005),
-        ncol=len(handles),
-        frameon=False,
-        fontsize=9,
-        borderaxespad=0.2,
-        columnspacing=1.2,
-    )
+        handles.append(Line2D([], [], color=style.SLIDE, linewidth=2.2, label="slides unseen"))
+    return handles

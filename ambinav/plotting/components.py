@@ -1,9 +1,8 @@
-"""The picture of "no way": what can be reached from the start, and from the goal."""
+"""The picture of "no path found": what can be reached from the start, and from the goal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,17 +12,9 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import area_text, colour_patch, outside_patches
-from ambinav.maps.plot import draw_image, finish, floor_axes, view
-from ambinav.maps.zones import UNREACHABLE_COLOUR
-from ambinav.routes.drawing import GOAL, START, draw_ends, root_figure
-from ambinav.routes.legends import floor_legend
-
-FROM_START: Final = "#5B3A8E"
-FROM_GOAL: Final = "#8FD694"
-FROM_NEITHER: Final = "#FFFFFF"
-NO_ROOM: Final = UNREACHABLE_COLOUR
-"""Fill of floor by what it can be reached from; dark and light, none a colour of the zones."""
+from ambinav.plotting import style
+from ambinav.plotting.canvas import root_figure
+from ambinav.plotting.floor import FloorFigure, area_text, colour_patch, label_points
 
 
 def plot_components(
@@ -49,7 +40,7 @@ def plot_components(
             reaches none.
         goal_label: Label of the part that the goal lies in.
         ax: Where to draw; None makes a figure of its own.
-        title: None says that there is no way.
+        title: None says that no path was found.
 
     Raises:
         InputError: the labels have another shape than the lattice.
@@ -62,26 +53,23 @@ def plot_components(
     fits = labels >= 0
     from_start, from_goal = fits & (labels == start_label), fits & (labels == goal_label)
     entries = [
-        (FROM_START, "reachable from the start", from_start),
-        (FROM_GOAL, "reachable from the goal", from_goal),
-        (FROM_NEITHER, "reachable from neither", fits & ~from_start & ~from_goal),
-        (NO_ROOM, "no room for the robot", free & (labels < 0)),
+        (style.FROM_START, "reachable from the start", from_start),
+        (style.FROM_GOAL, "reachable from the goal", from_goal),
+        (style.FLOOR, "reachable from neither", fits & ~from_start & ~from_goal),
+        (style.UNREACHABLE, "no room for the robot", free & (labels < 0)),
     ]
     picture = np.zeros((*free.shape, 4))
     for colour, _, cells in entries:
         picture[cells] = to_rgba(colour)
-    axes = floor_axes(amap) if ax is None else ax
-    draw_image(axes, amap, picture)
-    finish(axes, amap, title or f"No way from start to goal in {amap.dataset.attrs['environment']}")
-    draw_ends(axes, [(start[0], start[1], START), (goal[0], goal[1], GOAL)], zorder=10)
-    floor_legend(
-        axes,
-        amap,
-        [
-            colour_patch(colour, f"{text}\n{area_text(float(cells.sum()) * amap.spacing**2)}")
-            for colour, text, cells in entries
-            if cells.any()
-        ]
-        + outside_patches(amap, view(amap)),
-    )
-    return root_figure(axes)
+    building = amap.dataset.attrs["environment"]
+    title = title or f"No path from start to goal in {building}"
+    floor = FloorFigure(amap, ax, title)
+    floor.paint(picture)
+    label_points(floor.axes, [(start[0], start[1], style.START), (goal[0], goal[1], style.GOAL)])
+    patches = [
+        colour_patch(colour, f"{text}\n{area_text(float(cells.sum()) * amap.spacing**2)}")
+        for colour, text, cells in entries
+        if cells.any()
+    ]
+    floor.legend(patches + floor.outside_patches())
+    return root_figure(floor.finish())

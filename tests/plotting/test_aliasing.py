@@ -9,16 +9,16 @@ from hypothesis import strategies as st
 from matplotlib.patches import ConnectionStyle
 from matplotlib.path import Path
 
-from ambinav.audit.aliased_pairs import Link
-from ambinav.audit.aliasing_pictures import BENDS, _bend
+from ambinav.audit.aliased_pairs import AliasedPair
+from ambinav.plotting.aliasing import BENDS, _bend
 
 BOX = (0.0, 0.0, 30.0, 4.0)
 inside = st.tuples(st.floats(0.5, 29.5), st.floats(0.3, 3.7))
 
 
-def link(first: tuple[float, float], second: tuple[float, float]) -> Link:
+def link(first: tuple[float, float], second: tuple[float, float]) -> AliasedPair:
     nothing = np.empty((0, 2))
-    return Link("A", *first, *second, 0.0, 1.0, 1.0, nothing, nothing)
+    return AliasedPair("A", *first, *second, 0.0, 1.0, 1.0, nothing, nothing)
 
 
 @given(inside, inside)

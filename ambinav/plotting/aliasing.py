@@ -1,8 +1,10 @@
-"""The picture of look-alikes: regions in one colour and letter, joined by lines."""
+"""The picture of aliased regions: regions in one colour and letter, joined by lines."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,27 +14,45 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ambinav.audit.aliased_pairs import Link
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import outside_patches, paint_parts, part_patches
-from ambinav.maps.drawing import is_tall
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.plot import draw_image, finish, floor_axes, view
+from ambinav.plotting import style
+from ambinav.plotting.floor import Bounds, FloorFigure, label_points
 
-# Okabe and Ito: told apart by the colour-blind too; each colour also has a letter.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-FLOOR = "#FFFFFF"
 DARK, PALE = 0.6, 0.25
-"""Share of the colour in a place, and in what it looks like."""
+"""Share of the colour in a place, and in what it is aliased with."""
 BENDS = (0.18, -0.18, 0.12, -0.12, 0.06, -0.06)
 EDGE = 0.01
 """So far from the picture's edge lines stay, as a share of its shorter side."""
 
 
-def plot_links(
-    amap: AmbiguityMap, links: Sequence[Link], spacing: float, parts: FloorParts | None = None
+class AliasedPair(Protocol):
+    """Two regions with the same scans; `ambinav.audit.aliased_pairs.AliasedPair` is one."""
+
+    @property
+    def letter(self) -> str:
+        """Links of one letter start at the same point."""
+
+    @property
+    def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """A point of each region, x and y, metres."""
+
+    @property
+    def cells(self) -> NDArray[np.float64]:
+        """The region's poses, x and y, shape (M, 2), metres."""
+
+    @property
+    def images(self) -> NDArray[np.float64]:
+        """Those of the other region that look the same, shape (M, 2), metres."""
+
+
+def plot_aliasing(
+    amap: AmbiguityMap,
+    links: Sequence[AliasedPair],
+    spacing: float,
+    parts: FloorParts | None = None,
 ) -> Axes:
-    """Draw regions that look alike on the plain floor.
+    """Draw regions with the same scans on the plain floor.
 
     Args:
         amap: The map.
@@ -40,12 +60,13 @@ def plot_links(
         spacing: Of the poses that the regions are made of, metres.
         parts: Which floor counts; None: all that is explored.
     """
-    axes = floor_axes(amap)
-    picture = np.where(amap.dataset["free"].values[..., np.newaxis], to_rgba(FLOOR), 0.0)
+    floor = FloorFigure(amap, None, "Perceptual aliasing: regions with the same scans")
+    free = amap.dataset["free"].values[..., np.newaxis]
+    picture = np.where(free, to_rgba(style.FLOOR), 0.0)
     parts = FloorParts.of(amap) if parts is None else parts
-    paint_parts(picture, amap, parts, view(amap))
+    floor.paint_parts(picture, parts)
     letters = list(dict.fromkeys(link.letter for link in links))
-    colour = {letter: COLOURS[i % len(COLOURS)] for i, letter in enumerate(letters)}
+    colour = dict(zip(letters, itertools.cycle(style.SERIES), strict=False))
     handles = []
     # Large places first: of these enough is left to be seen.
     for letter in letters:
@@ -54,29 +75,18 @@ def plot_links(
         pale, dark = (_mixed(colour[letter], strength) for strength in (PALE, DARK))
         _paint(picture, amap, parts.counted, everywhere, spacing, pale)
         _paint(picture, amap, parts.counted, _around(own, spacing), spacing, dark)
-        label = f"{letter} and {len(own)} look-alike{'s' if len(own) > 1 else ''}"
+        label = f"{letter}, aliased with {len(own)} region{'s' if len(own) > 1 else ''}"
         handles.append(Patch(facecolor=_mixed(colour[letter], DARK), label=label))
-    handles += part_patches(amap, parts) + outside_patches(amap, view(amap))
-    draw_image(axes, amap, picture)
-    finish(axes, amap, "Places that look alike")
-    tall = is_tall(view(amap))
-    if handles:
-        axes.legend(
-            handles=handles,
-            frameon=False,
-            fontsize=11,
-            loc="upper left" if tall else "upper right",
-            bbox_to_anchor=(1.01, 1.0) if tall else (1.0, -0.01),
-            ncol=1 if tall else min(len(handles), 3),
-        )
-    box = view(amap)
+    floor.paint(picture)
+    floor.legend(handles + floor.part_patches(parts) + floor.outside_patches())
     for link in reversed(links):
-        axes.add_patch(
+        first, other = link.ends
+        floor.axes.add_patch(
             FancyArrowPatch(
-                (link.x, link.y),
-                (link.other_x, link.other_y),
+                first,
+                other,
                 arrowstyle="-",
-                connectionstyle=f"arc3,rad={_bend(link, box)}",
+                connectionstyle=f"arc3,rad={_bend(link, floor.bounds)}",
                 color=colour[link.letter],
                 linewidth=2.2,
                 shrinkA=9,
@@ -85,19 +95,20 @@ def plot_links(
                 zorder=8,
             )
         )
-        for point in ((link.x, link.y), (link.other_x, link.other_y)):
-            _mark(axes, link.letter, point, colour[link.letter])
-    return axes
+        label_points(
+            floor.axes, [(*first, link.letter), (*other, link.letter)], colour[link.letter]
+        )
+    return floor.finish()
 
 
-def _bend(link: Link, box: tuple[float, float, float, float]) -> float:
+def _bend(link: AliasedPair, box: Bounds) -> float:
     """How far a line bends aside, as a share of its length: the first that stays in the picture.
 
     Args:
         link: Its ends.
         box: xmin, ymin, xmax, ymax of the picture, metres.
     """
-    ends = np.array([[link.x, link.y], [link.other_x, link.other_y]])
+    ends = np.array(link.ends)
     aside = np.array([ends[1, 1] - ends[0, 1], ends[0, 0] - ends[1, 0]])
     low, high = np.reshape(box, (2, 2))
     margin = EDGE * (high - low).min()
@@ -117,7 +128,7 @@ def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _around(links: Sequence[Link], spacing: float) -> NDArray[np.float64]:
+def _around(links: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
     """The points of the first link's region that stand for it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its
@@ -129,25 +140,6 @@ def _around(links: Sequence[Link], spacing: float) -> NDArray[np.float64]:
     both = cKDTree(images).query(first.cells)[0] <= spacing
     own = cKDTree(ends).query(first.cells)[1] == 0
     return np.asarray(first.cells[~both | own])
-
-
-def _mark(axes: Axes, letter: str, point: tuple[float, float], colour: str) -> None:
-    """A letter in a ring."""
-    axes.annotate(
-        letter,
-        point,
-        ha="center",
-        va="center_baseline",
-        fontsize=10,
-        fontweight="bold",
-        bbox={
-            "boxstyle": "circle,pad=0.25",
-            "facecolor": "white",
-            "edgecolor": colour,
-            "linewidth": 2.0,
-        },
-        zorder=10,
-    )
 
 
 def _paint(

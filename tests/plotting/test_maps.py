@@ -19,11 +19,12 @@ from ambinav.errors import InputError
 from ambinav.geometry.io.boundary import environment_from_grid
 from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import OccupancyGrid
-from ambinav.maps import drawing
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.backdrop import _padded_solid
-from ambinav.maps.plot import plot_layer, plot_zones
-from ambinav.maps.zones import COLOURS, UNKNOWN_COLOUR, ZONES
+from ambinav.maps.zones import ZONES
+from ambinav.plotting.canvas import save_figure
+from ambinav.plotting.floor import padded_solid
+from ambinav.plotting.maps import plot_layer, plot_zones
+from ambinav.plotting.style import UNKNOWN, ZONE_COLOURS, round_length
 from ambinav.sensing import RangeScanner, RangeSensor
 from tests.maps import synthetic
 
@@ -58,18 +59,8 @@ def test_zones_have_their_colours_where_they_lie(amap):
     axes = plot_zones(amap, strokes=False)
     places = {"localizable": (2, 2), "transition": (4.2, 2), "corridor": (10, 2), "open": (21, 5)}
     for zone, (x, y) in places.items():
-        assert colour_at(axes, x, y) == byte(COLOURS[ZONES.index(zone)]), zone
-    assert colour_at(axes, 10.0, 7.0) == byte(UNKNOWN_COLOUR)
-
-
-def test_colours_stay_apart_in_grey():
-    # ITU-R BT.709 luma of the linear colours: what a grey print keeps.
-    def lightness(colour: str) -> float:
-        linear = np.power(to_rgb(colour), 2.2)
-        return float(np.power(linear @ [0.2126, 0.7152, 0.0722], 1 / 2.2))
-
-    grey = sorted(lightness(colour) for colour in COLOURS)
-    assert min(np.diff(grey)) > 0.1
+        assert colour_at(axes, x, y) == byte(ZONE_COLOURS[ZONES.index(zone)]), zone
+    assert colour_at(axes, 10.0, 7.0) == byte(UNKNOWN)
 
 
 def test_strokes_run_along_the_weak_direction(amap):
@@ -103,23 +94,36 @@ def test_legend_tells_shares_and_title_names_both(amap):
     assert axes.get_title(loc="left") == "Zones: made-up scanner in synthetic"
 
 
+def test_axes_tell_coordinates_in_metres(amap):
+    axes = plot_zones(amap)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
+    axes.figure.canvas.draw()
+    for ticks, limits in (
+        (axes.get_xticks(), axes.get_xlim()),
+        (axes.get_yticks(), axes.get_ylim()),
+    ):
+        inside = ticks[(ticks >= limits[0]) & (ticks <= limits[1])]
+        assert len(inside) >= 3
+        assert set(np.diff(inside).tolist()) == {2.0}
+
+
 @pytest.mark.parametrize(
     ("width", "length"), [(27.0, 5.0), (4.0, 1.0), (3.9, 0.5), (1000.0, 200.0), (0.3, 0.05)]
 )
 def test_scale_bars_are_round(width, length):
-    assert drawing.round_length(width) == pytest.approx(length)
+    assert round_length(width) == pytest.approx(length)
 
 
 def test_layer_runs_from_zero_to_one_and_dark_is_ambiguous(amap):
     axes = plot_layer(amap, "level")
-    assert axes.images[0].get_clim() == (0.0, 1.0)
+    assert axes.images[-1].get_clim() == (0.0, 1.0)
     assert sum(colour_at(axes, 21, 5)) < sum(colour_at(axes, 10, 2)) < sum(colour_at(axes, 2, 2))
 
 
 def test_radii_and_angles_have_scales_of_their_own():
     turning = AmbiguityMap(synthetic.dataset(headings=4))
-    assert plot_layer(turning, "major_radius").images[0].get_clim()[1] < 0.3
-    assert plot_layer(turning, "direction").images[0].get_clim() == (0.0, 180.0)
+    assert plot_layer(turning, "major_radius").images[-1].get_clim()[1] < 0.3
+    assert plot_layer(turning, "direction").images[-1].get_clim() == (0.0, 180.0)
     assert plot_layer(turning, "level", heading=0.5).get_title(loc="left").endswith("29°)")
     with pytest.raises(InputError, match="plot_zones"):
         plot_layer(turning, "zone")
@@ -135,7 +139,7 @@ def test_draws_into_given_axes(amap):
 @pytest.mark.parametrize("part", [slice(None), slice(165, 200)])
 def test_saved_picture_has_no_wide_margins(amap, tmp_path, part):
     tall = AmbiguityMap(amap.dataset.isel(x=part))
-    drawing.save_figure(plot_zones(tall), tmp_path / "a.png")
+    save_figure(plot_zones(tall), tmp_path / "a.png")
     with Image.open(tmp_path / "a.png") as picture:
         pixels = np.asarray(picture.convert("L"))
     assert max(pixels.shape) > 1000
@@ -149,7 +153,8 @@ def test_saved_picture_has_no_wide_margins(amap, tmp_path, part):
 
 def test_no_global_drawing_state():
     code = (
-        "import sys, ambinav.maps.plot, ambinav.maps.plot_scan; print('pyplot' in str(sys.modules))"
+        "import sys, ambinav.plotting.maps, ambinav.plotting.scan; "
+        "print('pyplot' in str(sys.modules))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.strip() == "False"
@@ -165,6 +170,6 @@ def test_an_obstacle_at_the_edge_of_a_plan_ends_there() -> None:
             RangeSensor(max_range=3.0, std=0.02, resolution=0.01), 12, math.tau
         )
         amap = build_map(env, scanner, spacing=0.1)
-        solid = _padded_solid(amap, 5)
+        solid = padded_solid(amap, 5)
         assert solid[5:20, 5:-5].any()
         assert solid[:5].any() == goes_on

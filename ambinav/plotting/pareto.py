@@ -1,4 +1,4 @@
-"""The picture of a front: what ambiguity costs in length, and what a longer way saves."""
+"""The picture of a front: what ambiguity costs in length, and what a longer route saves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -16,17 +15,17 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ambinav.maps.drawing import DPI
+from ambinav.plotting import style
+from ambinav.plotting.canvas import new_figure, root_figure
 from ambinav.routes.bad_floor import BadFloor
-from ambinav.routes.drawing import root_figure
 from ambinav.routes.pareto import ParetoFront
 from ambinav.routes.route import Floats
 
 Mask = NDArray[np.bool_]
 
-LINE_COLOUR: Final = "#1F5F8B"
-DOMINATED_COLOUR: Final = "#8A8A8A"
-LONGEST_COLOUR: Final = "#D2762A"
+LINE_COLOUR: Final = style.BLUE
+DOMINATED_COLOUR: Final = style.SOLID
+LONGEST_COLOUR: Final = style.VERMILLION
 _FONT: Final = 10
 _TOUCHING: Final = 5.0
 """Marks so near to each other, in points, share one label."""
@@ -57,8 +56,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
         title: None names the environment and the scanner.
     """
     first = front.points[0].route
-    figure = Figure(figsize=(14.5, 4.8), dpi=DPI, layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
+    figure = new_figure(14.5, 4.8)
     panels = figure.subplots(1, 3).tolist()
     figure.suptitle(
         title or f"Length and ambiguity by weight: {first.scanner} in {first.environment}",

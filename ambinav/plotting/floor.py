@@ -1,0 +1,377 @@
+"""The one floor figure: a floor to scale, on which every picture of a floor is drawn.
+
+It has what they all share: coordinates on the axes in metres, walls, what is solid, unknown,
+unexplored or not reached, a scale bar, strokes of the weak direction, round labels, legends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
+from matplotlib.font_manager import FontProperties
+from matplotlib.image import AxesImage
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
+from matplotlib.transforms import ScaledTranslation
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.floor_parts import FloorParts
+from ambinav.plotting import style
+from ambinav.plotting.canvas import fit, new_figure, root_figure
+from ambinav.plotting.strokes import weak_strokes
+from ambinav.plotting.style import round_length
+
+Bounds = tuple[float, float, float, float]
+Heading = str | float
+
+LONGEST: Final = 12.0
+"""Inches of the longer side of a floor, about."""
+SMALL: Final = 8.0
+"""Up to this size of a floor, inches, letters are small."""
+_BAR: Final = 26.0
+_BELOW: Final = 36.0
+_BESIDE: Final = 8.0
+_BETWEEN: Final = 4.0
+"""Points from a floor to its scale bar, to a legend below it and beside it, and between legends."""
+_BACKDROP, _CELLS, _FRONTIERS, _WALLS, _STROKES, _LABELS = 0.5, 1.0, 3.0, 4.0, 5.0, 10.0
+"""What lies above what; routes are drawn from 6 to 9."""
+_STRIPES: Final = 90
+"""Stripes of unexplored floor across the longer side of a picture."""
+_HALF_CELLS: Final = 2
+"""Cells across a stripe, at least."""
+_THICK: Final = 5
+"""Cells across something solid from which it is a block, not a wall."""
+
+
+class FloorFigure:
+    """A floor to scale, with walls, coordinates, scale bar and title.
+
+    Args:
+        amap: The map.
+        ax: Where to draw; None makes a figure of its own, which `finish` fits around the floor.
+        title: Above the floor.
+        bounds: (xmin, ymin, xmax, ymax) to be shown, metres; None: all free floor and a margin.
+        longest: Inches of the longer side in a figure of its own.
+        unknown: Colour of what is not known.
+        walls: Width of walls, points.
+        scale_bar: Whether to draw one.
+    """
+
+    def __init__(
+        self,
+        amap: AmbiguityMap,
+        ax: Axes | None,
+        title: str,
+        *,
+        bounds: Bounds | None = None,
+        longest: float = LONGEST,
+        unknown: str = style.UNKNOWN,
+        walls: float = 0.9,
+        scale_bar: bool = True,
+    ) -> None:
+        self.amap, self.bounds, self._unknown = amap, bounds or view(amap), unknown
+        width, height = self.bounds[2] - self.bounds[0], self.bounds[3] - self.bounds[1]
+        self._tall = height > 1.1 * width
+        self._own = ax is None
+        if ax is None:
+            inches = longest / max(width, 1.2 * height)
+            ax = new_figure(width * inches, height * inches, laid_out=False).add_axes(
+                (0.0, 0.0, 1.0, 1.0)
+            )
+        self.axes = ax
+        self._font = 11 if longest > SMALL else 9
+        self._drops = {True: 0.0, False: _BELOW if scale_bar else _BAR}
+        self._coordinates(width, height)
+        self._backdrop()
+        self._draw_walls(walls)
+        if scale_bar:
+            self._scale_bar(width)
+        ax.set_title(title, fontsize=self._font + 2, loc="left")
+
+    def paint(self, values: NDArray[Any], **scale: Any) -> AxesImage:
+        """Lay values (ny, nx), or colours (ny, nx, 4), over the cells of the map."""
+        xmin, ymin, xmax, ymax = self.amap.bounds
+        return self._image(values, (xmin, xmax, ymin, ymax), _CELLS, **scale)
+
+    def paint_parts(self, picture: NDArray[np.float64], parts: FloorParts) -> None:
+        """Lay stripes over unexplored floor and grey over what is not reached.
+
+        Args:
+            picture: Colours of the cells, shape (ny, nx, 4), changed in place.
+            parts: Of the floor.
+        """
+        picture[parts.unreachable] = to_rgba(style.UNREACHABLE)
+        xmin, ymin, xmax, ymax = self.bounds
+        size = max(xmax - xmin, ymax - ymin)
+        half = max(round(0.5 * size / _STRIPES / self.amap.spacing), _HALF_CELLS)
+        row, column = np.indices(parts.unexplored.shape)
+        # At an angle of 45 degrees, as the hatching of the legend.
+        dark = (column - row) % (2 * half) < half
+        picture[parts.unexplored & dark] = to_rgba(style.UNEXPLORED)
+        picture[parts.unexplored & ~dark] = to_rgba(style.UNKNOWN)
+
+    def strokes(self, heading: Heading, parts: FloorParts) -> None:
+        """Draw the weak direction, where the floor counts."""
+        major, minor, direction, depth = (
+            self.amap.floor(name, heading).values.astype(np.float64)
+            for name in ("major", "minor", "direction", "clearance")
+        )
+        x, y = self.amap.dataset["x"].values, self.amap.dataset["y"].values
+        strength = np.where(parts.counted, major - minor, np.nan)
+        lines = weak_strokes(x, y, direction, strength, depth)
+        self._lines(lines, zorder=_STROKES, colors=style.WALL, linewidths=1.7)
+
+    def part_patches(self, parts: FloorParts) -> list[Patch]:
+        """Entries of a legend for the parts of the floor that do not count, if there are any."""
+        patches = []
+        if parts.unexplored.any():
+            area = area_text(parts.area(parts.unexplored))
+            patches.append(unexplored_patch(f"unexplored\n{area}"))
+        if parts.unreachable.any():
+            label = f"not reachable by a\nrobot of {parts.radius or 0.0:.2f} m, "
+            label += area_text(parts.area(parts.unreachable))
+            patches.append(colour_patch(style.UNREACHABLE, label))
+        return patches
+
+    def outside_patches(self) -> list[Patch]:
+        """Entries of a legend for what is not free, as much of it as is shown."""
+        x, y = self.amap.dataset["x"].values, self.amap.dataset["y"].values
+        shown = np.ix_(
+            (y > self.bounds[1]) & (y < self.bounds[3]),
+            (x > self.bounds[0]) & (x < self.bounds[2]),
+        )
+        solid, free = self.amap.solid[shown], np.asarray(self.amap.dataset["free"].values)[shown]
+        patches = []
+        if (~free & solid).any():
+            patches.append(colour_patch(style.SOLID, "solid"))
+        if (~free & ~solid).any():
+            patches.append(colour_patch(self._unknown, "unknown"))
+        return patches
+
+    def legend(
+        self, handles: Sequence[Artist], caption: Sequence[str] = (), *, below: bool = False
+    ) -> None:
+        """Add a legend: beside a tall floor, else below it and below earlier legends.
+
+        Args:
+            handles: With labels; they are read row by row.
+            caption: Remarks above them, in one line, or beside a tall floor one below the other.
+            below: Not beside, even if the floor is tall.
+        """
+        if not handles:
+            return
+        beside = self._tall and not below
+        corner, right = ((1.0, 1.0), _BESIDE) if beside else ((0.0, 0.0), 0.0)
+        shift = ScaledTranslation(
+            right / 72.0, -self._drops[beside] / 72.0, root_figure(self.axes).dpi_scale_trans
+        )
+        look: dict[str, Any] = {
+            "loc": "upper left",
+            "bbox_to_anchor": corner,
+            "bbox_transform": self.axes.transAxes + shift,
+            "frameon": False,
+            "fontsize": self._font,
+            "title": ("\n" if beside else "   ").join(caption) or None,
+            "title_fontproperties": FontProperties(size=self._font),
+            "alignment": "left",
+            "handlelength": 2.0,
+            "columnspacing": 1.6,
+            "borderaxespad": 0.0,
+            "borderpad": 0.2,
+        }
+        self.axes.apply_aspect()
+        room = self.axes.get_window_extent().width
+        for rows in range(len(handles) if beside else 1, len(handles) + 1):
+            columns = -(-len(handles) // rows)
+            # Matplotlib goes down a column first; who reads goes along a row.
+            ordered = [handle for first in range(columns) for handle in handles[first::columns]]
+            labels = [str(handle.get_label()) for handle in ordered]
+            legend = Legend(self.axes, ordered, labels, ncols=columns, **look)
+            box = legend.get_window_extent()
+            if box.width <= room:
+                break
+        if self.axes.get_legend() is None:
+            legend = self.axes.legend(ordered, labels, ncols=columns, **look)
+        else:
+            self.axes.add_artist(legend)
+            # Clipped to the floor it would not count for the size of the picture.
+            legend.set_clip_on(False)
+        self._drops[beside] += box.height * 72.0 / root_figure(self.axes).dpi + _BETWEEN
+
+    def colour_bar(self, image: AxesImage, label: str) -> None:
+        """A colour bar right of the floor."""
+        self.axes.apply_aspect()
+        inch = root_figure(self.axes).dpi / self.axes.get_window_extent().width
+        place = self.axes.inset_axes((1.0 + 0.12 * inch, 0.1, 0.18 * inch, 0.8))
+        bar = root_figure(self.axes).colorbar(image, cax=place)
+        bar.set_label(label, fontsize=self._font)
+        bar.outline.set_linewidth(0.5)
+
+    def finish(self) -> Axes:
+        """Fit a figure of its own around the floor and its legends; returns the axes."""
+        if self._own:
+            fit(self.axes)
+        return self.axes
+
+    def _coordinates(self, width: float, height: float) -> None:
+        axes = self.axes
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_xlim(self.bounds[0], self.bounds[2])
+        axes.set_ylim(self.bounds[1], self.bounds[3])
+        axes.set_autoscale_on(False)
+        axes.set_facecolor(self._unknown)
+        step = round_length(0.5 * max(width, height))
+        for axis, name, size in ((axes.xaxis, "x", width), (axes.yaxis, "y", height)):
+            axis.set_major_locator(MultipleLocator(min(step, round_length(2.0 * size))))
+            axis.set_label_text(f"{name} (m)", fontsize=self._font - 1)
+        axes.tick_params(labelsize=self._font - 2, color="#888888", width=0.6)
+        axes.spines[:].set(color="#888888", linewidth=0.6)
+
+    def _backdrop(self) -> None:
+        """Fill what is not free, below everything: what is solid, and what is not known."""
+        padding = 3 + max(self.amap.solid.shape) // 50
+        solid = padded_solid(self.amap, padding)[..., np.newaxis]
+        picture = np.where(solid, to_rgba(style.SOLID), to_rgba(self._unknown))
+        out = padding * self.amap.spacing
+        xmin, ymin, xmax, ymax = self.amap.bounds
+        self._image(picture, (xmin - out, xmax + out, ymin - out, ymax + out), _BACKDROP)
+
+    def _image(
+        self, values: NDArray[Any], extent: Bounds, zorder: float, **scale: Any
+    ) -> AxesImage:
+        return self.axes.imshow(
+            values, extent=extent, origin="lower", interpolation="nearest", zorder=zorder, **scale
+        )
+
+    def _draw_walls(self, width: float) -> None:
+        """Walls as dark lines, frontiers to unknown space thin, grey and dashed."""
+        segments = self.amap.segments
+        left, low, right, high = self.bounds
+        x, y = segments.xy[:, 0::2], segments.xy[:, 1::2]
+        shown = (x.max(1) >= left) & (x.min(1) <= right) & (y.max(1) >= low) & (y.min(1) <= high)
+        lines = segments.xy.reshape(-1, 2, 2)
+        self._lines(
+            lines[shown & ~segments.walls],
+            zorder=_FRONTIERS,
+            colors=style.FRONTIER,
+            linewidths=0.6 * width,
+            linestyles=(0, (4, 3)),
+        )
+        self._lines(
+            lines[shown & segments.walls],
+            zorder=_WALLS,
+            colors=style.WALL,
+            linewidths=width,
+            capstyle="round",
+        )
+
+    def _lines(self, lines: NDArray[np.float64], **look: Any) -> None:
+        self.axes.add_collection(LineCollection(list(lines), **look), autolim=False)
+
+    def _scale_bar(self, width: float) -> None:
+        """A bar of a round length below the lower left corner, its length beside it."""
+        length, left = round_length(width), self.bounds[0]
+        down = ScaledTranslation(0.0, -_BAR / 72.0, root_figure(self.axes).dpi_scale_trans)
+        below = self.axes.get_xaxis_transform() + down
+        bar = Line2D(
+            [left, left + length],
+            [0.0, 0.0],
+            transform=below,
+            color="black",
+            linewidth=3,
+            solid_capstyle="butt",
+            clip_on=False,
+        )
+        self.axes.add_artist(bar)
+        self.axes.annotate(
+            f"{length:g} m" if length >= 1 else f"{length * 100:g} cm",
+            (left + length, 0.0),
+            xycoords=below,
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=self._font - 1,
+            annotation_clip=False,
+        )
+
+
+def view(amap: AmbiguityMap) -> Bounds:
+    """Bounds of the free cells and a small margin: maps often lie in a sea of unknown cells."""
+    free = amap.dataset["free"].values
+    x, y = amap.dataset["x"].values, amap.dataset["y"].values
+    columns, rows = np.nonzero(free.any(axis=0))[0], np.nonzero(free.any(axis=1))[0]
+    if columns.size == 0:
+        return amap.bounds
+    left, right, low, high = x[columns[0]], x[columns[-1]], y[rows[0]], y[rows[-1]]
+    margin = amap.spacing + 0.01 * max(right - left, high - low)
+    return (
+        float(left - margin), float(low - margin), float(right + margin), float(high + margin)
+    )  # fmt: skip
+
+
+def padded_solid(amap: AmbiguityMap, padding: int) -> NDArray[np.bool_]:
+    """What is solid, with so many cells of margin on each side.
+
+    Blocks of an occupancy map go on beyond the outermost cells, walls do not. A drawn plan ends at
+    its outline, and an obstacle that stands there ends with it.
+    """
+    solid = np.zeros(np.add(amap.solid.shape, 2 * padding), dtype=np.bool_)
+    if amap.dataset.attrs.get("environment_resolution", "null") != "null":
+        blocks = ndimage.binary_opening(amap.solid, np.ones((_THICK, _THICK)))
+        solid = np.pad(blocks, padding, mode="edge")
+    solid[padding:-padding, padding:-padding] = amap.solid
+    return solid
+
+
+def label_points(
+    axes: Axes, points: Iterable[tuple[float, float, str]], edge: str = "black"
+) -> None:
+    """Draw round labels at points (x, y, text), each place once; later ones lie above."""
+    for x, y, text in dict.fromkeys((round(x, 3), round(y, 3), text) for x, y, text in points):
+        axes.annotate(
+            text,
+            (x, y),
+            ha="center",
+            va="center_baseline",
+            fontsize=10.5,
+            fontweight="bold",
+            color="black",
+            bbox={
+                "boxstyle": "circle,pad=0.22",
+                "facecolor": "white",
+                "edgecolor": edge,
+                "linewidth": 1.8,
+            },
+            zorder=_LABELS,
+        )
+
+
+def colour_patch(colour: str, label: str) -> Patch:
+    """Entry of a legend for a colour of the floor."""
+    return Patch(facecolor=colour, edgecolor=style.EDGE, linewidth=0.6, label=label)
+
+
+def unexplored_patch(label: str) -> Patch:
+    """Entry of a legend for floor that is not explored."""
+    return Patch(
+        facecolor=style.UNKNOWN,
+        edgecolor=style.UNEXPLORED,
+        hatch="/////",
+        linewidth=0.6,
+        label=label,
+    )
+
+
+def area_text(area: float) -> str:
+    """An area in square metres as a legend tells it."""
+    return f"{area:,.0f} m²" if area >= 10 else f"{area:.1f} m²"

@@ -1,0 +1,165 @@
+"""Pictures of an ambiguity map: the zones of the floor, and any layer as a continuous scale."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize, to_rgba
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.plotting import style
+from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
+
+WIDE: Final = 1e4
+"""Ratio of the highest values to the lowest from which an added layer is drawn on a log scale."""
+
+
+def plot_zones(
+    amap: AmbiguityMap,
+    ax: Axes | None = None,
+    heading: Heading = "mean",
+    *,
+    strokes: bool = True,
+    legend: bool = True,
+    title: str | None = None,
+    parts: FloorParts | None = None,
+    longest: float = LONGEST,
+) -> Axes:
+    """Draw the floor in the four zones, with walls and the weak direction.
+
+    Floor that is unexplored or not reached has no zone: it is hatched or grey.
+
+    Args:
+        amap: The map.
+        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        strokes: Whether to draw the weak direction.
+        legend: Whether to tell the colours, with share and area of each zone.
+        title: None names the environment and the scanner.
+        parts: Which floor counts; None: all that is explored. Shares in the legend are of it.
+        longest: Inches of the longer side in a figure of its own, about.
+
+    Raises:
+        InputError: no such heading.
+    """
+    parts = FloorParts.of(amap) if parts is None else parts
+    title = title or floor_title(amap, "Zones", heading)
+    floor = FloorFigure(amap, ax, title, longest=longest)
+    paint_zones(floor, heading, parts)
+    if strokes:
+        floor.strokes(heading, parts)
+    if legend:
+        shares = zip(amap.zone_shares(heading, parts.counted), style.ZONE_COLOURS, strict=True)
+        handles = [
+            colour_patch(colour, f"{share.zone}\n{share.share:.0%}, {area_text(share.area)}")
+            for share, colour in shares
+        ]
+        handles += floor.part_patches(parts) + floor.outside_patches()
+        weak = Line2D([], [], color=style.WALL, linewidth=1.7, label="weak\ndirection")
+        floor.legend([*handles, weak] if strokes else handles)
+    return floor.finish()
+
+
+def plot_layer(
+    amap: AmbiguityMap,
+    layer: str,
+    ax: Axes | None = None,
+    heading: Heading = "mean",
+    *,
+    strokes: bool = False,
+    title: str | None = None,
+    parts: FloorParts | None = None,
+) -> Axes:
+    """Draw one layer on a continuous scale with a colour bar; dark is badly localized.
+
+    Args:
+        amap: The map.
+        layer: Name of a layer, without suffix. Angles are drawn in degrees on a cyclic scale.
+        ax: Where to draw; None makes a figure of its own (`ax.figure`).
+        heading: "mean", "best", "worst" or radians, where the heading matters.
+        strokes: Whether to draw the weak direction too.
+        title: None names the layer, the environment and the scanner.
+        parts: Which floor counts; what does not is hatched or grey, with a legend. None: the layer
+            is drawn wherever it has a value.
+
+    Raises:
+        InputError: no such layer or heading, or a layer of classes.
+    """
+    if schema.base_name(layer) in ("zone", "free"):
+        raise InputError(f"{layer}: this layer holds classes; draw it with plot_zones.")
+    data = amap.floor(layer, heading)
+    values = data.values.astype(np.float64)
+    if parts is not None:
+        values = np.where(parts.counted, values, np.nan)
+    label = str(amap.dataset[layer].attrs.get("long_name", layer))
+    units = str(data.attrs.get("units", ""))
+    if units == "rad" or schema.is_axis(layer):
+        units, unknown = "degrees", style.UNKNOWN_BEHIND_ANGLES
+        top = 180.0 if schema.is_axis(layer) else 360.0
+        norm, colours = Normalize(0.0, top), "twilight"
+        values = np.mod(np.degrees(values), top)
+    else:
+        # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
+        # are the dark ones. cividis fades into the greys.
+        low_is_bad = data.attrs.get("worse") == "low" or data.attrs.get("better") == "high"
+        colours, unknown = "viridis" if low_is_bad else "viridis_r", style.UNKNOWN
+        norm = _scale(layer, values, added="source" in data.attrs)
+        values = np.clip(values, norm.vmin, norm.vmax)
+    title = title or floor_title(amap, layer.replace("_", " ").capitalize(), heading)
+    floor = FloorFigure(amap, ax, title, unknown=unknown)
+    image = floor.paint(values, cmap=colours, norm=norm)
+    if strokes:
+        floor.strokes(heading, FloorParts.of(amap) if parts is None else parts)
+    floor.colour_bar(image, label if units in ("", "1") else f"{label} ({units})")
+    if parts is not None:
+        others = np.zeros((*values.shape, 4))
+        floor.paint_parts(others, parts)
+        floor.paint(others)
+        floor.legend(floor.part_patches(parts) + floor.outside_patches(), below=True)
+    return floor.finish()
+
+
+def paint_zones(floor: FloorFigure, heading: Heading, parts: FloorParts) -> None:
+    """Lay the colours of the zones over a floor, stripes and grey where there is none."""
+    palette = np.array([*map(to_rgba, style.ZONE_COLOURS), (0.0, 0.0, 0.0, 0.0)])
+    zone = floor.amap.floor("zone", heading).values
+    picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
+    floor.paint_parts(picture, parts)
+    floor.paint(picture)
+
+
+def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
+    """What is shown, for which scanner, where, and at which heading if that matters."""
+    text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
+    if not amap.has_theta:
+        return text
+    if heading == "mean":
+        return f"{text} (mean over all headings)"
+    if isinstance(heading, str):
+        return f"{text} (each point at its {heading} heading)"
+    return f"{text} (heading {math.degrees(heading):.0f}°)"
+
+
+def _scale(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize:
+    """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
+    if schema.is_share(layer):
+        return Normalize(0.0, 1.0)
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return Normalize(0.0, 1.0)
+    low, high = min(float(known.min()), 0.0), float(known.max())
+    if added and low == 0.0 < high:
+        # The lowest hundredth is no guide: it may be next to nothing.
+        most, least = np.percentile(known[known > 0.0], [99.0, 1.0])
+        if most > WIDE * least:
+            return LogNorm(max(float(least), 1e-9 * high), high)
+    return Normalize(low, high if high > low else low + 1.0)

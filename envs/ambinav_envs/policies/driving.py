@@ -1,0 +1,116 @@
+"""Policies as controllers of drives: what a comparison loads where a scenario names one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.layers.registry import on_request
+from ambinav.drive.robot import Robot
+from ambinav.geometry.environment import Environment
+from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.observer import Observer
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.fit import check_fit, difference_text
+from ambinav_envs.policies.load import checksum_of, load_policy
+from ambinav_envs.policies.policy import Policy, checked_actions
+from ambinav_envs.spaces import action_space, observation_space
+
+Floats = NDArray[np.float64]
+
+
+def examine(
+    told: str, folder: Path, scanner: RangeScanner, robot: Robot, rate: float, force: bool
+) -> tuple[str, str]:
+    """Load a policy to see whether it can drive.
+
+    Args:
+        told: What a scenario names it by.
+        folder: What names of files are relative to.
+        scanner: What the robots see with.
+        robot: What they are.
+        rate: Time steps a second.
+        force: Let it drive another scanner or robot than it was trained with.
+
+    Returns:
+        Its checksum, and how scanner and robot differ from those of its training, in words.
+
+    Raises:
+        InputError: see `load_policy`; or scanner or robot differ, and that is not forced.
+    """
+    policy = load_policy(told, folder)
+    found = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
+    return checksum_of(told, policy, folder), difference_text(found)
+
+
+class PolicyController:
+    """A policy that steers the robots of a drive; see `ambinav.drive.drive.Controller`.
+
+    Args:
+        told: What a scenario names the policy by.
+        folder: What names of files are relative to.
+        start: x, y of its pair, and any heading.
+        goal: x and y.
+        environment: The building, as the map has it.
+        scanner: What the robots see with.
+        robot: What they are.
+        rate: Time steps a second.
+        runs: How many.
+
+    Raises:
+        InputError: the policy does not fit the scanner, or the robot has no room at start or goal.
+    """
+
+    def __init__(
+        self,
+        told: str,
+        folder: Path,
+        start: tuple[float, float, float],
+        goal: tuple[float, float],
+        environment: Environment,
+        scanner: RangeScanner,
+        robot: Robot,
+        rate: float,
+        runs: int,
+    ) -> None:
+        self._policy = load_policy(told, folder)
+        parameters = _parameters(self._policy, scanner, robot, rate)
+        self._policy.prepare(observation_space(parameters), action_space(parameters))
+        source = BuildingSource(
+            environment, scanner, robot.radius, layers=on_request(parameters.cost_layer)
+        )
+        self._observer = Observer(source, parameters, start, goal, runs)
+        self._parameters = parameters
+        self._starts = np.ones(runs, dtype=np.bool_)
+
+    @property
+    def distance(self) -> float:
+        """Length of the shortest way from start to goal, metres."""
+        return self._observer.distance
+
+    def command(
+        self, belief: Floats, covariance: Floats, speeds: Floats, ranges: NDArray[np.float32]
+    ) -> Floats:
+        """See `Controller`."""
+        parameters, name = self._parameters, self._policy.name
+        seen = self._observer.see(belief, covariance, speeds, ranges)
+        actions = self._policy.act(seen, self._starts)
+        self._starts = np.zeros_like(self._starts)
+        chosen = checked_actions(name, actions, len(belief), parameters.discrete).clip(-1.0, 1.0)
+        least, most = parameters.min_speed, parameters.robot.max_speed
+        command = np.empty_like(chosen)
+        command[:, 0] = least + 0.5 * (chosen[:, 0] + 1.0) * (most - least)
+        command[:, 1] = chosen[:, 1] * parameters.robot.max_turn_rate
+        return command
+
+
+def _parameters(
+    policy: Policy, scanner: RangeScanner, robot: Robot, rate: float
+) -> NavigationParameters:
+    """Of the environment that shows a policy what it sees."""
+    common = {"scanner": scanner, "robot": robot, "dt": 1.0 / rate}
+    layer = policy.environment.get("layer")
+    return NavigationParameters.of(common | policy.seeing | {"layer": layer})

@@ -1,0 +1,88 @@
+"""Routes of a comparison: what it loads where a scenario has a route planned."""
+
+from __future__ import annotations
+
+import math
+
+from ambinav.drive.noise import OdometryNoise
+from ambinav.errors import InputError
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.motion.steering import Steering
+from ambinav.routes.route import Route
+from ambinav.service.service import AmbiguityService
+from ambinav_planners import RoutePlanner
+from ambinav_planners.belief.model import BeliefModel
+from ambinav_planners.problem import check_pose
+from ambinav_planners.registry import planner
+
+Place = tuple[float, ...]
+
+
+def check_route(planner_name: str, start: Place, goal: Place, checker: CollisionChecker) -> None:
+    """Find out what is wrong with a route before it is planned.
+
+    Args:
+        planner_name: Name of the planner.
+        start: x, y and perhaps heading, metres and radians.
+        goal: The same.
+        checker: Of the robot with its margin, in the space that it moves in.
+
+    Raises:
+        InputError: the planner is unknown or does not plan in the space, or an end is not free.
+    """
+    chosen, space = planner(planner_name), checker.steering.space
+    if space not in chosen.spaces:
+        raise InputError(
+            f"planner {chosen.name!r} does not plan in {space}; it knows "
+            f"{', '.join(chosen.spaces)}."
+        )
+    check_pose("start", start, checker)
+    check_pose("goal", goal, checker)
+
+
+def plan_route(
+    service: AmbiguityService,
+    start: Place,
+    goal: Place,
+    *,
+    planner_name: str,
+    footprint: float,
+    steering: Steering,
+    start_std: tuple[float, float, float],
+    odometry: OdometryNoise,
+    iterations: int,
+    seed: int,
+) -> Route:
+    """Plan a route without a limit of time, so that it is the same every time.
+
+    Args:
+        service: The costs.
+        start: x, y and perhaps heading, metres and radians.
+        goal: The same.
+        planner_name: Name of the planner.
+        footprint: Radius that is kept free, metres.
+        steering: How the robot moves.
+        start_std: Deviations of x, y and heading at the start, for belief planners.
+        odometry: How odometry errs, for them too.
+        iterations: Of the planner.
+        seed: Of the planner.
+
+    Raises:
+        InputError: no path is found, or the planner refuses an argument.
+    """
+    robot = RoutePlanner(
+        service,
+        footprint=footprint,
+        space=steering.space,
+        turning_radius=steering.radius,
+        belief=BeliefModel(start_std=start_std),
+        odometry=odometry,
+    )
+    return robot.plan(
+        start,
+        goal,
+        planner_name=planner_name,
+        seconds=math.inf,
+        iterations=iterations,
+        seed=seed,
+    )
