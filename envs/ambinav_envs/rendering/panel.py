@@ -100,8 +100,8 @@ def _entries(shown: set[str]) -> list[tuple[str, Callable[[Marks, float], None]]
         wide = np.diag([13.0**2, 7.0**2, 1.0])
         entries.append(("2 sigma of it", lambda m, y: m.ellipse((*at(m, y), 0.0), wide)))
     entries += [
-        ("way", lambda m, y: m.trail(np.array(line(m, y)))),
-        ("believed way", lambda m, y: m.believed_trail(np.array(line(m, y)))),
+        ("path", lambda m, y: m.trail(np.array(line(m, y)))),
+        ("estimated path", lambda m, y: m.believed_trail(np.array(line(m, y)))),
         ("goal", lambda m, y: m.goal(at(m, y), 17)),
         (
             "beam, echo",
