@@ -39,7 +39,7 @@ def plot_real_log(study: RealLog) -> Figure:
     bounds = view(amap)
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     inches = LONGEST / max(2.0 * width, 1.2 * height)
-    figure = new_figure(2.0 * width * inches + 2.2, height * inches + 2.4)
+    figure = new_figure(2.0 * width * inches + 2.2, height * inches + 1.9)
     zones, level = figure.subplots(1, 2)
     name = study.log.name.removesuffix("-corrected")
     far = f"{study.scanner.max_range:g} m"

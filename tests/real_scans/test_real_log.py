@@ -62,8 +62,9 @@ def test_where_the_walls_are_known_prediction_and_measurement_agree(study):
 
 def test_picture(study):
     figure = plot_real_log(study)
-    assert len(figure.axes) == 3
-    dots = [c for c in figure.axes[0].collections if len(c.get_offsets()) > 5]
+    zones, level = figure.axes
+    assert len(level.child_axes) == 1 and not zones.child_axes  # the scale of the level
+    dots = [c for c in zones.collections if len(c.get_offsets()) > 5]
     assert dots
 
 
