@@ -314,7 +314,10 @@ class Simulation:
         rows, ends = self._by_building(rows)
 
         def some(low: int, high: int) -> None:
-            scratch = self._scratch.pop() if self._scratch else self._new_scratch()
+            try:
+                scratch = self._scratch.pop()
+            except IndexError:
+                scratch = self._new_scratch()
             while low < high:
                 end = min(ends[bisect_right(ends, low)], high)
                 site = self.sites[rows[low]]

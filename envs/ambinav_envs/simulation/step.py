@@ -234,9 +234,9 @@ def place(walls, bounds, state, settings, people, boxes, i):
     return gather(people, i, x, y, bounds, settings, table, state.random[WALKERS])
 
 
-# numba counts references to arrays wherever they are handed on, which here takes longer than all
-# the rest: 2048 robots make less than half as many steps without `_nrt=False`, and exactly the same
-# ones (benchmarks/results/env-addresses.md). Nothing needs counting: who calls `advance` holds its
+# numba counts references to arrays wherever they are handed on: with `_nrt=False`, which leaves
+# that out, 2048 robots make the same steps 1.5 times as fast
+# (benchmarks/results/env-addresses.md). Nothing needs counting: who calls `advance` holds its
 # arrays until it returns, and no array is made within, so the scratch comes from outside.
 @kernel(_nrt=False)
 def advance(building, goals, scanner, memory, view, figures, actions, rows, parts, scratch):
