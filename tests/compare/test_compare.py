@@ -205,7 +205,7 @@ def check_refused(found: Result, message: str) -> None:
 
 BAD_ROUTES = {
     "missing file": ({"kind": "file", "file": "no.csv"}, "no.csv: the file cannot be read"),
-    "unknown planner": ({"kind": "planner", "planner": "rrtstr"}, "did you mean 'rrtstar'?"),
+    "unknown planner": ({"kind": "planner", "planner": "rrtstr"}, "did you mean rrtstar"),
 }
 
 
