@@ -95,3 +95,12 @@ def test_what_fails_in_a_fresh_process_is_told() -> None:
     call_seeded(7, os.getpid)
     with pytest.raises(RuntimeError, match=r"(?s)failed: .*ValueError"):
         call_seeded(8, math.sqrt, -1.0)
+
+
+def test_seed_0_is_one_that_ompl_takes() -> None:
+    code = (
+        "from ambinav_planners.seeded import _take_seed; from ompl import util; "
+        "print(_take_seed(0), util.RNG.getSeed())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", str(2**32 - 1)] and done.stderr == ""
