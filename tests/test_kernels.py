@@ -28,11 +28,13 @@ if __name__ == "__main__":
     print(outer(3.0), sum(outer.stats.cache_hits.values()))
 """
 CALLEE = """
+import numpy as np
 from typing import NamedTuple
 from ambinav.kernels import kernel
 
 SCALE = 10.0
 STEPS = (1.0, 2.0)
+Real = np.float64
 
 class Pair(NamedTuple):
     one: float
@@ -40,7 +42,7 @@ class Pair(NamedTuple):
 
 @kernel({options})
 def innermost(x):
-    return x + Pair(*STEPS).two
+    return Real(x + Pair(*STEPS).two)
 
 @kernel
 def inner(x):
@@ -69,8 +71,9 @@ def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
         ("SCALE = 10.0", "SCALE = 20.0", 20.0),  # a constant that the caller imports
         ("(1.0, 2.0)", "(1.0, 1.0)", 40.0),  # a constant of a callee
         ("innermost(x)\n", "innermost(x) + 1.0\n", 60.0),  # a constant within a callee
+        ("np.float64", "np.int64", 60.0),  # a type
         ("(1.0, 1.0)", "(1.5, 1.0)", 60.0),  # one that makes no difference here
-        ("one: float\n    two: float", "two: float\n    one: float", 50.0),  # the order of fields
+        ("one: float\n    two: float", "two: float\n    one: float", 40.0),  # the order of fields
     ]
     for old, new, expected in edits:
         text = callee.read_text()
@@ -79,7 +82,17 @@ def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
         assert run(tmp_path, "caller.py") == [expected, 0.0], new
         assert run(tmp_path, "caller.py") == [expected, 1.0], new
     callee.write_text(callee.read_text().replace("@kernel()", '@kernel(inline="always")'))
-    assert run(tmp_path, "caller.py") == [50.0, 0.0], "how a callee is compiled counts"
+    assert run(tmp_path, "caller.py") == [40.0, 0.0], "how a callee is compiled counts"
+
+
+def test_what_is_not_in_the_code_makes_no_difference(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(CALLER)
+    callee = tmp_path / "callee.py"
+    callee.write_text(CALLEE.format(options=""))
+    assert run(tmp_path, "caller.py") == [50.0, 0.0]
+    callee.write_text(callee.read_text() + "# a remark\n")
+    os.utime(tmp_path / "caller.py", (1e9, 1e9))
+    assert run(tmp_path, "caller.py") == [50.0, 1.0]
 
 
 def test_stored_code_of_a_caller_does_not_pile_up(tmp_path: Path) -> None:
@@ -103,7 +116,7 @@ def test_an_edit_of_circles_reaches_the_length_of_motions(tmp_path: Path) -> Non
     )
     before = run(tmp_path, "-c", length)
     assert run(tmp_path, "-c", length) == before
-    circles = tmp_path / "ambinav" / "geometry" / "circles.py"
+    circles = tmp_path / "ambinav" / "geometry" / "motion" / "circles.py"
     text = circles.read_text()
     assert "wrap(t1 - t0)" in text
     circles.write_text(text.replace("wrap(t1 - t0)", "wrap(t0 - t1)"))
