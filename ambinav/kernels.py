@@ -97,6 +97,11 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
 
     def _save_overload(self, sig: Any, data: Any) -> None:
         self._stamp()
+        # numba counts the files up. Two processes that compile for different arguments would come
+        # to the same number, and one would be handed the other's machine code.
+        mark = hashlib.sha256(str(sig).encode()).hexdigest()[:16]
+        base = self._impl.filename_base
+        self._cache_file._data_name_pattern = f"{base}.{mark}.{{number:d}}.nbc"
         super()._save_overload(sig, data)
 
 
