@@ -60,6 +60,7 @@ def run(folder: Path, *command: str) -> list[float]:
     return [float(word) for word in done.stdout.split()]
 
 
+@pytest.mark.slow
 def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     callee = tmp_path / "callee.py"

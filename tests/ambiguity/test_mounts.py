@@ -158,6 +158,7 @@ def piece(env: Environment) -> Environment:
     return environment_from_shapes([max(parts, key=lambda part: part.area)], name=env.name)
 
 
+@pytest.mark.slow
 def test_mounts_on_all_maps(data_dir: Path) -> None:
     files = sorted(file for folder in data_dir.glob("*maps*") for file in folder.glob("*.yaml"))
     assert len(files) > 25
@@ -174,6 +175,7 @@ def test_mounts_on_all_maps(data_dir: Path) -> None:
         hold(centred, exact)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter"])
 @pytest.mark.parametrize("metres", [1e-3, 0.032, 0.1, 0.2])
 def test_fans_and_sonars_on_small_maps(data_dir: Path, name: str, metres: float) -> None:

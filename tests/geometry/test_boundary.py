@@ -254,6 +254,7 @@ def test_wrong_parameters(key: str, value: float) -> None:
         environment_from_grid(drawn(SQUARE), **{key: value})
 
 
+@pytest.mark.slow
 def test_recorded_maps(data_dir: Path) -> None:
     paths = [p for folder in ("maps", "maps_from_logs") for p in (data_dir / folder).glob("*.yaml")]
     assert len(paths) >= 18

@@ -57,6 +57,7 @@ def test_other_planners_plan_anew_for_every_weight(robot: RoutePlanner) -> None:
     assert front.points[0].route.length <= front.points[1].route.length * 1.05
 
 
+@pytest.mark.slow
 def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
     fronts = [
         pareto(
@@ -70,6 +71,7 @@ def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
         assert one.route.seed == 3
 
 
+@pytest.mark.slow
 def test_a_limit_holds_for_the_whole_front(demo: AmbiguityService) -> None:
     before, behind = (7.9, 20.7), (22.3, 20.7)
     robot = RoutePlanner(demo, max_bad_metres=6.0)

@@ -134,6 +134,7 @@ def test_the_aware_route_has_fewer_bad_metres(cheapest: Route, shortest: Route) 
     assert cheapest.exposure < 0.5 * shortest.exposure
 
 
+@pytest.mark.slow
 def test_improving_never_raises_the_cost(robot: RoutePlanner) -> None:
     options = {"planner_name": "prmstar", "iterations": 800, "seconds": math.inf, "seed": 3}
     plain = robot.plan(START, GOAL, improved=False, **options)

@@ -54,6 +54,7 @@ def stored(demo_map: AmbiguityMap, tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_route(stored: Path, robot: RoutePlanner) -> None:
     """In one test, for the processes take their time."""
     # The first is seeded in the process, the others apart; then the other way round.

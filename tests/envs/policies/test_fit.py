@@ -238,6 +238,7 @@ def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "**trained with another robot (radius 0.22 m, here 0.3 m)**" in text
 
 
+@pytest.mark.slow
 def test_compare(folder: Path) -> None:
     own = {"parts": yaml.safe_load(scanner().to_yaml())["parts"]}
     plain = {
