@@ -110,7 +110,7 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
         [
             *PLAN, "-o", "r.json", "--space", "reeds-shepp", "--turning-radius", "0.3",
             "--headings", "90", "180", "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2",
-            "--time", "1", "--clearance-weight", "1",
+            "--time", "inf", "--iterations", "500", "--clearance-weight", "1",
         ],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
@@ -125,7 +125,7 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
 @pytest.mark.slow
 def test_seeds_and_iterations(runner: CliRunner, plan_folder: Path) -> None:
     for name in ("a.csv", "b.csv"):
-        arguments = ("-o", name, "--seed", "4", "--iterations", "300", "--time", "60")
+        arguments = ("-o", name, "--seed", "4", "--iterations", "300", "--time", "inf")
         assert runner.invoke(app, [*PLAN, *arguments]).exit_code == 0
     one, two = (load_route(plan_folder / name) for name in ("a.csv", "b.csv"))
     assert (one.poses == two.poses).all()
