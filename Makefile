@@ -8,7 +8,7 @@ OUT ?= out/demo
 SCANNER ?= hokuyo-urg-04lx
 ENDS ?= --start 3 3 --goal 42 20
 # A worker takes the tests of a whole file, so that what these share is made once.
-PYTEST_ARGS ?= -n auto --maxprocesses 4 --dist loadfile
+PYTEST_ARGS ?= -n auto --maxprocesses 4 --dist loadscope
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
 BIN := $(VENV)/bin

@@ -38,7 +38,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         report.nodeid.partition("::")[0] for report in skipped if NO_DATA in str(report.longrepr)
     )
     if files:
-        terminalreporter.section(f"{files.total()} tests skipped: {NO_DATA}")
+        terminalreporter.section(f"{NO_DATA}: {files.total()} skipped")
         for name, count in sorted(files.items()):
             terminalreporter.line(f"{count:4} {name}")
 
