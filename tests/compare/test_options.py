@@ -73,6 +73,7 @@ def test_a_scenario_reads_the_layer_that_suits_its_scanner(
     assert load_scenario(write(tmp_path, scenario)).scenario.map.layer == "position"
 
 
+@pytest.mark.slow
 def test_reports_name_the_localizer_and_what_speaks_against_it(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -123,6 +124,7 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
         make_worlds(load_scenario(write(tmp_path, scenario)), plans)
 
 
+@pytest.mark.slow
 def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     """People, boxes, a filter, a policy and exports in one comparison, closed loop."""
     (tmp_path / "p.py").write_text(POLICY)
@@ -170,6 +172,7 @@ def test_spaces(scenario: dict[str, Any], tmp_path: Path, space: str) -> None:
     np.testing.assert_allclose(plan.route.poses[[0, -1]], [[1, 1, 0], [7, 2, np.pi / 2]])
 
 
+@pytest.mark.slow
 def test_a_car_that_knows_where_it_is(scenario: dict[str, Any], tmp_path: Path) -> None:
     """Curves are driven, and a localizer without errors gives pictures all the same."""
     scenario["planning"] = {"space": "reeds-shepp", "turning_radius": 0.4, "iterations": 100}
