@@ -52,6 +52,7 @@ def compare(scenario: Path, out: Path, *more: str) -> Result:
     return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", *more])
 
 
+@pytest.mark.slow
 def test_costs_may_read_a_layer_that_is_made_for_them(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -159,6 +160,7 @@ def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     assert (folder / "truth.tum").stat().st_mtime_ns == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space", ["se2", "dubins", "reeds-shepp"])
 def test_spaces(scenario: dict[str, Any], tmp_path: Path, space: str) -> None:
     radius = 0.0 if space == "se2" else 0.4

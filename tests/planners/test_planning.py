@@ -159,6 +159,7 @@ def test_the_open_zone_is_never_entered_if_so_asked(demo: AmbiguityService, name
         robot.plan(BEFORE_HALL, (15.0, 20.7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reference", "prmstar"])
 def test_the_limit_on_bad_metres_in_a_row_is_kept(demo: AmbiguityService, name: str) -> None:
     costs = []
