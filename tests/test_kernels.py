@@ -96,6 +96,7 @@ def test_what_is_not_in_the_code_makes_no_difference(tmp_path: Path) -> None:
     assert run(tmp_path, "caller.py") == [50.0, 1.0]
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_once_keep_their_code_apart(tmp_path: Path) -> None:
     """Both think that they are the first: what one has stored is not handed to the other."""
     code = """
@@ -115,6 +116,7 @@ with mock.patch("numba.core.caching.IndexDataCacheFile._load_index", lambda self
     assert run(tmp_path, "-c", "import plain; print(plain.twice(1.5), plain.twice(1))") == [3.0, 2]
 
 
+@pytest.mark.slow
 def test_stored_code_of_a_caller_does_not_pile_up(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     for k in range(3):

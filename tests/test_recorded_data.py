@@ -19,6 +19,7 @@ def test_reads_nothing():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "status", "said"),
     [
