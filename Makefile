@@ -7,7 +7,8 @@ VENV ?= .venv
 OUT ?= out/demo
 SCANNER ?= hokuyo-urg-04lx
 ENDS ?= --start 3 3 --goal 42 20
-PYTEST_ARGS ?= -n 2 --dist worksteal
+# A worker takes the tests of a whole file, so that what these share is made once.
+PYTEST_ARGS ?= -n auto --maxprocesses 4 --dist loadscope
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
 BIN := $(VENV)/bin
@@ -19,11 +20,11 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo demo-routes test check lint types format bench clean
+.PHONY: help demo demo-routes test test-slow test-all check lint types format bench wheel clean
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
-		|| sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1: \2/p' Makefile
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
+		|| sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1: \2/p' Makefile
 
 # The comparison drives beside the rest, on a core of its own; what it says comes last.
 demo: $(VENV)/.installed-core  ## audit the bundled building, plan through it, drive the routes; all goes to out/demo
@@ -47,8 +48,15 @@ demo-routes: $(VENV)/.installed-core
 	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner prmstar --time inf --iterations 8000 \
 		--seed 1 -o "$(OUT)/route-ompl.csv"
 
-test: $(VENV)/.installed-dev  ## run the tests
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+test: $(VENV)/.installed-dev  ## run the tests but those marked slow
+	$(BIN)/python -m pytest -m "not slow" --durations=15 $(PYTEST_ARGS)
+
+test-slow: $(VENV)/.installed-dev  ## run the tests marked slow
+	$(BIN)/python -m pytest -m slow --durations=15 $(PYTEST_ARGS)
+
+test-all:  ## run all tests, the quick ones first
+	$(MAKE) --no-print-directory test
+	$(MAKE) --no-print-directory test-slow
 
 check: lint types  ## lint and types
 
@@ -66,6 +74,15 @@ format: $(VENV)/.installed-dev  ## lay the sources out and mend what ruff can me
 bench: $(VENV)/.installed-dev  ## run the benchmarks but the long studies, one after the other
 	@set -e; for script in $(BENCHMARKS); do \
 		printf '\n== %s\n' "$$script"; $(BIN)/python "$$script"; done
+
+wheel: $(VENV)/.made  ## build the wheel and import it from a clean environment of its own
+	rm -rf dist build/wheel
+	$(BIN)/python -m pip wheel -q --disable-pip-version-check --no-deps -w dist .
+	"$(PYTHON)" -m venv build/wheel
+	build/wheel/bin/python -m pip install -q --disable-pip-version-check -c constraints.txt \
+		"$$(echo dist/ambinav-*.whl)[planners]"
+	cd build/wheel && bin/python -c "import ambinav, ambinav_planners; print(ambinav.__file__)"
+	build/wheel/bin/ambinav --version
 
 clean:  ## remove the environment and everything that the tools have left
 	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -1,8 +1,9 @@
 """`@kernel`: functions that numba compiles, kept on disk and compiled anew when a callee changes.
 
-numba's own cache (`cache=True`) looks at the file that holds the function alone: after an edit of
-a kernel in another file, or of a constant that comes from there, its callers go on with the old
-machine code. Here the stored code is also stamped with a digest of all that went into it.
+numba's own cache (`cache=True`) looks at the age of the file that holds the function alone: after
+an edit of a kernel in another file, or of a constant that comes from there, its callers go on with
+the old machine code, and a file that was only touched is compiled anew. Here the stored code is
+stamped with a digest of all that went into it, which a copy, a branch or a comment leaves as it is.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ def digest(function: FunctionType) -> str:
     """SHA-256 over a kernel's code, all kernels that it reaches, and the constants they read.
 
     What numba freezes into machine code counts: byte code, defaults, compile options, the values
-    of global names and of closures. Objects of other packages do not; numba's version, which its
-    cache looks at itself, and numpy's stand for those.
+    of global names and of closures. Of objects of other packages the names do; numba's version,
+    which its cache looks at itself, and numpy's stand for what is in them.
     """
     parts: dict[str, bytes] = {"numpy": np.__version__.encode()}
     todo: list[Any] = [function]
@@ -65,10 +66,11 @@ def digest(function: FunctionType) -> str:
             called = isinstance(value, FunctionType) and _is_ours(value, function)
             if called or isinstance(value, Dispatcher):
                 todo.append(value)
-            elif isinstance(value, type):
-                # Of a named tuple the order of the fields counts.
-                parts[f"{_name(found)}: {key}"] = _constant(getattr(value, "_fields", key))
-            elif not isinstance(value, ModuleType) and not callable(value):
+            elif isinstance(value, ModuleType) or callable(value):
+                # Of a named tuple the order of the fields counts too.
+                origin = [getattr(value, name, "") for name in ("__module__", "__name__")]
+                parts[f"{_name(found)}: {key}"] = _constant([origin, getattr(value, "_fields", ())])
+            else:
                 parts[f"{_name(found)}: {key}"] = _constant(value)
     whole = hashlib.sha256()
     for name in sorted(parts):
@@ -103,7 +105,7 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
     def _stamp(self) -> None:
         # Not before the first call: callees further down in the file do not stand yet.
         if not self._stamped:
-            self._cache_file._source_stamp = (self._cache_file._source_stamp, digest(self._py_func))
+            self._cache_file._source_stamp = digest(self._py_func)
             self._stamped = True
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -116,6 +118,11 @@ class _CalleeCache(FunctionCache):  # type: ignore[misc]
 
     def _save_overload(self, sig: Any, data: Any) -> None:
         self._stamp()
+        # numba counts the files up. Two processes that compile for different arguments would come
+        # to the same number, and one would be handed the other's machine code.
+        mark = hashlib.sha256(str(sig).encode()).hexdigest()[:16]
+        base = self._impl.filename_base
+        self._cache_file._data_name_pattern = f"{base}.{mark}.{{number:d}}.nbc"
         super()._save_overload(sig, data)
 
 

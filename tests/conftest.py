@@ -6,10 +6,16 @@ import math
 import os
 import shutil
 import signal
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# No clock decides: a machine with other work to do is slow, not wrong.
+settings.register_profile("tests", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("tests")
 
 # Tests run side by side: threads that spin while they wait take the time of the others' work.
 # This is read when the threads are first started, here and in all that the tests start.
@@ -18,6 +24,28 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 # A shell's background jobs ignore interrupts, and so would all that the tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+NO_DATA = "AMBINAV_DATA is not set"
+
+
+def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
+    """Tests that ask for the recorded maps and logs bear the mark of that name."""
+    for item in items:
+        if "data_dir" in getattr(item, "fixturenames", ()):
+            item.add_marker("data_dir")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Where there are no recorded maps and logs, say how many tests of which files did not run."""
+    skipped = terminalreporter.stats.get("skipped", ())
+    files = Counter(
+        report.nodeid.partition("::")[0] for report in skipped if NO_DATA in str(report.longrepr)
+    )
+    if files:
+        terminalreporter.section(f"{NO_DATA}: {files.total()} skipped")
+        for name, count in sorted(files.items()):
+            terminalreporter.line(f"{count:4} {name}")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -38,7 +66,7 @@ def data_dir() -> Path:
     """
     name = os.environ.get("AMBINAV_DATA")
     if not name:
-        pytest.skip("AMBINAV_DATA is not set")
+        pytest.skip(NO_DATA)
     folder = Path(name)
     assert folder.is_dir(), f"AMBINAV_DATA names {folder}, which is not a folder"
     return folder

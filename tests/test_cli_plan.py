@@ -109,7 +109,7 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
         app,
         [
             *PLAN, "-o", "r.json", "--space", "reeds-shepp", "--turning-radius", "0.3",
-            "--start-heading", "90", "--goal-heading", "180", "--time", "1",
+            "--start-heading", "90", "--goal-heading", "180", "--time", "inf", "--iterations", "500",
             "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2", "--clearance-weight", "1",
         ],
     )  # fmt: skip
@@ -122,9 +122,10 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
     assert route.clearance_weight == 1.0
 
 
+@pytest.mark.slow
 def test_seeds_and_iterations(runner: CliRunner, plan_folder: Path) -> None:
     for name in ("a.csv", "b.csv"):
-        arguments = ("-o", name, "--seed", "4", "--iterations", "300", "--time", "60")
+        arguments = ("-o", name, "--seed", "4", "--iterations", "300", "--time", "inf")
         assert runner.invoke(app, [*PLAN, *arguments]).exit_code == 0
     one, two = (load_route(plan_folder / name) for name in ("a.csv", "b.csv"))
     assert (one.poses == two.poses).all()

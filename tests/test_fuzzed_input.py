@@ -106,6 +106,7 @@ def test_any_bytes_as_an_image(content: bytes) -> None:
     run_on({"map.pgm": content}, FROM_MAP)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.binary(max_size=60) | spoilt(PLAN_TEXT))
 @example(b"[" * 5000)
@@ -122,12 +123,14 @@ def test_any_ring_in_a_plan(ring: list[list[float]]) -> None:
     run_on({"plan.geojson": plan(polygon([*ring, *ring[:1]])).encode()}, FROM_PLAN)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.binary(max_size=60) | spoilt(SCANNER_TEXT))
 def test_any_bytes_as_a_scanner(content: bytes) -> None:
     run_on({"scanner.yaml": content}, FROM_PLAN)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(
     st.dictionaries(

@@ -76,6 +76,7 @@ def keys(copy: Path) -> list[str]:
     return run(copy, "-c", KEYS, str(copy)).stdout.split()
 
 
+@pytest.mark.slow
 def test_any_edited_file_is_another_key(copy: Path) -> None:
     before = keys(copy)
     assert before == keys(copy) and before[0] == code_digest()
@@ -113,6 +114,7 @@ def test_what_is_no_source_does_not_count(copy: Path) -> None:
             (copy / "ambinav" / name).unlink(missing_ok=True)
 
 
+@pytest.mark.slow
 def test_a_comparison_is_made_again_by_other_code(copy: Path, tmp_path: Path) -> None:
     scenario = write(tmp_path, {**SCENARIO, "drive": {"runs": 2, "open_loop": True}})
     words = ("-m", "ambinav.cli", "compare", str(scenario), "-o", "out", "-j", "1")

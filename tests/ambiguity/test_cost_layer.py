@@ -70,6 +70,7 @@ def test_services_and_planners_read_it(amap: an.AmbiguityMap) -> None:
     assert route.layer == "position"
 
 
+@pytest.mark.slow
 def test_environments_read_it() -> None:
     seen, info = {}, {}
     for layer in (None, "position", "level"):

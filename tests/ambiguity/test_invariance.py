@@ -56,6 +56,7 @@ def agree(found: Points, most: tuple[float, float]) -> None:
     assert median <= most[0] and high <= most[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0, 6, 18, 30, 42])
 def test_turned_and_shifted(
     demo: Environment, demo_map: AmbiguityMap, laser: RangeScanner, points: Points, degrees: float
@@ -82,6 +83,7 @@ def test_direction_turns_with_the_building(
     assert np.percentile(off, 95) < 2.0
 
 
+@pytest.mark.slow
 def test_half_the_spacing(demo: Environment, laser: RangeScanner, points: Points) -> None:
     # A quarter of the building; walls stand along the cut.
     xmin, ymin, xmax, ymax = demo.bounds
@@ -138,6 +140,7 @@ def rasterise(env: Environment, folder: Path) -> Path:
     return folder / "demo.yaml"
 
 
+@pytest.mark.slow
 def test_through_a_rasterised_map(
     demo: Environment,
     coarse_map: AmbiguityMap,

@@ -100,6 +100,7 @@ def test_centimetres_off_the_centre_are_no_reason_for_headings(
         hold(centred, amap)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scanner", [all_around(), FAN, SONARS], ids=["all", "fan", "sonars"])
 def test_mounts_in_a_house(house: Environment, scanner: RangeScanner) -> None:
     """With headings, asked for where the scanner needs none."""
@@ -159,6 +160,7 @@ def piece(env: Environment) -> Environment:
     return environment_from_shapes([max(parts, key=lambda part: part.area)], name=env.name)
 
 
+@pytest.mark.slow
 def test_mounts_on_all_maps(data_dir: Path) -> None:
     files = sorted(file for folder in data_dir.glob("*maps*") for file in folder.glob("*.yaml"))
     assert len(files) > 25
@@ -175,6 +177,7 @@ def test_mounts_on_all_maps(data_dir: Path) -> None:
         hold(centred, exact)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nav2_tb3_sandbox", "aws_small_house", "navrep_markclutter"])
 @pytest.mark.parametrize("metres", [1e-3, 0.032, 0.1, 0.2])
 def test_fans_and_sonars_on_small_maps(data_dir: Path, name: str, metres: float) -> None:

@@ -71,6 +71,7 @@ def test_the_html_stands_alone(done: Path) -> None:
     assert "{{" not in html
 
 
+@pytest.mark.slow
 def test_two_processes_find_the_same(done: Path, tmp_path: Path) -> None:
     found = compare(done.parent / "flat.yaml", tmp_path / "two", "--jobs", "2", "--json")
     assert found.exit_code == 0, found.output
@@ -78,6 +79,7 @@ def test_two_processes_find_the_same(done: Path, tmp_path: Path) -> None:
     assert (tmp_path / "two" / "table.csv").read_text() == (done / "table.csv").read_text()
 
 
+@pytest.mark.slow
 def test_it_goes_on_where_it_was_interrupted(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(done, out)
@@ -91,6 +93,7 @@ def test_it_goes_on_where_it_was_interrupted(done: Path, tmp_path: Path) -> None
     assert (out / "table.csv").read_text() == (done / "table.csv").read_text()
 
 
+@pytest.mark.slow
 def test_killed_and_called_again(done: Path, tmp_path: Path) -> None:
     """Whatever was done when it was killed, the same command gives the same tables."""
     out = tmp_path / "out"
@@ -143,6 +146,7 @@ def test_two_at_once_are_refused(done: Path, tmp_path: Path) -> None:
     assert [item.name for item in out.rglob("*")] == ["work", "lock"]
 
 
+@pytest.mark.slow
 def test_what_an_earlier_scenario_left_goes(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(done, out)
@@ -153,6 +157,7 @@ def test_what_an_earlier_scenario_left_goes(done: Path, tmp_path: Path) -> None:
     assert len(list(out.glob("*.png"))) == 4
 
 
+@pytest.mark.slow
 def test_other_inputs_are_driven_anew(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(done, out)

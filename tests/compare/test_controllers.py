@@ -63,6 +63,7 @@ def compare(scenario: Path, out: Path) -> Result:
     return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", "--json"])
 
 
+@pytest.mark.slow
 def test_a_policy_drives_beside_a_route(scenario: dict[str, Any], folder: Path) -> None:
     driver = {"kind": "policy", "policy": "drives.py:go", "name": "go"}
     scenario |= {"routes": ["shortest", driver], "localizer": "ekf"}

@@ -52,6 +52,7 @@ def compare(scenario: Path, out: Path, *more: str) -> Result:
     return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", *more])
 
 
+@pytest.mark.slow
 def test_costs_may_read_a_layer_that_is_made_for_them(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -73,6 +74,7 @@ def test_a_scenario_reads_the_layer_that_suits_its_scanner(
     assert load_scenario(write(tmp_path, scenario)).scenario.map.layer == "position"
 
 
+@pytest.mark.slow
 def test_reports_name_the_localizer_and_what_speaks_against_it(
     scenario: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -123,6 +125,7 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
         make_worlds(load_scenario(write(tmp_path, scenario)), plans)
 
 
+@pytest.mark.slow
 def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     """People, boxes, a filter, a policy and exports in one comparison, closed loop."""
     (tmp_path / "p.py").write_text(POLICY)
@@ -157,6 +160,7 @@ def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     assert (folder / "truth.tum").stat().st_mtime_ns == kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space", ["se2", "dubins", "reeds-shepp"])
 def test_spaces(scenario: dict[str, Any], tmp_path: Path, space: str) -> None:
     radius = 0.0 if space == "se2" else 0.4
@@ -170,6 +174,7 @@ def test_spaces(scenario: dict[str, Any], tmp_path: Path, space: str) -> None:
     np.testing.assert_allclose(plan.route.poses[[0, -1]], [[1, 1, 0], [7, 2, np.pi / 2]])
 
 
+@pytest.mark.slow
 def test_a_car_that_knows_where_it_is(scenario: dict[str, Any], tmp_path: Path) -> None:
     """Curves are driven, and a localizer without errors gives pictures all the same."""
     scenario["planning"] = {"space": "reeds-shepp", "turning_radius": 0.4, "iterations": 100}

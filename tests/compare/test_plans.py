@@ -23,6 +23,7 @@ from ambinav_planners.belief.model import BeliefModel
 from tests.compare.conftest import write
 
 
+@pytest.mark.slow
 def test_every_kind(scenario: dict[str, Any], tmp_path: Path) -> None:
     scenario["routes"] = [
         "shortest", "clearance", "ambiguity", "belief", "belief-roadmap", "reference",

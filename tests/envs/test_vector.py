@@ -115,6 +115,7 @@ def test_neither_number_nor_threads_change_a_bit(monkeypatch: pytest.MonkeyPatch
         equal(a, {key: value[:3] for key, value in b.items()})
 
 
+@pytest.mark.slow
 def test_a_fresh_process_gives_the_same() -> None:
     code = (
         "from tests.envs.test_vector import *\n"

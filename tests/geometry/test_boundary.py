@@ -255,7 +255,7 @@ def test_wrong_parameters(key: str, value: float) -> None:
         environment_from_grid(drawn(SQUARE), **{key: value})
 
 
-@pytest.mark.data_dir
+@pytest.mark.slow
 def test_recorded_maps(data_dir: Path) -> None:
     paths = [p for folder in ("maps", "maps_from_logs") for p in (data_dir / folder).glob("*.yaml")]
     assert len(paths) >= 18
@@ -268,7 +268,6 @@ def test_recorded_maps(data_dir: Path) -> None:
         assert 0.8 * known < env.free.area < 1.02 * known, path
 
 
-@pytest.mark.data_dir
 def test_willow_has_few_segments(data_dir: Path) -> None:
     env = environment_from_grid(load_map_server(data_dir / "maps" / "willow_full_005.yaml"))
     assert 2500 < len(env.segments) < 5000

@@ -132,6 +132,7 @@ def reached(environment: Environment, reach, column: float, row: float) -> bool:
     return bool(reach.reaches(*at(environment, column, row)))
 
 
+@pytest.mark.slow
 def test_the_margin_of_a_page_is_passed_over():
     environment = grid(page())
     with pytest.warns(InputWarning) as told:
@@ -290,6 +291,7 @@ def flooded(
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(buildings(), st.data())
 def test_against_a_flood_fill_on_a_fine_lattice(building, data):

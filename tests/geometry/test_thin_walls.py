@@ -213,7 +213,6 @@ def recorded(data_dir: Path) -> list[Path]:
     return paths
 
 
-@pytest.mark.data_dir
 @pytest.mark.slow
 def test_the_walls_of_every_map_stand(data_dir: Path) -> None:
     for path in recorded(data_dir):

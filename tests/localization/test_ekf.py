@@ -103,6 +103,7 @@ def run_filter(
     return errors, covariances
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_filter_says() -> None:
     runs, steps = 100, 40
     errors, covariances = run_filter(runs, steps, seed=3)

@@ -253,7 +253,6 @@ REAL = {
 }
 
 
-@pytest.mark.data_dir
 @pytest.mark.parametrize("name", REAL)
 def test_real_logs(data_dir, name):
     scans, beams, top, lost, median, path, extent, timed = REAL[name]

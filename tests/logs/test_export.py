@@ -121,7 +121,6 @@ def test_carmen_refuses_uneven_beams(tmp_path):
         save_carmen(tmp_path / "u.log", log)
 
 
-@pytest.mark.data_dir
 def test_a_real_log_comes_back(tmp_path, data_dir):
     log = read_carmen(data_dir / "logs" / "aces-corrected.log.gz")
     save_carmen(tmp_path / "aces.log.gz", log)

@@ -22,7 +22,6 @@ from ambinav.logs.localize import SPARSE_SCANS, localize
 from ambinav.logs.registration import register
 from ambinav.logs.replay import replay
 
-pytestmark = pytest.mark.data_dir
 # The laser of the hall's robot, as its original log says; the CARMEN text cannot show it, since
 # its odometry is in a frame of its own.
 HALL_MOUNT = (0.095, 0.0, 0.0)

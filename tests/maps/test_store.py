@@ -148,6 +148,7 @@ def test_every_chunk_is_there(tmp_path):
     assert AmbiguityMap.open(tmp_path / "a.zarr").dataset.identical(dataset)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [Path.unlink, flipped, lambda f: f.write_bytes(b""), lambda f: f.write_bytes(b"hello")],

@@ -45,8 +45,8 @@ def script(body: str) -> subprocess.Popen[str]:
 def test_ctrl_c_ends_a_solve_at_once() -> None:
     process = script("""
 simple = setup("RRTstar")
-print("solving", flush=True)
 try:
+    print("solving", flush=True)
     simple.solve(ob.PlannerTerminationCondition(lambda: False))
 except KeyboardInterrupt:
     print("interrupted", flush=True)

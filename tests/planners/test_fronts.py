@@ -17,6 +17,7 @@ START, GOAL = (3.0, 3.0), (42.0, 20.0)
 SLACK = 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reference", "prmstar"])
 def test_more_weight_is_longer_and_less_exposed(robot: RoutePlanner, name: str) -> None:
     front = pareto(robot, START, GOAL, planner_name=name, iterations=2000, seconds=math.inf, seed=1)
@@ -49,13 +50,15 @@ def test_a_front_has_the_routes_that_plan_finds(robot: RoutePlanner) -> None:
 
 def test_other_planners_plan_anew_for_every_weight(robot: RoutePlanner) -> None:
     front = pareto(
-        robot, START, (12.0, 6.0), weights=(0.0, 5.0), planner_name="bitstar", seconds=0.5
-    )
+        robot, START, (12.0, 6.0), weights=(0.0, 5.0), planner_name="bitstar",
+        seconds=math.inf, iterations=30_000,
+    )  # fmt: skip
     assert [point.route.planner for point in front.points] == ["bitstar"] * 2
     assert [point.route.weight for point in front.points] == [0.0, 5.0]
     assert front.points[0].route.length <= front.points[1].route.length * 1.05
 
 
+@pytest.mark.slow
 def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
     fronts = [
         pareto(
@@ -69,6 +72,7 @@ def test_seeded_fronts_are_the_same(robot: RoutePlanner) -> None:
         assert one.route.seed == 3
 
 
+@pytest.mark.slow
 def test_a_limit_holds_for_the_whole_front(demo: AmbiguityService) -> None:
     before, behind = (7.9, 20.7), (22.3, 20.7)
     robot = RoutePlanner(demo, max_bad_metres=6.0)

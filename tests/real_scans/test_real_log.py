@@ -101,7 +101,6 @@ def test_scans_too_far_apart(log):
         study_log(log, 4.0, environment=environment(), pair_radius=0.0501, spacing=0.5)
 
 
-@pytest.mark.data_dir
 def test_a_real_log(data_dir):
     log = read_carmen(data_dir / "logs" / "aces-corrected.log.gz").chosen(slice(0, 150))
     study = study_log(log, 4.0, spacing=0.3)

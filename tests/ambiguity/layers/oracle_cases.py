@@ -18,7 +18,7 @@ from tests.ambiguity.layers import brute_rays
 
 Floats = NDArray[np.float64]
 
-BUILDINGS = ("drawn", "recorded")
+BUILDINGS = ("drawn", pytest.param("recorded", marks=pytest.mark.data_dir))
 DRAWN = Path(__file__).parents[3] / "configs" / "demo.geojson"
 RECORDED = "maps_from_logs/freiburg-079.yaml"
 

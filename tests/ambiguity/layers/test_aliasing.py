@@ -78,6 +78,7 @@ def all_pairs(data, beams, xy, limit, icap, use, evidence, tau, c0, c2, near, mo
     return mass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scanner", "headings", "least"),
     [

@@ -137,6 +137,7 @@ def sampled(
     return float(np.mean(found))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("people", [0.0, 0.1])
 @pytest.mark.parametrize(
     ("env", "x", "y", "off"),

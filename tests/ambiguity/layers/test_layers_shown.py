@@ -113,6 +113,7 @@ def test_map_command(folder: Path) -> None:
     assert {"fisher", "wall_normals"} <= set(an.AmbiguityMap.open("m.zarr").layers)
 
 
+@pytest.mark.slow
 def test_audit_command(folder: Path) -> None:
     arguments = ["audit", *ARGUMENTS, "-s", "laser.yaml", "-o", "out", "--layers", "fisher"]
     for _ in range(2):  # a report is replaced by the next

@@ -21,7 +21,7 @@ from ambinav.ambiguity.layers.wall_normals import wall_normals
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
-from tests.ambiguity.layers import brute
+from tests.ambiguity.layers import brute, oracle_cases
 from tests.ambiguity.layers.brute import Floats
 from tests.geometry import scenes
 
@@ -37,7 +37,7 @@ FAN = RangeScanner.planar(LASER, 17, math.pi, (0.1, 0.05, 0.0), name="fan")
 RING = RangeScanner.ring(SONAR, 12, 0.15, name="ring")
 
 
-@pytest.fixture(scope="module", params=["drawn", "recorded"])
+@pytest.fixture(scope="module", params=oracle_cases.BUILDINGS)
 def building(request: pytest.FixtureRequest) -> Environment:
     if request.param == "drawn":
         return scenes.scene(5, size=10.0, blocks=7, thin=4)

@@ -22,7 +22,7 @@ from ambinav.ambiguity.layers.position import position
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
 from ambinav.sensing import RangeScanner, RangeSensor
-from tests.ambiguity.layers import brute
+from tests.ambiguity.layers import brute, oracle_cases
 from tests.ambiguity.layers.brute import Floats
 
 POSES = 24
@@ -46,7 +46,7 @@ FINE = 0.02
 TURNS = np.linspace(-2.0, 2.0, 5)
 
 
-@pytest.fixture(scope="module", params=["drawn", "recorded"])
+@pytest.fixture(scope="module", params=oracle_cases.BUILDINGS)
 def building(request: pytest.FixtureRequest) -> Environment:
     if request.param == "drawn":
         # Two rooms, nearly alike, a corridor between them, and a door to unknown space.

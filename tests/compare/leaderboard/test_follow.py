@@ -69,6 +69,7 @@ def test_planners_are_told_what_the_localizer_is_told(monkeypatch: pytest.Monkey
         assert robot.belief.start_std == (0.2, 0.1, 0.03)
 
 
+@pytest.mark.slow
 def test_routes_are_the_same_again_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -98,6 +98,7 @@ print(build().dataset["level"].values.tobytes().hex()[:4000])
 """
 
 
+@pytest.mark.slow
 def test_several_processes_build_the_same_map(cache: Path) -> None:
     root = Path(__file__).parents[3]
     started = [

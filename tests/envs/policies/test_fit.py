@@ -215,6 +215,7 @@ def test_evaluate(folder: Path) -> None:
     assert done.exit_code == 0 and not done.stderr and json.loads(done.stdout)["differs"] == {}
 
 
+@pytest.mark.slow
 def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ompl")
     import importlib
@@ -238,6 +239,7 @@ def test_benchmark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "**trained with another robot (radius 0.22 m, here 0.3 m)**" in text
 
 
+@pytest.mark.slow
 def test_compare(folder: Path) -> None:
     own = {"parts": yaml.safe_load(scanner().to_yaml())["parts"]}
     plain = {

@@ -105,6 +105,7 @@ def test_policy_files_are_policies(whole: Path) -> None:
     assert np.allclose(again.predict(seen, deterministic=True)[0], actions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [{}, SAC, RECURRENT], ids=["ppo", "sac", "recurrent"])
 def test_resumed_is_as_if_never_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: dict[str, Any]
