@@ -1,12 +1,10 @@
 # Everything runs in a virtual environment of its own. `make help` lists the targets.
 # Overridable: PYTHON (the interpreter that makes the environment), VENV (its folder, relative and
-# without spaces), OUT (where the demo writes), SCANNER and ENDS (of the demo), PYTEST_ARGS.
+# without spaces), OUT (where the demo writes), PYTEST_ARGS.
 
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
-SCANNER ?= hokuyo-urg-04lx
-ENDS ?= --start 3 3 --goal 42 20
 PYTEST_ARGS ?= -n 2 --dist worksteal
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
@@ -19,33 +17,14 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo demo-routes test check lint types format bench clean
+.PHONY: help demo test check lint types format bench clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
 		|| sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1: \2/p' Makefile
 
-# The comparison drives beside the rest, on a core of its own; what it says comes last.
 demo: $(VENV)/.installed-core  ## audit the bundled building, plan through it, drive the routes; all goes to out/demo
-	@mkdir -p "$(OUT)"
-	@$(BIN)/ambinav compare configs/compare-demo.yaml -o "$(OUT)/compare" \
-		> "$(OUT)/compare.txt" 2>&1 & beside=$$!; \
-	trap 'kill $$beside 2>/dev/null' EXIT; trap 'exit 130' INT; trap 'exit 143' TERM; \
-	$(MAKE) --no-print-directory demo-routes && \
-	echo "$(BIN)/ambinav compare configs/compare-demo.yaml -o $(OUT)/compare" && \
-	{ wait $$beside && cat "$(OUT)/compare.txt" || { cat "$(OUT)/compare.txt"; exit 1; }; }
-	@printf '\nThe reports, to open in a browser:\n  %s\n  %s\nThe pictures:\n' \
-		"$(OUT)/report/report.html" "$(OUT)/compare/report.html"
-	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
-
-demo-routes: $(VENV)/.installed-core
-	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) --map "$(OUT)/map.zarr" \
-		-o "$(OUT)/report"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --shortest \
-		-o "$(OUT)/route.csv" --picture "$(OUT)/routes.png"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --pareto -o "$(OUT)/pareto"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner prmstar --time inf --iterations 8000 \
-		--seed 1 -o "$(OUT)/route-ompl.csv"
+	@$(BIN)/ambinav demo -o "$(OUT)"
 
 test: $(VENV)/.installed-dev  ## run the tests
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
