@@ -17,7 +17,7 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test check lint types format bench clean
+.PHONY: help demo test check lint types format docs bench clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
@@ -42,12 +42,16 @@ format: $(VENV)/.installed-dev  ## lay the sources out and mend what ruff can me
 	$(BIN)/python -m ruff check --fix .
 	$(BIN)/python -m ruff format .
 
+docs: $(VENV)/.installed-dev  ## build the documentation into out/site, with warnings as errors
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/site
+	@echo "out/site/index.html"
+
 bench: $(VENV)/.installed-dev  ## run the benchmarks but the long studies, one after the other
 	@set -e; for script in $(BENCHMARKS); do \
 		printf '\n== %s\n' "$$script"; $(BIN)/python "$$script"; done
 
 clean:  ## remove the environment and everything that the tools have left
-	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf $(VENV) dist build docs/_generated .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find ambinav planners envs tests benchmarks configs -name __pycache__ -prune -exec rm -rf {} +
 
 # Installed again whenever the dependencies change. The demo needs the planners only.
@@ -57,8 +61,8 @@ $(VENV)/.installed-core: pyproject.toml constraints.txt | $(VENV)/.made
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
-	@echo "installing ambinav[all,dev] into $(VENV)"
-	@$(PIP) -e '.[all,dev]'
+	@echo "installing ambinav[all,dev,docs] into $(VENV)"
+	@$(PIP) -e '.[all,dev,docs]'
 	@touch $@ $(VENV)/.installed-core
 
 $(VENV)/.made:
