@@ -28,7 +28,7 @@ def plan(service: an.AmbiguityService, environment: an.Environment) -> list[tupl
 
 
 building = an.load_environment(BUILDING)
-scanner = an.RangeScanner.from_preset("hokuyo-urg-04lx")
+scanner = an.RangeScanner.from_preset("turtlebot3-lds")
 amap = an.build_map(building, scanner, spacing=0.2)
 waypoints = plan(an.AmbiguityService(amap, layer="level", weight=5.0), building)
 print(f"{len(waypoints)} waypoints to {waypoints[-1]}")

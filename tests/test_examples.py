@@ -33,7 +33,7 @@ def test_examples_are_numbered_and_listed():
     assert all(f"[{script.name}]({script.name})" in listed for script in SCRIPTS)
 
 
-@pytest.mark.parametrize("script", map(marked, SCRIPTS))
+@pytest.mark.parametrize("script", [marked(script) for script in SCRIPTS])
 def test_an_example_runs(script, tmp_path):
     done = subprocess.run(
         [sys.executable, "-W", "error::ambinav.errors.InputWarning", str(script)],

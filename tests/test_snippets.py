@@ -120,7 +120,7 @@ def test_no_page_is_left_out():
     assert having == {page.name for page in PAGES} | set(ELSEWHERE)
 
 
-@pytest.mark.parametrize("page", map(marked, PAGES))
+@pytest.mark.parametrize("page", [marked(page) for page in PAGES])
 def test_the_blocks_run(page, tmp_path):
     code = "\n".join(BLOCK.findall((ROOT / page.name).read_text(encoding="utf-8")))
     for long, short in page.shorter.items():
