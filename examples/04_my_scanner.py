@@ -1,4 +1,4 @@
-"""A scanner of your own as YAML: which part of the floor tells it where it is?"""
+"""A scanner of your own as YAML: on which part of the floor does it fix the position?"""
 
 from pathlib import Path
 

@@ -82,9 +82,9 @@ PAGES = (
     Page("docs/howto/my-scanner.md", quick=True),
     Page("docs/howto/nav2.md"),
     Page("docs/howto/ompl.md"),
-    Page("docs/howto/read-the-report.md", quick=True),
+    Page("docs/howto/read-the-report.md"),
     Page("docs/howto/train-a-policy.md"),
-    Page("docs/howto/which-scanner.md"),
+    Page("docs/howto/which-scanner.md", quick=True),
     Page("docs/audit.md", DEMO),
     Page("docs/compare.md", DEMO + COMPARED, quick=True),
     Page(
