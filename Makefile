@@ -1,12 +1,10 @@
 # Everything runs in a virtual environment of its own. `make help` lists the targets.
 # Overridable: PYTHON (the interpreter that makes the environment), VENV (its folder, relative and
-# without spaces), OUT (where the demo writes), SCANNER and ENDS (of the demo), PYTEST_ARGS.
+# without spaces), OUT (where the demo writes), PYTEST_ARGS.
 
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
-SCANNER ?= hokuyo-urg-04lx
-ENDS ?= --start 3 3 --goal 42 20
 # A worker takes the tests of a whole file, so that what these share is made once.
 PYTEST_ARGS ?= -n auto --maxprocesses 4 --dist loadscope
 
@@ -20,33 +18,14 @@ BENCHMARKS = $(filter-out $(STUDIES),$(sort $(wildcard benchmarks/bench_*.py)))
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo demo-routes test test-slow test-all check lint types format bench wheel clean
+.PHONY: help demo test test-slow test-all check lint types format docs bench wheel clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1|\2/p' Makefile | column -t -s '|' 2>/dev/null \
 		|| sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1: \2/p' Makefile
 
-# The comparison drives beside the rest, on a core of its own; what it says comes last.
 demo: $(VENV)/.installed-core  ## audit the bundled building, plan through it, drive the routes; all goes to out/demo
-	@mkdir -p "$(OUT)"
-	@$(BIN)/ambinav compare configs/compare-demo.yaml -o "$(OUT)/compare" \
-		> "$(OUT)/compare.txt" 2>&1 & beside=$$!; \
-	trap 'kill $$beside 2>/dev/null' EXIT; trap 'exit 130' INT; trap 'exit 143' TERM; \
-	$(MAKE) --no-print-directory demo-routes && \
-	echo "$(BIN)/ambinav compare configs/compare-demo.yaml -o $(OUT)/compare" && \
-	{ wait $$beside && cat "$(OUT)/compare.txt" || { cat "$(OUT)/compare.txt"; exit 1; }; }
-	@printf '\nThe reports, to open in a browser:\n  %s\n  %s\nThe pictures:\n' \
-		"$(OUT)/report/report.html" "$(OUT)/compare/report.html"
-	@find "$(OUT)" -name '*.png' | sort | sed 's/^/  /'
-
-demo-routes: $(VENV)/.installed-core
-	$(BIN)/ambinav audit configs/demo.geojson --scanner $(SCANNER) --save-map "$(OUT)/map.zarr" \
-		-o "$(OUT)/report"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --shortest \
-		-o "$(OUT)/route.csv" --picture "$(OUT)/routes.png"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner reference --pareto -o "$(OUT)/pareto"
-	$(BIN)/ambinav plan "$(OUT)/map.zarr" $(ENDS) --planner prmstar --time inf --iterations 8000 \
-		--seed 1 -o "$(OUT)/route-ompl.csv"
+	@$(BIN)/ambinav demo -o "$(OUT)"
 
 test: $(VENV)/.installed-dev  ## run the tests but those marked slow
 	$(BIN)/python -m pytest -m "not slow" --durations=15 $(PYTEST_ARGS)
@@ -71,6 +50,10 @@ format: $(VENV)/.installed-dev  ## lay the sources out and mend what ruff can me
 	$(BIN)/python -m ruff check --fix .
 	$(BIN)/python -m ruff format .
 
+docs: $(VENV)/.installed-dev  ## build the documentation into out/site, with warnings as errors
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/site
+	@echo "out/site/index.html"
+
 bench: $(VENV)/.installed-dev  ## run the benchmarks but the long studies, one after the other
 	@set -e; for script in $(BENCHMARKS); do \
 		printf '\n== %s\n' "$$script"; $(BIN)/python "$$script"; done
@@ -85,7 +68,7 @@ wheel: $(VENV)/.made  ## build the wheel and import it from a clean environment 
 	build/wheel/bin/ambinav --version
 
 clean:  ## remove the environment and everything that the tools have left
-	rm -rf $(VENV) dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf $(VENV) dist build docs/_generated .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find ambinav planners envs tests benchmarks configs -name __pycache__ -prune -exec rm -rf {} +
 
 # Installed again whenever the dependencies change. The demo needs the planners only.
@@ -95,8 +78,8 @@ $(VENV)/.installed-core: pyproject.toml constraints.txt | $(VENV)/.made
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
-	@echo "installing ambinav[all,dev] into $(VENV)"
-	@$(PIP) -e '.[all,dev]'
+	@echo "installing ambinav[all,dev,docs] into $(VENV)"
+	@$(PIP) -e '.[all,dev,docs]'
 	@touch $@ $(VENV)/.installed-core
 
 $(VENV)/.made:

@@ -6,6 +6,10 @@ same words in a row, the same column. A row or a column of today that names a lo
 the one without it where it is `product`. Intervals are left out of the comparison.
 
     python benchmarks/figures.py --out docs/figures.md
+    python benchmarks/figures.py --check
+
+The second makes nothing: it fails where docs/measured.md says what the reports do not
+(`measured.py`), or where docs/figures.md is not what would be made.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import measured
 import yaml
 from harness import ROOT, table
 
@@ -62,9 +67,24 @@ def main() -> None:
     parser.add_argument(
         "--list", type=Path, default=Path(__file__).with_name("figures.yaml"), help="what is stated"
     )
+    parser.add_argument("--check", action="store_true", help="write nothing, only compare")
     args = parser.parse_args()
     plain = yaml.safe_load(args.list.read_text(encoding="utf-8"))
-    args.out.write_text(page(plain), encoding="utf-8")
+    if not args.check:
+        args.out.write_text(page(plain), encoding="utf-8")
+        return
+    found = measured.misses()
+    # The reports of before are read from the history, which a shallow clone has not.
+    if is_known(plain["before"]) and args.out.read_text(encoding="utf-8") != page(plain):
+        found.append(f"{args.out.name} is not what figures.py makes of the reports; run it again")
+    print("\n".join(found) or "the pages say what the reports say")
+    raise SystemExit(bool(found))
+
+
+def is_known(commit: str) -> bool:
+    """Whether the history has a commit."""
+    done = subprocess.run(["git", "cat-file", "-e", commit], cwd=ROOT, capture_output=True)
+    return done.returncode == 0
 
 
 def page(plain: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from ambinav.cli.audit import audit
 from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
 from ambinav.cli.compare import compare
+from ambinav.cli.demo import demo
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
@@ -35,6 +36,7 @@ app.command("compare")(compare)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("benchmark")(benchmark)
+app.command("demo")(demo)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
 

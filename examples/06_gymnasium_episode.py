@@ -1,0 +1,19 @@
+"""One episode with a localizer in the loop, driven by a policy that is shipped."""
+
+import gymnasium as gym
+import numpy as np
+
+import ambinav_envs
+from ambinav_envs.policies import load_policy
+
+gym.register_envs(ambinav_envs)
+env = gym.make("ambinav/Office-v0", reward="ambiguity", waypoint=True, buildings=1)
+policy = load_policy("ppo-ambiguity")
+policy.prepare(env.observation_space, env.action_space)
+observation, info = env.reset(seed=1)
+total, ended, first = 0.0, False, True
+while not ended:
+    row = {name: part[None] for name, part in observation.items()}
+    observation, reward, over, cut, info = env.step(policy.act(row, np.array([first]))[0])
+    total, ended, first = total + float(reward), over or cut, False
+print(f"{info['outcome']}, return {total:.1f}, terms {info['terms']}")

@@ -1,0 +1,63 @@
+"""`ambinav demo` does the main job without a checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+import ambinav
+from ambinav.cli import app
+from ambinav.cli.demo import steps
+from ambinav.demo import BUILDING, SCANNER, SCENARIO
+
+ROOT = Path(__file__).parents[1]
+PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
+
+
+def test_what_it_reads_is_in_the_package():
+    package = Path(ambinav.__file__).parent
+    assert BUILDING.is_file() and BUILDING.is_relative_to(package)
+    assert SCENARIO.is_file() and SCENARIO.is_relative_to(package)
+    # A checkout shows them among the configurations; there is one copy.
+    assert (ROOT / "configs" / BUILDING.name).resolve() == BUILDING.resolve()
+    assert (ROOT / "configs" / SCENARIO.name).resolve() == SCENARIO.resolve()
+    assert SCANNER in [path.stem for path in (package / "sensing" / "presets").glob("*.yaml")]
+
+
+def test_its_commands_are_understood(tmp_path):
+    commands = typer.main.get_group(app).commands
+    for name, *arguments in steps(tmp_path, with_ompl=True):
+        commands[name].make_context(name, list(arguments))
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path):
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "thesis.tex").write_text("mine")
+    result = CliRunner().invoke(app, ["demo", "-o", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "thesis.tex" in result.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report"]
+
+
+@pytest.mark.slow
+def test_it_audits_plans_and_compares(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "ambinav.cli", "demo", "-o", "made", "--json"],
+        env={**os.environ, "PYTHONPATH": PATHS},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    assert done.returncode == 0, done.stderr
+    made = json.loads(done.stdout)
+    assert made["reports"] == ["made/report/report.html", "made/compare/report.html"]
+    assert "made/routes.png" in made["pictures"]
+    assert all((tmp_path / path).is_file() for path in (*made["reports"], *made["pictures"]))

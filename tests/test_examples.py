@@ -1,0 +1,49 @@
+"""The scripts of examples/ run as they stand, each in a folder of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+QUICK = {"01", "02", "04"}
+LEAVES = {
+    "01": "out/01-audit/report.html",
+    "02": "out/02-level.png",
+    "05": "out/05-compare/report.html",
+    "07": "out/07-policy/final.zip",
+}
+"""What a script writes, by its number."""
+
+
+def marked(script: Path) -> object:
+    slow = () if script.name[:2] in QUICK else (pytest.mark.slow,)
+    return pytest.param(script, marks=slow, id=script.stem)
+
+
+def test_examples_are_numbered_and_listed():
+    listed = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
+    assert [script.name[:2] for script in SCRIPTS] == [f"{n:02d}" for n in range(1, 9)]
+    assert all(f"[{script.name}]({script.name})" in listed for script in SCRIPTS)
+
+
+@pytest.mark.parametrize("script", [marked(script) for script in SCRIPTS])
+def test_an_example_runs(script, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error::ambinav.errors.InputWarning", str(script)],
+        env={**os.environ, "PYTHONPATH": PATHS, "MPLBACKEND": "agg"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+    if made := LEAVES.get(script.name[:2]):
+        assert (tmp_path / made).is_file()

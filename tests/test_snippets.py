@@ -1,0 +1,143 @@
+"""The Python of README.md and of the documentation runs as it stands there, block after block."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners", "benchmarks"))
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+DEMO = """
+import math
+import numpy as np
+import ambinav as an
+from ambinav.demo import BUILDING
+env = an.load_environment(BUILDING)
+scanner = an.RangeScanner.planar(
+    sensor=an.RangeSensor(max_range=4.0, std=0.03, resolution=0.001), beams=60, aperture=math.tau
+)
+amap = an.build_map(env, scanner, spacing=0.4)
+x, y = 3.0, 3.0
+"""
+COMPARED = """
+import dataclasses
+from ambinav.drive.metrics import Metrics
+names = [one.name for one in dataclasses.fields(Metrics)]
+ours, shortest = (Metrics(**dict.fromkeys(names, np.full(5, value))) for value in (0.1, 0.4))
+length, shortest_length, rng = 50.0, 48.0, np.random.default_rng(1)
+"""
+SCANS = """
+poses = np.array([[3.0, 3.0, 0.0], [20.0, 13.0, 0.0]])
+ranges = scanner.read(env, *poses.T, np.random.default_rng(1))
+odometry_covariance = prior = np.diag([0.01, 0.01, 0.0025])
+pose_covariance = np.diag([0.0025, 0.0025, 0.0004])
+"""
+EPISODE = """
+import ambinav_envs
+import gymnasium as gym
+import numpy as np
+env = gym.make("ambinav/Hall-v0", waypoint=True, buildings=1)
+observations = {name: part[None] for name, part in env.reset(seed=1)[0].items()}
+starts = np.array([True])
+"""
+SMALL = """
+from pathlib import Path
+Path("small.yaml").write_text(
+    "{algorithm: ppo, steps: 9, envs: 4, threads: 1, "
+    "environment: {id: ambinav/Hall-v0, buildings: 2, longest: 8, max_steps: 30}, "
+    "evaluation: {episodes: 2, every: 512, environment: {first_building: 900, buildings: 2}}, "
+    "hyperparameters: {n_steps: 64, n_epochs: 1}}"
+)
+"""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page whose blocks are run.
+
+    Attributes:
+        name: From the root of the repository.
+        given: Code that makes what the page takes for given.
+        shorter: What is put in the place of numbers and files with which it would take minutes.
+        quick: Whether it takes less than about ten seconds.
+    """
+
+    name: str
+    given: str = ""
+    shorter: dict[str, str] = field(default_factory=dict)
+    quick: bool = False
+
+
+PAGES = (
+    Page("README.md"),
+    Page("docs/howto/audit-in-ci.md"),
+    Page("docs/howto/my-scanner.md", quick=True),
+    Page("docs/howto/nav2.md"),
+    Page("docs/howto/ompl.md"),
+    Page("docs/howto/read-the-report.md"),
+    Page("docs/howto/train-a-policy.md"),
+    Page("docs/howto/which-scanner.md", quick=True),
+    Page("docs/audit.md", DEMO),
+    Page("docs/compare.md", DEMO + COMPARED, quick=True),
+    Page(
+        "docs/environments.md",
+        shorter={
+            '"ambinav/Procedural-v0", 64, buildings=64': '"ambinav/Procedural-v0", 4, buildings=2',
+            "n_steps=128, batch_size=2048": "n_steps=64, batch_size=128",
+            "100_000": "256",
+        },
+    ),
+    Page("docs/layers.md", DEMO),
+    Page("docs/leaderboard.md", EPISODE, {"run/best.zip": "ppo-shortest"}),
+    Page("docs/localizability.md", DEMO + SCANS),
+    Page("docs/training.md", SMALL, {"configs/ppo.yaml": "small.yaml", "100_000": "512"}),
+)
+ELSEWHERE = {"docs/planning.md": "tests/planners/test_docs.py", "docs/real-scans.md": "its data"}
+"""Pages that are tested elsewhere, or that need recorded data."""
+
+
+def marked(page: Page) -> object:
+    return pytest.param(page, marks=() if page.quick else (pytest.mark.slow,), id=page.name)
+
+
+def test_no_page_is_left_out():
+    own = [path for path in ROOT.glob("*.md")] + [
+        path for path in ROOT.glob("docs/**/*.md") if "_generated" not in path.parts
+    ]
+    having = {
+        path.relative_to(ROOT).as_posix()
+        for path in own
+        if BLOCK.search(path.read_text(encoding="utf-8"))
+    }
+    assert having == {page.name for page in PAGES} | set(ELSEWHERE)
+
+
+@pytest.mark.parametrize("page", [marked(page) for page in PAGES])
+def test_the_blocks_run(page, tmp_path):
+    code = "\n".join(BLOCK.findall((ROOT / page.name).read_text(encoding="utf-8")))
+    for long, short in page.shorter.items():
+        assert long in code, f"{page.name} has no {long!r} any more"
+        code = code.replace(long, short)
+    (tmp_path / "page.py").write_text(page.given + code, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "page.py"],
+        env={**os.environ, "PYTHONPATH": PATHS, "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_readme_is_short():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 120
