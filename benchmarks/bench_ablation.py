@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from ambinav.drive.intervals import interval_text
+from ambinav.reports.table import interval_text
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 

@@ -109,7 +109,8 @@ def test_a_car_with_a_footprint(runner: CliRunner, plan_folder: Path) -> None:
         app,
         [
             *PLAN, "-o", "r.json", "--space", "reeds-shepp", "--turning-radius", "0.3",
-            "--start-heading", "90", "--goal-heading", "180", "--time", "inf", "--iterations", "500",
+            "--start-heading", "90", "--goal-heading", "180",
+            "--time", "inf", "--iterations", "500",
             "--footprint", "0.3,0.2 -0.2,0.2 -0.2,-0.2 0.3,-0.2", "--clearance-weight", "1",
         ],
     )  # fmt: skip

@@ -70,7 +70,8 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
     ends = ["--start", *map(_number, START), "--goal", *map(_number, GOAL)]
     plan = ["plan", amap, *ends]
     found = [
-        ["audit", str(BUILDING), "--scanner", SCANNER, "--save-map", amap, "-o", str(output / REPORT)],
+        ["audit", str(BUILDING), "--scanner", SCANNER, "--save-map", amap,
+         "-o", str(output / REPORT)],
         [*plan, "--planner", "reference", "--shortest", "-o", str(output / "route.csv"),
          "--picture", str(output / "routes.png")],
         [*plan, "--planner", "reference", "--pareto", "-o", str(output / "pareto")],
@@ -146,11 +147,11 @@ def _check_output(output: Path) -> None:
     Raises:
         InputError: one holds what is not of an earlier demo.
     """
-    from ambinav.audit.report import check_output as check_report
-    from ambinav.compare.report import check_output as check_compared
+    from ambinav.audit import report as audit_report
+    from ambinav.compare import report as compare_report
 
-    check_report(output / REPORT)
-    check_compared(output / COMPARED)
+    audit_report.FOLDER.check(output / REPORT)
+    compare_report.FOLDER.check(output / COMPARED)
 
 
 def _number(value: float) -> str:
