@@ -32,11 +32,11 @@ from typing import Any
 
 import numpy as np
 import yaml
-from ambinav.reports.table import interval_text
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 
 from ambinav.drive.bootstrap import Interval
+from ambinav.reports.table import interval_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios

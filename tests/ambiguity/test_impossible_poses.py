@@ -13,7 +13,7 @@ from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
 from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.standing import can_stand
-from ambinav.audit.ambiguous_regions import find_places
+from ambinav.audit.ambiguous_regions import find_ambiguous_regions
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
@@ -86,7 +86,7 @@ def test_aggregates_are_of_the_possible_headings(amap: AmbiguityMap, possible: n
     assert sum(share.share for share in amap.zone_shares("worst")) == pytest.approx(1.0)
     for heading in ("mean", "best", "worst"):
         assert np.isfinite(amap.floor("major_radius", heading).values[free]).all()
-    for place in find_places(amap, least_area=0.01):
+    for place in find_ambiguous_regions(amap, least_area=0.01):
         assert np.isfinite(place.by_heading).all()
 
 
