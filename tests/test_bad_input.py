@@ -216,7 +216,7 @@ CASES = {
     "a level of a plan without": case((*FROM_PLAN, "--level", "EG"), nothing, "plan.geojson",
                                       "'EG'", "leave it out"),
     "a level of an occupancy map": case((*FROM_MAP, "--level", "EG"), nothing, "map.yaml",
-                                        "level", "leave them out"),
+                                        "level", "leave it out"),
     "a unit without a plan": case(("benchmark", "--unit", "mm"), nothing, "--unit", "--map"),
     "a map's image": case(("map", "map.pgm", *FROM_MAP[2:]), nothing, "map.pgm", "map.yaml"),
     "a map's image of another name": case(

@@ -100,7 +100,11 @@ PAGES = (
     Page("docs/localizability.md", DEMO + SCANS),
     Page("docs/training.md", SMALL, {"configs/ppo.yaml": "small.yaml", "100_000": "512"}),
 )
-ELSEWHERE = {"docs/planning.md": "tests/planners/test_docs.py", "docs/real-scans.md": "its data"}
+ELSEWHERE = {
+    "CONTRIBUTING.md": "tests/stranger",
+    "docs/planning.md": "tests/planners/test_docs.py",
+    "docs/real-scans.md": "its data",
+}
 """Pages that are tested elsewhere, or that need recorded data."""
 
 
