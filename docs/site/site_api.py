@@ -78,8 +78,10 @@ def _directive(name: str, thing: Any) -> list[str]:
     """How Sphinx is asked to document something, by what it is."""
     if inspect.isclass(thing):
         return [f".. autoclass:: {name}", "   :members:", "   :show-inheritance:", ""]
-    kind = "autofunction" if callable(thing) else "autodata"
-    return [f".. {kind}:: {name}", "   :no-value:" if kind == "autodata" else "", ""]
+    if callable(thing):
+        return [f".. autofunction:: {name}", ""]
+    # Sphinx would show what its type says of itself.
+    return [f".. py:data:: {name}", ""]
 
 
 if __name__ == "__main__":
