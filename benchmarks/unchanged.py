@@ -33,7 +33,7 @@ PLANNERS = {
     "rrtstar": ("--space", "se2", "--time", "inf", "--iterations", "2000"),
     "bitstar": ("--time", "inf", "--iterations", "60000"),
     "belief": (),
-    "belief-roadmap": (),
+    "belief-roadmap": ("--time", "inf", "--iterations", "400"),
 }
 STEPS = 60
 
