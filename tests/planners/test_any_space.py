@@ -96,7 +96,7 @@ def test_a_real_vector_of_three(demo: AmbiguityService) -> None:
     assert cost == pytest.approx(demo.motion_cost(3.0, 3.0, 25.0, 20.0), rel=1e-9)
     planner = og.RRTstar(si)
     setup.setPlanner(planner)
-    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 50))
+    setup.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 200))
     path = og.PathGeometric(setup.getSolutionPath())
     assert path.cost(objective).value() <= cost * (1.0 + 1e-9)
     assert objective.cost_of(path.getStates()) == pytest.approx(path.cost(objective).value())
