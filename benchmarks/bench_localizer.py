@@ -165,7 +165,7 @@ def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str,
                 f"{route.length:.1f} m",
                 spread(times["open"].seconds),
                 spread(times["closed"].seconds),
-                f"{way:.1f} m, {int(closed.collided.sum())} of {runs} met a wall",
+                f"{way:.1f} m, {int(closed.collided.sum())} of {runs} collided",
             )
         )
     return rows

@@ -37,7 +37,7 @@ The criterion, written before the first whole run:
   better than the position radius for the laser and the mixed scanner.
 - `--start unknown`: robots are not told where they start. The same buildings but one that is too
   dear (willow_full_005 with 8 m), lasers of 4 and 8 m with the same localizers; they drive 4 m. A
-  run misses itself where it believes to be farther than 0.5 m from where it is, and a place is bad
+  run misses itself where it believes it is farther than 0.5 m from where it is, and a place is bad
   where more than half of its four runs do. That is asked twice, after the first scan, which is
   what `aliasing` speaks of, and at the end. The claim: after the first scan no layer is better
   than `aliasing`. Of the end nothing is claimed: who moves sees more. The seed is 31, since some

@@ -56,7 +56,7 @@ UNKNOWN_WAY = 4.0
 """or so many where it is not told where it starts: it finds itself in the first or not at all."""
 RATE = 5.0
 FOUND = 0.5
-"""A robot within this distance of where it believes to be has found itself, metres."""
+"""A robot within this distance of where it believes it is has found itself, metres."""
 START_STD = (0.05, 0.05, 0.03)
 BOXES_PER_AREA = 0.04
 """In the aged world: boxes that the map does not know, per square metre."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
 
 STEP = 0.1
-"""Metres between the way points of the route that a policy drives."""
+"""Metres between the waypoints of the route that a policy drives."""
 
 Floats = NDArray[np.float64]
 

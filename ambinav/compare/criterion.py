@@ -9,7 +9,7 @@ What a route is to reach against the shortest of its pair, all of it at once:
   err in, so that a lower error would prove nothing.
 
 The verdict on it is "easy" where there was nothing to gain (on the shortest route no robot was
-lost or met a wall, and the 95th percentile of the error is below 0.15 m), else "met" or "not met".
+lost or collided, and the 95th percentile of the error is below 0.15 m), else "met" or "not met".
 Apart from the criterion, the effect says what the paired runs show: a difference is shown where its
 interval of 95 % lies on one side of 0.
 
@@ -71,7 +71,7 @@ class Verdict:
         runs: How many of each.
         lost: Share of runs that were lost.
         error: 95th percentile of the position's error, metres.
-        collided: Share of runs that met a wall.
+        collided: Share of runs that collided.
         length: Planned length by that of the shortest route.
         criterion: What was to be reached.
     """

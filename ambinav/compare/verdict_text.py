@@ -34,7 +34,7 @@ def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
         f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
         f"{_percent(criterion.error)}, the way is planned at most {_percent(criterion.extra)} "
         f"longer, and robots are not shown to meet walls more often. Where on the shortest route "
-        f"no robot was lost or met a wall and the {ERROR} is below {criterion.easy:g} m, there is "
+        f"no robot was lost or collided and the {ERROR} is below {criterion.easy:g} m, there is "
         f"nothing to gain."
     )
 
@@ -46,10 +46,10 @@ def baseline_sentence(runs: int, lost: float, error: float, collided: float, rou
         runs: How many.
         lost: Share that was lost.
         error: 95th percentile of the error, metres.
-        collided: Share that met a wall.
+        collided: Share that collided.
         route: Its name.
     """
-    walls = f", {_percent(collided)} met a wall" if collided else ""
+    walls = f", {_percent(collided)} collided" if collided else ""
     return f"{route}: {_percent(lost)} of {runs} runs lost{walls}, {ERROR} {error:.2f} m."
 
 
@@ -71,7 +71,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
     }[verdict.effect]
     parts = [f"lost {_share(verdict.lost)}", f"{ERROR} {_metres(verdict.error)}"]
     if verdict.collided.ours.value or verdict.collided.theirs.value:
-        parts.append(f"met a wall {_share(verdict.collided)}")
+        parts.append(f"collided {_share(verdict.collided)}")
     parts.append(f"the way is {length_text(verdict.length)}")
     return f"{opening}: {'; '.join(parts)}. {_judged(verdict, baseline)}"
 

@@ -48,7 +48,7 @@ class Course:
         and along the goal's heading at its end.
 
         Raises:
-            InputError: fewer than two poses, poses that are not usable, or no way between them.
+            InputError: fewer than two poses, poses that are not usable, or no path between them.
         """
         route = checked_poses(poses, "poses")
         if len(route) < 2:

@@ -85,7 +85,7 @@ def drive(
 
     In each time step the robot reads its scanner and its odometry, the localizer makes its
     estimate of them, the follower steers by the estimate, and the robot truly moves. A run ends
-    where the robot believes to be at the goal, truly touches a wall, or takes too long. Run k is
+    where the robot believes it is at the goal, truly touches a wall, or takes too long. Run k is
     the same whatever the number of runs, if that holds for the localizer.
 
     Monte Carlo localization shares the runs among as many threads as numba is set to, in each time

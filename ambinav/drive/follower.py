@@ -106,7 +106,7 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
     """What to tell the robot now.
 
     Args:
-        x: Where the robot believes to be, metres, map frame.
+        x: Where the robot believes it is, metres, map frame.
         y: The same.
         t: Its heading, radians.
         speed: At which it moves, metres per second.

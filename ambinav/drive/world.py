@@ -150,7 +150,7 @@ def tick_told(
         outcome: See there.
         want: Speed (m/s) and turn rate (rad/s) that each is told, shape (R, 2).
         goal: See there.
-        near: A robot that believes to be within this distance of the goal stops there, metres.
+        near: A robot that believes it is within this distance of the goal stops there, metres.
         limits: See there.
         dt: See there.
         noise: See there.

@@ -147,7 +147,7 @@ def test_sentences() -> None:
         "4.0 m in open zones (longest stretch 4.0 m)."
     )
     assert baseline_sentence(30, 0.5, 0.6, 0.1, "shortest") == (
-        "shortest: 50 % of 30 runs lost, 10 % met a wall, 95th percentile of the error 0.60 m."
+        "shortest: 50 % of 30 runs lost, 10 % collided, 95th percentile of the error 0.60 m."
     )
     assert "at most 33 % as often" in criterion_text() and "at most 10 % longer" in criterion_text()
 

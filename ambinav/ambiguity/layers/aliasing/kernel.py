@@ -1,6 +1,6 @@
 """The search for look-alikes: signature, count, gap, and then the scans themselves.
 
-`aliasing_signature` says what each step rests on, and that it loses no look-alike.
+`signature` beside this says what each step rests on, and that it loses no look-alike.
 """
 
 from __future__ import annotations
@@ -332,7 +332,7 @@ def search(
         place: Number of the place that each pose lies in, shape (N,); two poses of one place
             above 0 are not listed as look-alikes of each other.
         radius: R, metres.
-        threshold: T, see `aliasing_signature`.
+        threshold: T, see `signature` beside this.
         count: Most look-alikes to list of each pose.
 
     Returns:

@@ -17,7 +17,7 @@ from ambinav.maps.zones import UNEXPLORED
 
 @dataclass(frozen=True, eq=False)
 class Scans:
-    """What `aliasing_kernel` compares: N poses, B beams in orbits of n.
+    """What `kernel` of this room compares: N poses, B beams in orbits of n.
 
     Turning the robot by k steps of 2 pi / n puts beam j n + i where beam j n + (i + k) mod n was:
     every orbit of n beams is shifted by k. Poses are the P free cells of a map, or its P free

@@ -3,7 +3,7 @@
 Arrays go with the number of a row instead of as a slice, for slices are counted references, and
 two threads that count one array's references wait for each other.
 
-`aliasing_signature` says what they rest on, and that they lose no look-alike.
+`signature` beside this says what they rest on, and that they lose no look-alike.
 """
 
 from __future__ import annotations
