@@ -126,6 +126,6 @@ def _scales(panels: dict[str, Axes], length: Axes, rows: Sequence[Row]) -> None:
     length.axvline(10.0, color="#333333", linewidth=0.8, linestyle=":", zorder=1)
     length.set_xlabel("route longer by (%)")
     length.annotate(
-        "goal", (10.0, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
+        "criterion", (10.0, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
         fontsize=9, color="#333333", annotation_clip=False,
     )  # fmt: skip
