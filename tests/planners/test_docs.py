@@ -38,12 +38,15 @@ def test_the_first_program_of_the_page(
     exec(compile(BLOCKS[0], str(PAGE), "exec"), names)
     environment = demo_map.environment
     start, goal = (3.0, 3.0), (12.0, 6.0)
-    poses = names["plan"](
-        lambda state: bool(environment.is_free(state[0], state[1], 0.2)),
-        start, goal, bounds(), seconds=3.0,
-    )  # fmt: skip
-    assert poses[0] == pytest.approx(start)
-    assert poses[-1] == pytest.approx(goal)
+    for seconds in (3.0, 9.0, 27.0):  # the clock decides; a busy machine takes longer
+        poses = names["plan"](
+            lambda state: bool(environment.is_free(state[0], state[1], 0.2)),
+            start, goal, bounds(), seconds=seconds,
+        )  # fmt: skip
+        assert poses[0] == pytest.approx(start)
+        if poses[-1] == pytest.approx(goal):
+            return
+    pytest.fail(f"no path reached the goal; the last one ends at {poses[-1]}")
 
 
 def test_the_lines_for_other_spaces(demo: AmbiguityService) -> None:

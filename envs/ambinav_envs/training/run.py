@@ -168,7 +168,8 @@ class Run:
                 self._checkpoint()
             raise
         finally:
-            self.model.logger.close()
+            with holding_interrupts():
+                self.model.logger.close()
             self.envs.close()
 
     def _prepare(self) -> None:
@@ -238,7 +239,10 @@ class Run:
                 if math.isfinite(value):
                     self.model.logger.record(f"{kind}/{name}", value)
         self.progress.add(row)
-        self.model.logger.dump(steps)
+        # TensorBoard's writer is a thread: Ctrl-C within a call that wakes it would leave it asleep,
+        # and who closes it waits for its next flush, up to two minutes.
+        with holding_interrupts():
+            self.model.logger.dump(steps)
 
     def _evaluate(self) -> Figures:
         """Judge the policy on episodes that are always the same; keep it if it is the best."""
