@@ -85,12 +85,12 @@ def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityM
 
 def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place]) -> list[Place]:
     """Aliasing at the nearest poses of a coarser lattice over the whole building."""
-    ground = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
+    context = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
     here = np.array([[place["x"], place["y"]] for place in places])
-    _, nearest = cKDTree(np.column_stack(ground.points)).query(here)
-    sought = np.zeros(len(ground.points[0]), dtype=np.bool_)
+    _, nearest = cKDTree(np.column_stack(context.points)).query(here)
+    sought = np.zeros(len(context.points[0]), dtype=np.bool_)
     sought[nearest] = True
-    found = aliased_poses(ground, sought=sought)
+    found = aliased_poses(context, sought=sought)
     share, area = found.share[nearest].mean(axis=1), found.area[nearest].mean(axis=1)
     return [
         {ALIASING: float(a), "aliasing_area": float(b)} for a, b in zip(share, area, strict=True)

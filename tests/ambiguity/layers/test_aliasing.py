@@ -146,7 +146,7 @@ def test_pairs_are_compared_as_the_reference_does():
 
 
 def at(here: LayerContext, alike: AliasedPoses, x: float, y: float) -> tuple[float, np.ndarray]:
-    """Share and look-alikes of the cell nearest to a point."""
+    """Share and aliased poses of the cell nearest to a point."""
     px, py = here.points
     cell = int(np.argmin(np.hypot(px - x, py - y)))
     return float(alike.share[cell, 0]), alike.found[cell, 0]

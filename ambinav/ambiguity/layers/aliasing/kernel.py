@@ -1,6 +1,6 @@
-"""The search for look-alikes: signature, count, gap, and then the scans themselves.
+"""The search for aliased poses: signature, count, gap, and then the scans themselves.
 
-`signature` beside this says what each step rests on, and that it loses no look-alike.
+`signature` beside this says what each step rests on, and that it loses no aliased pose.
 """
 
 from __future__ import annotations
@@ -170,15 +170,15 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
 def approach(
     begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
 ):  # fmt: skip
-    """Evidence per tau between scans and those of their look-alikes, and where these agree best.
+    """Evidence per tau between scans and those of their aliased poses, and where these agree best.
 
     Args:
         begin: First row.
         end: One past the last.
         first: Scans, shape (P, 5, padded).
         cell: Which of them is compared, shape (M,).
-        second: Scans of the look-alikes, shape (M, 5, padded).
-        rest: Radians by which each look-alike's heading exceeds the one it was cast at, shape (M,).
+        second: Scans of the aliased poses, shape (M, 5, padded).
+        rest: Radians by which each aliased heading exceeds the one it was cast at, shape (M,).
         limit: See `Scans`, in the beams' own order, as the next three.
         icap: See `Scans`.
         use: See `Scans`.
@@ -330,13 +330,13 @@ def search(
         signatures: Of all scans.
         tree: The poses that are looked among.
         place: Number of the place that each pose lies in, shape (N,); two poses of one place
-            above 0 are not listed as look-alikes of each other.
+            above 0 are not listed as aliased with each other.
         radius: R, metres.
         threshold: T, see `signature` beside this.
-        count: Most look-alikes to list of each pose.
+        count: Most aliased poses to list of each pose.
 
     Returns:
-        Mass within and beyond R, shape (M, 2): sums of I over poses and turns. Look-alikes, shape
+        Mass within and beyond R, shape (M, 2): sums of I over poses and turns. Aliased poses, shape
         (M, count, 4): x, y (metres), turn from p's heading to theirs (radians), and likeness; NaN
         where there are no more. How many pairs and turns each
         step left, shape (M, 4): `SIFTED` for the bundle, `COUNTED`, `COMPARED` in full, `ALIKE`.

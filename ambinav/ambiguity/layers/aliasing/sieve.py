@@ -1,9 +1,9 @@
-"""The first two steps of the search for look-alikes: signature and count, for bundles of poses.
+"""The first two steps of the search for aliased poses: signature and count, for bundles of poses.
 
 Arrays go with the number of a row instead of as a slice, for slices are counted references, and
 two threads that count one array's references wait for each other.
 
-`signature` beside this says what they rest on, and that they lose no look-alike.
+`signature` beside this says what they rest on, and that they lose no aliased pose.
 """
 
 from __future__ import annotations
