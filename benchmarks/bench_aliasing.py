@@ -82,12 +82,15 @@ def context_of(path: str, spacing: float, reach: float) -> LayerContext:
 def passed(context: LayerContext, poses: int = 200) -> float:
     """Share of the pairs of poses that signatures let through, from some poses drawn by seed."""
     scans = Scans.of(context)
-    told = Signatures.of(scans, -math.log(LEAST_LIKENESS))
+    signatures = Signatures.of(scans, -math.log(LEAST_LIKENESS))
     explored = np.flatnonzero(scans.explored)
     drawn = np.random.default_rng(0).choice(explored, min(poses, explored.size), replace=False)
-    low, high = told.low_above[explored], told.high_above[explored]
+    low, high = signatures.low_above[explored], signatures.high_above[explored]
     shares = [
-        ((told.above[p] <= high + told.odd) & (told.above[p] + told.odd + told.blind[p] >= low))
+        (
+            (signatures.above[p] <= high + signatures.odd)
+            & (signatures.above[p] + signatures.odd + signatures.blind[p] >= low)
+        )
         .all(axis=1)
         .mean()
         for p in drawn
@@ -225,12 +228,12 @@ def main() -> None:
     lines = table(header, rows) if rows else ""
     if chosen.pairs is not None:
         chosen.pairs.mkdir(parents=True, exist_ok=True)
-        told = (
+        signatures = (
             "building", "spacing (m)", "poses", "sought from", "s of processor", "mean aliasing",
             "twins, at most", "due to a pose", "found", "poses with all", "pairs of letter A",
             "least likeness of these",
         )  # fmt: skip
-        lines += "\n\n" + table(told, [pair(case, chosen.pairs) for case in repeated()])
+        lines += "\n\n" + table(signatures, [pair(case, chosen.pairs) for case in repeated()])
     report("Aliasing", ("ambinav", "numba", "numpy", "scipy"), lines, chosen.out)
 
 

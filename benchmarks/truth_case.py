@@ -53,7 +53,7 @@ REACH = 0.4
 WAY = 12.0
 """Metres that it drives there,"""
 UNKNOWN_WAY = 4.0
-"""or so many where it is not told where it starts: it finds itself in the first or not at all."""
+"""or so many where its start is unknown to it: it finds itself in the first or not at all."""
 RATE = 5.0
 FOUND = 0.5
 """A robot within this distance of where it believes it is has found itself, metres."""
@@ -196,7 +196,7 @@ def reseed(localizer: MonteCarloLocalizer, rng: np.random.Generator) -> None:
 
 
 class Unstarted(MonteCarloLocalizer):
-    """A localizer that is told nothing of where it starts.
+    """A localizer to which its start is unknown.
 
     The first scan is taken in by a filter of many more particles, spread anywhere, for one run
     after the other.
@@ -211,7 +211,7 @@ class Unstarted(MonteCarloLocalizer):
         runs: int,
         rng: np.random.Generator,
     ) -> None:
-        """As a `MonteCarloLocalizer`; `parameters` are told how many particles there are."""
+        """As a `MonteCarloLocalizer`; `parameters` get the number of particles."""
         later = replace(parameters, max_particles=PARTICLES)
         super().__init__(environment, scanner, later, runs=runs, rng=rng)
         many = max(round(PARTICLES_PER_AREA[scanner.name] * environment.free.area), PARTICLES)

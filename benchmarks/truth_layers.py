@@ -59,14 +59,14 @@ def main() -> None:
     amap = AmbiguityMap(amap.dataset.assign(position_radius=(("y", "x"), radius)))
     names = [layer.name for layer in chosen_layers(args.layers, scanner)]
     pointwise = [name for name in names if name in POINTWISE]
-    told = [read(with_layers(about(amap, places, 1), pointwise), places)]
+    parts = [read(with_layers(about(amap, places, 1), pointwise), places)]
     # The others compare a pose with its neighbours.
     reach = math.ceil(RADIUS / amap.spacing) + 2
     others = [name for name in names if name not in (*POINTWISE, ALIASING)]
-    told.append(read(with_layers(about(amap, places, reach), others), places))
+    parts.append(read(with_layers(about(amap, places, reach), others), places))
     if ALIASING in names:
-        told.append(aliased(amap, environment, places))
-    for values in zip(places, *told, strict=True):
+        parts.append(aliased(amap, environment, places))
+    for values in zip(places, *parts, strict=True):
         print(json.dumps({key: value for part in values for key, value in part.items()}))
 
 

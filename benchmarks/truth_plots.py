@@ -25,11 +25,11 @@ def scores_picture(
         path: Where the picture goes.
     """
     values = np.array([list(panel.values()) for panel in scores.values()])
-    told = np.isfinite(values).any(axis=(0, 1))
-    if not told.any():
+    has_value = np.isfinite(values).any(axis=(0, 1))
+    if not has_value.any():
         return
-    mean = np.nanmean(values[:, :, told], axis=(0, 1))
-    order = np.flatnonzero(told)[np.argsort(mean)]
+    mean = np.nanmean(values[:, :, has_value], axis=(0, 1))
+    order = np.flatnonzero(has_value)[np.argsort(mean)]
     names = [layers[i].replace("_", " ") for i in order]
     figure = new_figure(3.6 + 4.4 * len(scores), 4.6)
     panels = figure.subplots(1, len(scores), sharex=True, sharey=True, squeeze=False)

@@ -18,9 +18,9 @@ from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES
 from ambinav.sensing.scanner import RangeScanner
 
 _HEADING_MATTERS = 0.1
-"""Difference in level between headings from which a best one is told."""
+"""Difference in level between headings from which a best one is reported."""
 _WORTH_TELLING = 0.005
-"""Share of the free floor from which what does not count is told."""
+"""Share of the free floor from which what does not count is reported."""
 
 
 @dataclass(frozen=True, eq=False)

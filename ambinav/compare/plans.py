@@ -115,8 +115,8 @@ def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        told = str(error).rstrip(".")
-        raise InputError(f"pair {pair.name!r}, route {part.name!r}: {told}.") from error
+        reason = str(error).rstrip(".")
+        raise InputError(f"pair {pair.name!r}, route {part.name!r}: {reason}.") from error
 
 
 def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:

@@ -18,7 +18,7 @@ STEP = 0.5
 """Metres between the stations at which errors are kept."""
 
 LEAST = 0.25
-"""Share of the runs that must still be driving for a quantile to be told."""
+"""Share of the runs that must still be driving for a quantile to be reported."""
 
 Floats = NDArray[np.float64]
 

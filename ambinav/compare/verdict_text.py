@@ -1,4 +1,4 @@
-"""Verdicts in words: what a reader of a report is told first."""
+"""Verdicts in words: what a report says first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTCOMES: Final[dict[Outcome, str]] = {
     "not met": "not met",
     "easy": "nothing to gain",
 }
-"""What readers are told of the verdicts."""
+"""What a report says of its verdicts."""
 
 
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
@@ -163,14 +163,14 @@ def _same(verdict: Verdict) -> bool:
 
 
 def _share(change: Change) -> str:
-    told = _interval(change.difference, 100.0, 0)
+    spread = _interval(change.difference, 100.0, 0)
     ours, theirs = (100.0 * one.value for one in (change.ours, change.theirs))
-    return f"{ours:.0f} instead of {theirs:.0f} % ({told} points)"
+    return f"{ours:.0f} instead of {theirs:.0f} % ({spread} points)"
 
 
 def _metres(change: Change) -> str:
-    told = _interval(change.difference, 1.0, 2)
-    return f"{change.ours.value:.2f} instead of {change.theirs.value:.2f} m ({told})"
+    spread = _interval(change.difference, 1.0, 2)
+    return f"{change.ours.value:.2f} instead of {change.theirs.value:.2f} m ({spread})"
 
 
 def _interval(interval: Interval, scale: float, digits: int) -> str:

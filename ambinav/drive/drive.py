@@ -108,8 +108,8 @@ def drive(
         people: Who walks about.
         open_loop: Keep the truth on the route, whatever the robot believes; it ends at the goal.
         rate: Time steps a second.
-        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate, which
-            the localizer is told.
+        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate; the
+            localizer knows them.
         max_time: Seconds after which a run is given up; by default three times what the route's
             length and turns need at full speed, and 10 s.
         keep_ranges: Keep all readings.

@@ -74,16 +74,16 @@ def _turn(angle, rate, p, limits, dt):
 
 @kernel
 def limited(speed, rate, want_speed, want_rate, limits, dt):
-    """The speeds that a robot has a time step later if it is told the wanted ones.
+    """The speeds that a robot has a time step after it is commanded others.
 
-    Limits of speed, turn rate and acceleration leave it on the arc that it is told; that of turn
+    Limits of speed, turn rate and acceleration leave it on the commanded arc; that of turn
     acceleration need not.
 
     Args:
         speed: Now, metres per second.
         rate: Now, radians per second.
-        want_speed: Told.
-        want_rate: Told.
+        want_speed: Commanded.
+        want_rate: Commanded.
         limits: `Robot.limits`.
         dt: The time step, seconds.
     """
@@ -121,7 +121,7 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
         dt: The time step, seconds.
 
     Returns:
-        Speed and turn rate that are wanted, the piece, the stage. One who has arrived is told to
+        Speed and turn rate that are wanted, the piece, the stage. A robot that has arrived is to
         stop.
     """
     points, along, way, end = course

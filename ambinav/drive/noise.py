@@ -13,8 +13,8 @@ and on the spot, where all of the turn is rot2, scale^2 alpha1 |turn| angle for 
 straight on for L metres the heading's variance is 2 scale^2 alpha2 distance L, that of the
 position along the way scale^2 alpha3 distance L, and across it 2/3 scale^2 alpha2 distance L^3.
 
-This is the one model of how odometry errs. The belief planners predict with it; what a localizer is
-told of it are the alphas of AMCL's own model, an `OdometryModel`, which `modelled` makes of it.
+This is the one model of how odometry errs. The belief planners predict with it; a localizer gets
+the alphas of AMCL's own model, an `OdometryModel`, which `modelled` makes of it.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class OdometryNoise:
 
     @property
     def modelled(self) -> OdometryModel:
-        """What a localizer believes that is told the truth: AMCL's model with the same variances.
+        """The model of a localizer that knows the truth: AMCL's, with the same variances.
 
         They agree for updates every `distance` metres straight on, or `angle` radians on the spot;
         AMCL's alone depends on how often the localizer updates.
@@ -121,20 +121,20 @@ class OdometryNoise:
         """As `modelled`, for a localizer that updates at other intervals.
 
         The variances here grow with the distance, those of AMCL's model with its square: a
-        localizer that updates every 5 cm and is told the alphas of 25 cm believes in variances a
+        localizer that updates every 5 cm and is given the alphas of 25 cm assumes variances a
         fifth of the true ones.
 
         Args:
             distance: From one update to the next, straight on, metres, above 0.
             angle: The same on the spot, radians, above 0.
         """
-        told = self.modelled
+        model = self.modelled
         driving, turning = self.distance / distance, self.angle / angle
         return OdometryModel(
-            alpha1=turning * told.alpha1,
-            alpha2=driving * told.alpha2,
-            alpha3=driving * told.alpha3,
-            alpha4=turning * told.alpha4,
+            alpha1=turning * model.alpha1,
+            alpha2=driving * model.alpha2,
+            alpha3=driving * model.alpha3,
+            alpha4=turning * model.alpha4,
         )
 
     def growth(self, distance: float) -> float:

@@ -9,7 +9,7 @@ from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
-from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_told
+from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_commanded
 from ambinav.geometry.collision.checker import CollisionChecker
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ class Robots:
             course.arrays, course.goal, course.turns, follower.packed, robot.limits, float(dt),
             self._noise,
         )  # fmt: skip
-        self._told = (
+        self._fixed_arguments = (
             course.goal, follower.xy_goal_tolerance, robot.limits, float(dt), self._noise,
         )  # fmt: skip
         self._walls = (robot.radius, *checker.arrays[:2])
@@ -73,14 +73,14 @@ class Robots:
 
         Args:
             belief: Poses by which they steer, shape (R, 3); not looked at open loop.
-            want: Speeds that they are told, shape (R, 2), metres and radians per second; None to
+            want: Commanded speeds, shape (R, 2), metres and radians per second; None to
                 follow the course.
         """
         driving = np.asarray(self.outcome == DRIVING, dtype=np.bool_)
         if self._way is None and want is not None:
-            tick_told(
-                self.truth, self.odometry, belief, self.speeds, self.outcome, want, *self._told,
-                self._states, *self._walls,
+            tick_commanded(
+                self.truth, self.odometry, belief, self.speeds, self.outcome, want,
+                *self._fixed_arguments, self._states, *self._walls,
             )  # fmt: skip
             return np.asarray(driving & (self.outcome != REACHED))
         if self._way is None:

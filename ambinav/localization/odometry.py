@@ -15,7 +15,7 @@ exact as driving forward.
 
 This is what a localizer believes of odometry, under AMCL's names for it. How the simulated robot's
 odometry truly errs, and what planners predict with, is `ambinav.drive.noise.OdometryNoise`; its
-`modelled` gives the model here of a localizer that is told the truth.
+`modelled` gives the model here of a localizer that knows the truth.
 """
 
 from __future__ import annotations

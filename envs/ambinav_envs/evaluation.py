@@ -33,7 +33,7 @@ whoever trains keeps below."""
 CHUNK = 128
 """Robots at once. Always so many, though some may stand idle: what a neural network answers to one
 of them depends in its last bits on how many it is asked for. Who has no episode is shown what
-another one saw first, or what it saw last itself, and what it is told to do counts for nothing."""
+another one saw first, or what it saw last itself, and its commands count for nothing."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

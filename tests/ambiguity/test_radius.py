@@ -56,7 +56,7 @@ def test_a_scanner_that_looks_all_around_has_the_trace_of_the_tensor() -> None:
 
 
 @pytest.mark.parametrize("views", [1.0, 2.0, 8.0])
-def test_where_nothing_is_told_the_neighbourhood_is_left(views: float) -> None:
+def test_without_information_the_neighbourhood_is_left(views: float) -> None:
     amap = made(4, major=1.0, minor=1.0, major_radius=0.25, minor_radius=0.2)
     still = made(4, major=1.0, minor=1.0, major_radius=0.25, minor_radius=0.2, direction=0.3)
     assert free(still, position_radius(still, views)) == pytest.approx(math.hypot(0.25, 0.2))

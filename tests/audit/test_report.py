@@ -171,7 +171,7 @@ def test_a_direction_has_no_sense(axis, text):
     assert axis_degrees(axis) == text
 
 
-def test_headings_are_told(building, laser, tmp_path):
+def test_headings_are_reported(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
     report = write_report(found, tmp_path / "out")
     assert report.headings == "mean over all headings"

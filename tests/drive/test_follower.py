@@ -26,7 +26,7 @@ LIMITS = Robot().limits
 
 
 def told(course: Course, pose: tuple[float, float, float], **changes: object) -> tuple:
-    """What a robot at a pose is told that stands at the start of the course."""
+    """The command to a robot at a pose, at the start of the course."""
     p = FollowerParameters(**changes).packed
     return pursue(
         *pose, 0.0, 0.0, 0, FOLLOWING, course.arrays, course.goal, course.turns, p, LIMITS, DT
@@ -180,7 +180,7 @@ def test_a_route_that_ends_where_it_begins_is_driven_all_round() -> None:
     st.floats(-0.5, 0.5), st.floats(-2.0, 2.0), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0),
     st.floats(0.01, 0.5),
 )  # fmt: skip
-def test_limits_hold_whatever_is_told(
+def test_limits_hold_whatever_is_commanded(
     speed: float, rate: float, want_speed: float, want_rate: float, dt: float
 ) -> None:
     most, fastest, acceleration, turn_acceleration = LIMITS

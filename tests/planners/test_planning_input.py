@@ -136,7 +136,7 @@ def test_ends_in_walls_and_behind_them(two_rooms: AmbiguityMap) -> None:
             plan(two_rooms, LEFT, place)
 
 
-def test_where_a_place_is_free_is_told_in_round_numbers(two_rooms: AmbiguityMap) -> None:
+def test_the_nearest_free_point_is_named_in_round_numbers(two_rooms: AmbiguityMap) -> None:
     # The nearest place stands a robot's radius from both walls, and so does no rounded one.
     robot = RoutePlanner(two_rooms, footprint=0.2 + 1e-9)
     with pytest.raises(InputError, match=r"the nearest free place is \(0\.2\d, 0\.2\d\),") as told:

@@ -47,7 +47,7 @@ def test_a_door_that_the_lattice_misses_is_no_wall(thin: bool) -> None:
 
 
 @pytest.mark.parametrize("thin", [False, True])
-def test_a_door_too_narrow_is_told_by_every_planner(thin: bool) -> None:
+def test_a_door_too_narrow_is_reported_by_every_planner(thin: bool) -> None:
     robot = building(0.87, thin)
     for name in ("reference", "prmstar", "rrtstar"):
         with pytest.raises(NoPathError, match="no path leads") as caught:

@@ -60,7 +60,7 @@ class Routes:
     Args:
         choice: The planner.
         layer: Of the ambiguity map that it reads.
-        odometry: What the localizer is told of it, for belief planners; None: their default.
+        odometry: What the localizer assumes of it, for belief planners; None: their default.
         start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
     Raises:

@@ -52,7 +52,7 @@ def train(
     numba.set_num_threads(config.threads)
     try:
         with files.FOLDER.hold(folder):
-            run = Run(config, folder, resume, command, tell or (lambda told: None))
+            run = Run(config, folder, resume, command, tell or (lambda status: None))
             return run.go()
     finally:
         torch.set_num_threads(threads[0])

@@ -144,7 +144,7 @@ def _transfers(
     carry, noise, seen,
 ):  # fmt: skip
     first, target, length = graph
-    told = np.empty((3, 3))
+    gained = np.empty((3, 3))
     for node in range(begin, end):
         for e in range(first[node], first[node + 1]):
             a, b = poses[node], poses[target[e]]
@@ -158,8 +158,8 @@ def _transfers(
                 after = pose_along(kind, pieces, length[e], a, b, (k + 1) / count)
                 jacobian, added = motion_step(before, after, ds, odometry)
                 f, n, o = compose(f, n, o, jacobian, added, np.zeros((3, 3)))
-                information_at(after[0], after[1], after[2], fields, left, low, inverse, told)
-                f, n, o = compose(f, n, o, np.eye(3), np.zeros((3, 3)), told * (ds * scans))
+                information_at(after[0], after[1], after[2], fields, left, low, inverse, gained)
+                f, n, o = compose(f, n, o, np.eye(3), np.zeros((3, 3)), gained * (ds * scans))
                 before = after
             carry[e], noise[e], seen[e] = f, n, o
 

@@ -232,7 +232,7 @@ def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
 
 
 def test_unexplored_floor_is_like_everything_and_nothing_is_like_it():
-    """A room open to unknown space all round: nothing is told there."""
+    """A room open to unknown space all round: scans carry no information there."""
     box = shapely.box(0, 0, 1.5, 1.5)
     env = environment_from_shapes(
         [box, shapely.box(3, 0, 5, 1.2)],

@@ -232,13 +232,13 @@ def test_the_radius_hardly_depends_on_how_a_corridor_lies() -> None:
         index.append(np.log10(np.median(found["localizability_determinant"][middle]) + 1e-20))
         off.append(np.abs(np.sin(found["localizability_direction"][middle] - angle)).max())
     print(np.round(radius, 3), np.round(index, 1))
-    assert max(radius) == pytest.approx(0.25, rel=0.01)  # the prior: nothing is told along it
+    assert max(radius) == pytest.approx(0.25, rel=0.01)  # the prior: no information along it
     assert min(radius) > 0.6 * max(radius)
     assert max(off) < math.sin(math.radians(2.0))
     assert max(index) - min(index) > 10.0
 
 
-def test_where_nothing_is_in_range_nothing_is_told() -> None:
+def test_where_nothing_is_in_range_there_is_no_information() -> None:
     amap = build_map(scenes.room(12.0, 12.0), fan(), 0.5, layers="localizability")
     assert amap.sample("localizability_determinant", 6.0, 6.0) == 0.0
     assert amap.sample("localizability", 6.0, 6.0) == pytest.approx(0.25)

@@ -67,7 +67,7 @@ def test_an_unknown_name_offers_the_nearest(name: str, offer: str) -> None:
         LAYERS.get(name)
 
 
-def test_a_scanner_that_cannot_have_a_layer_is_told_why(sonar: RangeScanner) -> None:
+def test_a_scanner_that_cannot_have_a_layer_is_refused_with_the_reason(sonar: RangeScanner) -> None:
     with pytest.raises(InputError, match=r"'eight sonars' cannot .*_normals: .* need a laser"):
         chosen_layers(["fisher", "wall_normals"], sonar)
 

@@ -44,8 +44,8 @@ def test_all_arrive_who_know_where_they_are(choice: PlannerChoice) -> None:
         assert ((found.length_ratio > 0.85) & (found.length_ratio < 1.05)).all()
 
 
-def test_planners_are_told_what_the_localizer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Odometry that errs more than the localizer is told is not known to planners either."""
+def test_planners_know_what_the_localizer_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Odometry that errs more than the localizer assumes is not known to planners either."""
     robots = []
     plain = Routes._robot
 
