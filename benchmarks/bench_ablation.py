@@ -4,17 +4,17 @@ Each arm is trained with the same seeds by `ambinav train` (benchmarks/ablation.
 of the term `ambiguity`, and another `ambiguity_weight` where one is named; nothing else). Its last
 policy, not its best, then drives episodes in halls that no agent has seen, the same for all;
 planners follow their routes in them too. Written down before the first run: the arms are compared
-by the share of episodes in which the robot was ever lost, and by the length of the way of those
-that arrive; wanted is half the share for at most 10 % more way.
+by the share of episodes in which the robot was ever lost, and by the length of the path of those
+that arrive; wanted is half the share for at most 10 % more length.
 
 In a first run, weight 2 alone was lost 0.69 times as often (0.53 to 0.87) as weight 0, for 3 % more
-way: it sees no farther than its window, and its way point led it along the shortest way.
+length: it sees no farther than its window, and its waypoint led it along the shortest path.
 `ambiguity_weight` came after that. That 3 is a weight to try was found in the halls of training,
-where a robot that drives from way point to way point was lost 0.50 times as often with it for 10 %
-more way. In a second run, weight 1 with way 3 was lost 0.515 times as often (0.38 to 0.66) for 1 %
-more way. Way 5, at which the way is the one that the reward of weight 1 asks for, came after that:
-0.512 (0.37 to 0.68) for 4 %. Trained again when way points led round corners in wider turns: 0.520
-(0.37 to 0.69) for 4 %.
+where a robot that drives from waypoint to waypoint was lost 0.50 times as often with it for 10 %
+more length. In a second run, weight 1 with `ambiguity_weight` 3 was lost 0.515 times as often (0.38
+to 0.66) for 1 % more length. Weight 5, at which the path is the one that the reward of weight 1
+asks for, came after that: 0.512 (0.37 to 0.68) for 4 %. Trained again when waypoints led round
+corners in wider turns: 0.520 (0.37 to 0.69) for 4 %.
 """
 
 from __future__ import annotations
@@ -206,8 +206,8 @@ def body(found: dict[str, dict[str, list[Episodes]]], arms: list[Arm], episodes:
         "seeds "
         f"{', '.join(map(str, seeds))} in each arm; {episodes} episodes each, in {BUILDINGS} "
         "unseen halls. In brackets: 95 % intervals by the bootstrap over seeds, buildings and "
-        "episodes in them. Error: mean of a drive; length ratio: way by shortest way, of those "
-        "that arrived; exposure: of all episodes by all metres. Ratios of ways are of the seeds "
+        "episodes in them. Error: mean of a drive; length ratio: path by shortest path, of those "
+        "that arrived; exposure: of all episodes by all metres. Ratios of paths are of the seeds "
         "and episodes that arrived on both sides.",
         f"{len(seeds)} seeds are few: percentile intervals of so few groups hold less than the "
         "95 % that they say."

@@ -206,7 +206,7 @@ def main() -> None:
     )
     runs = args.runs
     drives = table(
-        ("localizer", "route", "open loop, s", "closed loop, s", "closed loop: way driven"),
+        ("localizer", "route", "open loop, s", "closed loop, s", "closed loop: distance driven"),
         rows_of_drives(env, runs, args.repeats),
     )
     body = "\n\n".join(

@@ -1,7 +1,7 @@
 """Train the policies that ambinav ships, put each with its card into the package, and report.
 
 Both are trained by `ambinav train configs/ppo.yaml`: `ppo-ambiguity` as that is, `ppo-shortest`
-with the reward `shortest` and the shortest way to go by (`ambiguity_weight: 0`), and nothing else
+with the reward `shortest` and the shortest path to follow (`ambiguity_weight: 0`), and nothing else
 different. A training that is in its folder already is not run again. The report says how long the
 trainings took and how arrival rose; the picture of one of them goes to docs/images.
 """
@@ -92,7 +92,7 @@ def card_text(name: str, card: Card, settings: Mapping[str, Any], figures: str) 
     environment = settings["environment"]
     trained = ", ".join(f"{key} {value}" for key, value in environment.items())
     weight = environment["ambiguity_weight"]
-    way = f"way on which a metre counts 1 + {weight:g} * ambiguity" if weight else "shortest way"
+    path = f"path on which a metre counts 1 + {weight:g} * ambiguity" if weight else "shortest path"
     return f"""# {name}
 
 {card.algorithm} with the reward `{environment["reward"]}`, {card.steps:,} steps, seed {card.seed}.
@@ -114,7 +114,7 @@ and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/basel
 
 - One training with one seed. What the ambiguity reward does, over several seeds:
   benchmarks/results/ablation.md.
-- It sees a way point 1.5 m ahead on the {way},
+- It sees a waypoint 1.5 m ahead on the {path},
   from its estimated pose: it does not find the route by itself, it drives it.
 - Its laser has 60 beams of 4 m all around, its robot a radius of 0.22 m. Another scanner or robot
   is another task: train anew.
@@ -181,7 +181,7 @@ def main() -> None:
     else:
         made = {name: args.report_only / name for name in POLICIES}
     parts = [
-        "Both by `ambinav train configs/ppo.yaml`, with another reward and another way to go by "
+        "Both by `ambinav train configs/ppo.yaml`, with another reward and another path to follow "
         "each, one seed. Judged while "
         "they train: 200 episodes, always the same, in 100 procedural buildings that they never "
         "train in, boxes and odometry as in training."

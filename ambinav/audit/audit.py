@@ -103,8 +103,8 @@ class Audit:
                 self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
             )
             sentences.append(
-                "These are means over all headings: always facing the best way it can tell its "
-                f"position well on {percent(best[LOCALIZABLE].share)}, always facing the worst way "
+                "These are means over all headings: always at the best heading the robot knows its "
+                f"position well on {percent(best[LOCALIZABLE].share)}, always at the worst heading "
                 f"on {percent(most[LOCALIZABLE].share)}."
             )
         sentences += [*self._left_out(free), self._worst()]

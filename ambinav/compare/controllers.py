@@ -41,7 +41,7 @@ class PolicyController(Controller, Protocol):
 
     @property
     def distance(self) -> float:
-        """Length of the shortest way from start to goal, metres."""
+        """Length of the shortest path from start to goal, metres."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def controller_of(
 
 
 def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> Route:
-    """The way that a policy drives where it knows its place and nothing is unmapped.
+    """The path that a policy drives where it knows its pose and nothing is unmapped.
 
     Raises:
         InputError: it does not get to the goal, or see `controller_of`.
@@ -158,16 +158,16 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
         max_time=how.max_time or PATIENCE * controller.distance / robot.max_speed + 2.0 * SPARE,
         controller=controller,
     )
-    way = drives.truth[0, : drives.samples[0]]
+    driven = drives.truth[0, : drives.samples[0]]
     if not drives.reached[0]:
-        x, y = way[-1, :2].tolist()
+        x, y = driven[-1, :2].tolist()
         raise InputError(
-            f"policy {driver.source} does not get to the goal even where it knows its place "
+            f"policy {driver.source} does not reach the goal even where it knows its pose "
             f"({OUTCOMES[drives.outcome[0]]} at ({x:.2f}, {y:.2f}) m); choose another policy or "
             "pair"
         )
-    kept = [way[0]]
-    for pose in way:
+    kept = [driven[0]]
+    for pose in driven:
         if np.hypot(*(pose - kept[-1])[:2]) >= STEP:
             kept.append(pose)
     poses = np.array([*kept, (*driver.goal, 0.0)])

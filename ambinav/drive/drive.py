@@ -96,7 +96,7 @@ def drive(
         environment: The map that the localizer has.
         scanner: What the robot sees with.
         robot: What drives.
-        route: The way.
+        route: The route.
         localizer: A name of `LOCALIZERS`, with parameters that suit scanner and odometry; one that
             is chosen with its parameters; parameters of Monte Carlo localization; or a localizer
             made for this number of runs, such as an `ExtendedKalmanFilter`.
@@ -137,13 +137,13 @@ def drive(
     # Streams of their own, so that what one part draws changes nothing for the others.
     *streams, own = rng.spawn(5)
     wheels, eyes, walkers, begin = (random_states(stream, runs) for stream in streams)
-    dt, way = 1.0 / rate, None
+    dt, path = 1.0 / rate, None
     if open_loop:
-        way = scheduled(route.poses, route.steering, robot, follower.desired_linear_vel, dt)
-        steps = len(way)
+        path = scheduled(route.poses, route.steering, robot, follower.desired_linear_vel, dt)
+        steps = len(path)
     else:
         steps = 1 + math.ceil(_patience(route, course, robot, follower, max_time) * rate)
-    robots = Robots(start, robot, course, follower, noise, checker, wheels, dt, way)
+    robots = Robots(start, robot, course, follower, noise, checker, wheels, dt, path)
     sight = Readings(world, scanner)
     crowd, size = None, 0.0
     if people is not None and people.count:

@@ -27,7 +27,7 @@ class Robots:
         checker: Of the robot's disc in the world.
         states: Of the random numbers of odometry, shape (R, 4).
         dt: Time step, seconds.
-        way: Poses of an open-loop drive, shape (T, 3); None to steer by what they believe.
+        path: Poses of an open-loop drive, shape (T, 3); None to steer by what they believe.
 
     Attributes:
         truth: Where they are, shape (R, 3), map frame.
@@ -46,7 +46,7 @@ class Robots:
         checker: CollisionChecker,
         states: NDArray[np.uint64],
         dt: float,
-        way: Floats | None = None,
+        path: Floats | None = None,
     ) -> None:
         runs = len(states)
         self.truth = np.tile(np.asarray(start, dtype=np.float64), (runs, 1))
@@ -56,7 +56,7 @@ class Robots:
         self._piece = np.zeros(runs, dtype=np.int64)
         self._stage = np.zeros(runs, dtype=np.int64)
         self._states = states
-        self._way = way
+        self._path = path
         self._gone = 0
         self._noise = noise.packed
         self._fixed = (
@@ -77,23 +77,23 @@ class Robots:
                 follow the course.
         """
         driving = np.asarray(self.outcome == DRIVING, dtype=np.bool_)
-        if self._way is None and want is not None:
+        if self._path is None and want is not None:
             tick_commanded(
                 self.truth, self.odometry, belief, self.speeds, self.outcome, want,
                 *self._fixed_arguments, self._states, *self._walls,
             )  # fmt: skip
             return np.asarray(driving & (self.outcome != REACHED))
-        if self._way is None:
+        if self._path is None:
             tick(
                 self.truth, self.odometry, belief, self.speeds, self._piece, self._stage,
                 self.outcome, *self._fixed, self._states, *self._walls,
             )  # fmt: skip
             return np.asarray(driving & (self.outcome != REACHED))
         self._gone += 1
-        if self._gone >= len(self._way):
+        if self._gone >= len(self._path):
             self.outcome[:] = REACHED
             return np.zeros_like(driving)
         before = self.truth.copy()
-        self.truth[:] = self._way[self._gone]
+        self.truth[:] = self._path[self._gone]
         report_all(self.odometry, before, self.truth, self._noise, self._states)
         return driving

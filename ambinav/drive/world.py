@@ -64,11 +64,11 @@ def path(t, speed, rate, dt):
     A motion counts as straight that strays from its chord by less than rounding.
     """
     length = abs(speed) * dt
-    way = 1.0 if speed > 0.0 else -1.0
+    sign = 1.0 if speed > 0.0 else -1.0
     if length < SHORT or abs(rate) * dt * length < 8.0 * STRAY:
         middle = t + 0.5 * rate * dt
-        return length, way * math.cos(middle), way * math.sin(middle), 0.0
-    return length, way * math.cos(t), way * math.sin(t), rate / abs(speed)
+        return length, sign * math.cos(middle), sign * math.sin(middle), 0.0
+    return length, sign * math.cos(t), sign * math.sin(t), rate / abs(speed)
 
 
 @kernel

@@ -188,7 +188,7 @@ def _label(
             zorder=5,
             arrowprops={"arrowstyle": "-", "color": "#777777", "lw": 0.8} if far else None,
         )
-        label.set_in_layout(False)  # the places are reckoned for the axes as they are
+        label.set_in_layout(False)  # the positions are computed for the axes as they are
 
 
 def _free_spot(

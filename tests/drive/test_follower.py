@@ -50,8 +50,8 @@ def test_a_course_has_the_route_s_length_and_no_point_twice() -> None:
     course = Course.of(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0]]), Steering())
     assert course.length == pytest.approx(7.0)
     assert np.hypot(*np.diff(course.points, axis=0).T).min() > 0.0
-    assert (course.way == 1.0).all()
-    assert (course.end == len(course.way)).all()
+    assert (course.directions == 1.0).all()
+    assert (course.end == len(course.directions)).all()
     assert course.goal == (3.0, 4.0, math.pi / 2)
     assert not course.turns
 
@@ -60,10 +60,10 @@ def test_a_course_is_cut_at_its_cusps() -> None:
     # Reverse straight back, then forwards: one cusp.
     steering = Steering("reeds-shepp", 0.5)
     course = Course.of(np.array([[3.0, 0.0, 0.0], [1.0, 0.0, 0.0], [4.0, 0.0, 0.0]]), steering)
-    cusp = int(np.flatnonzero(np.diff(course.way))[0]) + 1
+    cusp = int(np.flatnonzero(np.diff(course.directions))[0]) + 1
     assert course.points[cusp] == pytest.approx([1.0, 0.0], abs=1e-9)
     assert set(course.end[:cusp]) == {cusp}
-    assert set(course.end[cusp:]) == {len(course.way)}
+    assert set(course.end[cusp:]) == {len(course.directions)}
     assert course.turns
 
 

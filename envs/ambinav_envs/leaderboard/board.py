@@ -24,7 +24,7 @@ from ambinav_envs.policies.policy import Policy
 from ambinav_envs.spaces import action_space, observation_space
 
 SUITES: Final = ("procedural", "hall")
-"""Unless others are named. In halls a way around the open middle is what helps."""
+"""Unless others are named. In halls a path around the open middle is what helps."""
 BASELINE: Final = SHORTEST
 """The method that all others are compared with."""
 

@@ -129,10 +129,10 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
 
 def follower_method(ambiguity_weight: float) -> Method:
     """Who drives from waypoint to waypoint."""
-    way = f"cheapest way at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest way"
+    path = f"cheapest path at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest path"
     name = follower_name(ambiguity_weight)
     return Method(
-        name, "policy", f"drives at the place {AHEAD:g} m ahead on the {way}", {"name": name},
+        name, "policy", f"drives at the point {AHEAD:g} m ahead on the {path}", {"name": name},
         {**SEES, **STEERS, "ambiguity_weight": ambiguity_weight},
     )  # fmt: skip
 

@@ -161,7 +161,7 @@ def criterion_text(row: Row, base: Row | None) -> str:
     if not CRITERION.lost_met(after, before):
         return "lost less often, not halved"
     ratio = 1.0 + longer.value / base["length"].value.value
-    return "met" if CRITERION.length_met(ratio) else "halved, but too long a way"
+    return "met" if CRITERION.length_met(ratio) else "halved, but too long"
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:

@@ -88,7 +88,7 @@ class PolicyController:
 
     @property
     def distance(self) -> float:
-        """Length of the shortest way from start to goal, metres."""
+        """Length of the shortest path from start to goal, metres."""
         return self._observer.distance
 
     def command(

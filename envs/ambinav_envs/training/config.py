@@ -77,7 +77,7 @@ class StagePart(ConfigModel):
     """A stage of the curriculum, which ends at a share of the training or at a rate of arrival.
 
     Attributes:
-        longest: Greatest length of the shortest way from start to goal in this stage, metres.
+        longest: Greatest length of the shortest path from start to goal in this stage, metres.
         share: Share of the whole training at which it ends.
         arrival: Share of training episodes that arrive at which it ends.
     """

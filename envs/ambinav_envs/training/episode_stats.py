@@ -19,7 +19,7 @@ FIGURES: Final = {
     "collided": "share",
     "timeout": "share",
     "lost": "share of those in which the robot was ever lost",
-    "length": "way driven by shortest way, of those that arrived",
+    "length": "path driven by shortest path, of those that arrived",
     "exposure": "ambiguity per metre driven, of all episodes together",
     "reward": "mean sum of rewards",
 }

@@ -146,7 +146,7 @@ def test_bounds(width: float, depth: float, displacement: float) -> None:
         assert (np.isnan(values) == ~ground.free).all()
     assert np.nanmin(minor) >= 0.0
     assert (minor <= major)[ground.free].all()
-    # The window is two displacements about where the robot believes to be.
+    # The window is two displacements about where the robot believes it is.
     assert np.nanmax(major) <= 3.0 * displacement * math.sqrt(2) + 1e-6
 
 
