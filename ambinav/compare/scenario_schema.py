@@ -100,7 +100,7 @@ class PairPart(ConfigModel):
     @model_validator(mode="after")
     def _apart(self) -> PairPart:
         if self.start[:2] == self.goal[:2]:
-            raise InputError("start and goal are one place; give two")
+            raise InputError("start and goal are the same point; give two")
         return self
 
 

@@ -58,7 +58,7 @@ class Course:
         keep = np.concatenate([[True], np.diff(dense[:, :2], axis=0).any(axis=1)])
         dense, along = dense[keep], along[keep]
         if len(dense) < 2:
-            raise InputError("poses all lie in one place; a route needs some length.")
+            raise InputError("poses all lie at one point; a route needs some length.")
         steps = np.diff(dense[:, :2], axis=0)
         directions = np.ones(len(steps))
         if steering.kind == REEDS_SHEPP:

@@ -23,7 +23,7 @@ STILL = 1e-6
 
 @kernel
 def _project(x, y, piece, points, along, end, reach):
-    """The nearest place ahead on the present stretch: its piece, and its share of that piece."""
+    """The nearest point ahead on the present stretch: its piece, and its share of that piece."""
     best, at, share = math.inf, piece, 0.0
     i = piece
     while i < end[piece] and along[i] <= along[piece] + reach:
@@ -39,9 +39,9 @@ def _project(x, y, piece, points, along, end, reach):
 
 @kernel
 def _carrot(x, y, piece, share, points, end, lookahead):
-    """The first point from a place on to the stretch's end that is `lookahead` metres away.
+    """The first point from a point on to the stretch's end that is `lookahead` metres away.
 
-    If the place itself is farther away, that; if none is so far away, the end.
+    If that point itself is farther away, that; if none is so far away, the end.
     """
     last = end[piece]
     px = points[piece, 0] + share * (points[piece + 1, 0] - points[piece, 0])

@@ -235,7 +235,7 @@ def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     one = noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
     both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
     along = noise.trans_trans * trans + noise.trans_turn * turn
-    # How the place moves with the heading; G adds the heading's row to x and y.
+    # How the position moves with the heading; G adds the heading's row to x and y.
     gx, gy = -trans * s, trans * c
     xt, yt, tt = cov[0, 2], cov[1, 2], cov[2, 2]
     cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + one) + along * c * c

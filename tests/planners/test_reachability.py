@@ -63,7 +63,7 @@ def test_a_door_too_narrow_is_reported_by_every_planner(thin: bool) -> None:
 
 def test_the_place_that_is_offered_is_free() -> None:
     robot = building(1.0)
-    with pytest.raises(InputError, match="nearest free place") as caught:
+    with pytest.raises(InputError, match="nearest free point") as caught:
         robot.plan((0.1231, 1.0), (7, 2))
     x, y = (
         float(part) for part in str(caught.value).split("place is (")[1].split(")")[0].split(",")

@@ -160,7 +160,7 @@ def _key(building: Building, task: Task) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A problem between the places nearest to start and goal where there is room to plan.
+    """A problem between the points nearest to start and goal where there is room to plan.
 
     Attributes:
         problem: For the planner.
@@ -186,7 +186,7 @@ def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None
         if near is None:
             return None
         end = np.array(near[:3])
-        # The nearest place may be beyond a wall.
+        # The nearest point may be beyond a wall.
         if near[3] > 0.0 and not building.checker.motions_free(pose[None], end[None])[0]:
             return None
         ends.append(end.tolist())
