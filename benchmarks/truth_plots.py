@@ -21,7 +21,7 @@ def scores_picture(
     Args:
         layers: Their names.
         scores: AUC of the layers, nan where there is none, by the panel and the scanner.
-        goal: Drawn as a line.
+        goal: Of the criterion; drawn as a line.
         path: Where the picture goes.
     """
     values = np.array([list(panel.values()) for panel in scores.values()])
@@ -48,9 +48,9 @@ def scores_picture(
             axes.axhspan(row_number - 0.5, row_number + 0.5, color=shade, zorder=0)
         if goal is not None:
             axes.axvline(goal, color="0.4", lw=1.0, ls="--")
-            axes.text(goal + 0.002, -0.45, "goal", fontsize=8, color="0.3", va="bottom")
+            axes.text(goal + 0.002, -0.45, "criterion", fontsize=8, color="0.3", va="bottom")
         axes.set_title(title)
-        axes.set_xlabel("AUC of telling the bad places, mean over the environments")
+        axes.set_xlabel("AUC of recognising bad places, mean over the environments")
     panels[0, 0].set_yticks(np.arange(len(order)), names)
     panels[0, 0].set_xlim(min(0.45, float(np.nanmin(values)) - 0.02), 1.005)
     panels[0, 0].set_ylim(-0.5, len(order) - 0.5)
