@@ -8,10 +8,10 @@ training from its table in `results/baselines.md`, which has the judged episodes
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 
-import numpy as np
 from figures import Table, tables_of
 from harness import ROOT
 
@@ -68,8 +68,10 @@ def board_rows(table: Table, episodes: int) -> Iterator[Row]:
 def interval_of(text: str, episodes: int) -> Interval:
     """Value and interval as the reports write them: "92.0 [86.5, 96.7]"."""
     found = _VALUE.fullmatch(text)
-    numbers = [float(part) for part in found.groups()] if found else [np.nan] * 3
-    return Interval(*numbers, episodes)
+    if found is None:  # no episode has a value
+        return Interval(math.nan, math.nan, math.nan, episodes)
+    value, low, high = (float(part) for part in found.groups())
+    return Interval(value, low, high, episodes)
 
 
 def progress_of(table: Table, row: tuple[str, ...]) -> Progress:
