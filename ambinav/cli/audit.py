@@ -53,7 +53,7 @@ def audit(
         bool | None,
         typer.Option(
             "--aliasing/--no-aliasing",
-            help="Whether to seek places that look alike; it takes long in large buildings.",
+            help="Whether to seek aliased regions; it takes long in large buildings.",
             show_default="up to 6000 poses",
         ),
     ] = None,

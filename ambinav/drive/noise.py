@@ -215,7 +215,7 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
 def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
 
-    `OdometryNoise.spread` for one pose; biases are not known to who reckons.
+    `OdometryNoise.spread` for one pose; biases are unknown to it.
 
     Args:
         mean: x, y, theta, written.

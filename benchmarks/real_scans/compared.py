@@ -98,14 +98,14 @@ def compared(
     measured, predicted = agreement(mine, theirs), agreement(own, other)
     for scans, said in ((mine, own), (theirs, other)):
         scans[:, 4][said[:, 4] == BLIND] = BLIND
-    told_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
+    seen_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
     return Compared(
         pairs,
         measured,
         agreement(mine, theirs),
         predicted,
         common.mean(axis=1),
-        told_by_both[:, : len(directions)].sum(axis=1).astype(np.float64),
+        seen_by_both[:, : len(directions)].sum(axis=1).astype(np.float64),
     )
 
 

@@ -154,7 +154,7 @@ def evaluate(
 ) -> Episodes:
     """Let a policy or a controller drive.
 
-    Episode k is the same for all that drive it: building, start, goal, noise of wheels and
+    Episode k is the same for all that drive it: building, start, goal, noise of odometry and
     readings, people and obstacles have seeds of their own.
 
     Args:

@@ -28,7 +28,7 @@ def train(
 ) -> dict[str, Any]:
     """Train a policy, and write everything about it to a folder.
 
-    Ctrl-C and termination are heard between two rounds: a checkpoint is written and the exception
+    Ctrl-C and termination take effect between two rounds: a checkpoint is written and the exception
     goes on.
 
     Args:
