@@ -127,6 +127,6 @@ def test_a_scanner_with_headings_has_one_value_a_place(fan: RangeScanner) -> Non
 
 def test_ground_without_a_map_has_no_position(laser: RangeScanner) -> None:
     amap = build_map(scenes.room(4.0, 3.0), laser, 0.5)
-    ground = replace(LayerContext.of(amap), amap=None)
+    context = replace(LayerContext.of(amap), amap=None)
     with pytest.raises(InputError, match="build the map first"):
-        LAYERS.get("position").compute(ground)
+        LAYERS.get("position").compute(context)

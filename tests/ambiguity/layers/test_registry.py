@@ -19,9 +19,9 @@ from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 
 
-def to_the_right(ground: LayerContext) -> dict[str, np.ndarray]:
-    x, _ = ground.points
-    return {"to_the_right": ground.spread(x)}
+def to_the_right(context: LayerContext) -> dict[str, np.ndarray]:
+    x, _ = context.points
+    return {"to_the_right": context.spread(x)}
 
 
 OWN = Layer(
