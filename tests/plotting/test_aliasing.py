@@ -1,4 +1,4 @@
-"""Lines between places that look alike stay in their picture."""
+"""Lines between aliased regions stay in their picture."""
 
 from __future__ import annotations
 
