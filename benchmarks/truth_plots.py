@@ -84,5 +84,6 @@ def radius_picture(
         panel.set(xscale="log", yscale="log", xlim=(low, 1.0), ylim=(0.02, high), title=scanner)
         panel.set_xlabel(f"{name}, m")
     panels[0, 0].set_ylabel("measured error, m")
-    panels[0, 0].legend(fontsize=7, loc="lower right")
+    handles, called = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, called, loc="outside lower center", ncols=len(handles), fontsize=8)
     save_figure(figure, path)
