@@ -149,13 +149,13 @@ def without_card(file: Path, out: Path) -> Path:
     return rewritten(file, out, lambda name, content: None if name == CARD else content)
 
 
-def of_the_future(file: Path, out: Path) -> Path:
+def of_format(number: int) -> Callable[[Path, Path], Path]:
     def change(name: str, content: bytes) -> bytes:
         if name != CARD:
             return content
-        return json.dumps({**json.loads(content), "format": FORMAT + 1}).encode()
+        return json.dumps({**json.loads(content), "format": number}).encode()
 
-    return rewritten(file, out, change)
+    return lambda file, out: rewritten(file, out, change)
 
 
 def without_weights(file: Path, out: Path) -> Path:
@@ -181,7 +181,8 @@ def with_bad_moments(file: Path, out: Path) -> Path:
         (broken, "damaged|no policy file|cannot be loaded"),
         (cut, "no policy file"),
         (without_card, "ambinav.json is missing"),
-        (of_the_future, f"not of format {FORMAT}"),
+        (of_format(FORMAT - 1), f"not of format {FORMAT}"),
+        (of_format(FORMAT + 1), f"not of format {FORMAT}"),
         (without_weights, "cannot be loaded"),
         (of_another_kind, "algorithm is 'A2C'"),
         (with_bad_moments, "normalisation cannot be read"),
