@@ -46,7 +46,7 @@ lint: $(VENV)/.installed-dev  ## ruff: layout and rules
 types: $(VENV)/.installed-dev  ## mypy --strict
 	$(BIN)/python -m mypy
 
-format: $(VENV)/.installed-dev  ## lay the sources out and mend what ruff can mend
+format: $(VENV)/.installed-dev  ## format the sources and fix what ruff can fix
 	$(BIN)/python -m ruff check --fix .
 	$(BIN)/python -m ruff format .
 

@@ -113,7 +113,7 @@ class Registry(Generic[T]):
         try:
             entry = _attribute(found.place)
         except Exception as error:
-            raise InputError(f"{whose} cannot be loaded ({_told(error)}); {remedy}.") from error
+            raise InputError(f"{whose} cannot be loaded ({_reason(error)}); {remedy}.") from error
         try:
             return self._checked(entry, name, found.place)
         except TypeError as error:
@@ -206,40 +206,40 @@ def load_module(name: str, folder: Path) -> ModuleType:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"{name} cannot be imported ({_told(error)}); fix it") from error
+        raise InputError(f"{name} cannot be imported ({_reason(error)}); fix it") from error
 
 
-def load_callable(told: str, folder: Path) -> Callable[..., Any]:
+def load_callable(source: str, folder: Path) -> Callable[..., Any]:
     """What `module:callable` or `file.py:callable` names.
 
     Raises:
         InputError: see `load_module`; or there is no such callable in it.
     """
-    module, colon, name = told.rpartition(":")
+    module, colon, name = source.rpartition(":")
     if not (colon and module and name):
-        raise InputError(f"policy is {told!r}; give module:callable, or file.py:callable")
+        raise InputError(f"policy is {source!r}; give module:callable, or file.py:callable")
     found = getattr(load_module(module, folder), name, None)
     if not callable(found):
         raise InputError(f"policy: {module} has no callable {name!r}; check the name")
     return found  # type: ignore[no-any-return]
 
 
-def called(function: Callable[..., Any], told: str, *arguments: Any) -> Any:
+def called(function: Callable[..., Any], source: str, *arguments: Any) -> Any:
     """The outcome of somebody else's function.
 
     Raises:
         InputError: it takes other arguments, or raised something; the message says what and where.
     """
-    _check_signature(function, told, arguments)
+    _check_signature(function, source, arguments)
     try:
         return function(*arguments)
     except InputError:
         raise
     except Exception as error:
-        raise InputError(f"policy {told} failed ({_told(error)}); fix it") from error
+        raise InputError(f"policy {source} failed ({_reason(error)}); fix it") from error
 
 
-def _check_signature(function: Callable[..., Any], told: str, arguments: tuple[Any, ...]) -> None:
+def _check_signature(function: Callable[..., Any], source: str, arguments: tuple[Any, ...]) -> None:
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
@@ -250,12 +250,12 @@ def _check_signature(function: Callable[..., Any], told: str, arguments: tuple[A
     except TypeError:
         kinds = ", ".join(type(one).__name__ for one in arguments)
         raise InputError(
-            f"policy {told} takes {signature}, but is called with {len(arguments)} arguments "
+            f"policy {source} takes {signature}, but is called with {len(arguments)} arguments "
             f"({kinds}); docs/leaderboard.md and docs/compare.md say what they are"
         ) from None
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """An exception in a few words: what, and in which line it came up."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     text = " ".join(str(error).split())

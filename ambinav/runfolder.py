@@ -112,5 +112,5 @@ class RunFolder:
         except (OSError, ValueError):
             return False
         # Of whichever version: what an older one wrote may be replaced.
-        told = content.get("format") if isinstance(content, dict) else None
-        return not self.format or str(told).split("/")[0] == self.format
+        label = content.get("format") if isinstance(content, dict) else None
+        return not self.format or str(label).split("/")[0] == self.format

@@ -4,17 +4,17 @@ Each arm is trained with the same seeds by `ambinav train` (benchmarks/ablation.
 of the term `ambiguity`, and another `ambiguity_weight` where one is named; nothing else). Its last
 policy, not its best, then drives episodes in halls that no agent has seen, the same for all;
 planners follow their routes in them too. Written down before the first run: the arms are compared
-by the share of episodes in which the robot was ever lost, and by the length of the way of those
-that arrive; wanted is half the share for at most 10 % more way.
+by the share of episodes in which the robot was ever lost, and by the length of the path of those
+that arrive; wanted is half the share for at most 10 % more length.
 
 In a first run, weight 2 alone was lost 0.69 times as often (0.53 to 0.87) as weight 0, for 3 % more
-way: it sees no farther than its window, and its way point led it along the shortest way.
+length: it sees no farther than its window, and its waypoint led it along the shortest path.
 `ambiguity_weight` came after that. That 3 is a weight to try was found in the halls of training,
-where a robot that drives from way point to way point was lost 0.50 times as often with it for 10 %
-more way. In a second run, weight 1 with way 3 was lost 0.515 times as often (0.38 to 0.66) for 1 %
-more way. Way 5, at which the way is the one that the reward of weight 1 asks for, came after that:
-0.512 (0.37 to 0.68) for 4 %. Trained again when way points led round corners in wider turns: 0.520
-(0.37 to 0.69) for 4 %.
+where a robot that drives from waypoint to waypoint was lost 0.50 times as often with it for 10 %
+more length. In a second run, weight 1 with `ambiguity_weight` 3 was lost 0.515 times as often (0.38
+to 0.66) for 1 % more length. Weight 5, at which the path is the one that the reward of weight 1
+asks for, came after that: 0.512 (0.37 to 0.68) for 4 %. Trained again when waypoints led round
+corners in wider turns: 0.520 (0.37 to 0.69) for 4 %.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ BUILDINGS, SEED = 100, 7
 # Environment i of a training starts from its seed + i.
 APART = 1000
 SETTINGS: dict[str, dict[str, Any]] = {
-    "as trained: boxes that the map lacks, odometry twice as bad as told": {},
-    "known: no boxes, odometry as told": {"obstacles": 0, "odometry_scale": 1.0},
+    "as trained: boxes that the map lacks, odometry twice as bad as assumed": {},
+    "known: no boxes, odometry as assumed": {"obstacles": 0, "odometry_scale": 1.0},
 }
 PLANNERS = {
     "planner, shortest": PlannerChoice("reference", 0.0),
@@ -92,11 +92,11 @@ class Arm:
     @cached_property
     def config(self) -> Path:
         """Its configuration, written to the folder."""
-        told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-        told["environment"]["reward"] = {**PRESETS["shortest"], "ambiguity": self.weight}
-        told["environment"]["ambiguity_weight"] = self.way
+        settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+        settings["environment"]["reward"] = {**PRESETS["shortest"], "ambiguity": self.weight}
+        settings["environment"]["ambiguity_weight"] = self.way
         path = self.folder / f"{self._stem}.yaml"
-        path.write_text(yaml.safe_dump(told, sort_keys=False), encoding="utf-8")
+        path.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
         return path
 
     def run_folder(self, seed: int) -> Path:
@@ -126,17 +126,19 @@ class Course:
     """The episodes: the halls that nobody has seen, held for all who drive there.
 
     Args:
-        told: The environment of training.
+        settings: The environment of training.
         episodes: How many.
     """
 
-    def __init__(self, told: Mapping[str, Any], episodes: int) -> None:
-        self._told = {key: one for key, one in told.items() if key not in ("id", "buildings")}
+    def __init__(self, settings: Mapping[str, Any], episodes: int) -> None:
+        self._arguments = {
+            key: one for key, one in settings.items() if key not in ("id", "buildings")
+        }
         self._episodes = episodes
         self._source, _ = self._scenario({})
 
     def _scenario(self, changed: Mapping[str, Any]) -> tuple[BuildingSource, NavigationParameters]:
-        return scenario("hall", None, BUILDINGS, UNSEEN, None, {**self._told, **changed})
+        return scenario("hall", None, BUILDINGS, UNSEEN, None, {**self._arguments, **changed})
 
     def driven(self, driver: Any, changed: Mapping[str, Any]) -> Episodes:
         """What a policy or a planner makes of the episodes; a policy sees what it is used to."""
@@ -196,20 +198,21 @@ def compared(ours: Sequence[Episodes], theirs: Sequence[Episodes]) -> str:
 
 def body(found: dict[str, dict[str, list[Episodes]]], arms: list[Arm], episodes: int) -> str:
     """The report."""
-    told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
     seeds = arms[0].seeds
-    shared = len(seeds) > 1 and seeds[1] - seeds[0] < told["envs"]
+    shared = len(seeds) > 1 and seeds[1] - seeds[0] < settings["envs"]
     parts = [
-        f"`{CONFIG.relative_to(ROOT)}`: {told['algorithm']}, {told['steps']:,} steps, seeds "
+        f"`{CONFIG.relative_to(ROOT)}`: {settings['algorithm']}, {settings['steps']:,} steps, "
+        "seeds "
         f"{', '.join(map(str, seeds))} in each arm; {episodes} episodes each, in {BUILDINGS} "
         "unseen halls. In brackets: 95 % intervals by the bootstrap over seeds, buildings and "
-        "episodes in them. Error: mean of a drive; length ratio: way by shortest way, of those "
-        "that arrived; exposure: of all episodes by all metres. Ratios of ways are of the seeds "
+        "episodes in them. Error: mean of a drive; length ratio: path by shortest path, of those "
+        "that arrived; exposure: of all episodes by all metres. Ratios of paths are of the seeds "
         "and episodes that arrived on both sides.",
         f"{len(seeds)} seeds are few: percentile intervals of so few groups hold less than the "
         "95 % that they say."
         + (
-            f" And environment i of a training starts from its seed + i, of {told['envs']}: "
+            f" And environment i of a training starts from its seed + i, of {settings['envs']}: "
             "trainings with neighbouring seeds share most of their random numbers, so that they "
             "differ less than others would."
             if shared
@@ -263,8 +266,8 @@ def main() -> None:
     args.folder.mkdir(parents=True, exist_ok=True)
     seeds = range(0, args.seeds * args.apart, args.apart)
     arms = []
-    for told in args.arms:
-        weight, _, way = told.partition(":")
+    for arm in args.arms:
+        weight, _, way = arm.partition(":")
         arms.append(Arm(float(weight), float(way or 0.0), seeds, args.folder))
     with ThreadPoolExecutor(args.jobs) as pool:
         runs = [(arm, seed) for seed, arm in product(seeds, arms)]

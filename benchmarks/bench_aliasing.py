@@ -4,7 +4,7 @@
 (all threads) beside those on the clock: their half is what two quiet
 cores take. Shares are of all pairs of poses, for all 60 turns. The second table, of buildings
 whose twins are known beforehand, is made with `--pairs` and a folder for its pictures: what an
-audit links, and how many poses have all of the twins that are due, within 0.25 m and 3 degrees.
+audit pairs, and how many poses have all of the twins that are due, within 0.25 m and 3 degrees.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Repeated:
     turn: NDArray[np.float64]
 
 
-def ground_of(path: str, spacing: float, reach: float) -> LayerContext:
+def context_of(path: str, spacing: float, reach: float) -> LayerContext:
     """Poses and beams of a case, without its map."""
     env = an.load_environment(path)
     sensor = an.RangeSensor(max_range=reach, std=0.03, resolution=0.001)
@@ -79,15 +79,18 @@ def ground_of(path: str, spacing: float, reach: float) -> LayerContext:
     return LayerContext(env, scanner, Lattice.over(env, spacing), np.zeros(1), False, model)
 
 
-def passed(ground: LayerContext, poses: int = 200) -> float:
+def passed(context: LayerContext, poses: int = 200) -> float:
     """Share of the pairs of poses that signatures let through, from some poses drawn by seed."""
-    scans = Scans.of(ground)
-    told = Signatures.of(scans, -math.log(LEAST_LIKENESS))
+    scans = Scans.of(context)
+    signatures = Signatures.of(scans, -math.log(LEAST_LIKENESS))
     explored = np.flatnonzero(scans.explored)
     drawn = np.random.default_rng(0).choice(explored, min(poses, explored.size), replace=False)
-    low, high = told.low_above[explored], told.high_above[explored]
+    low, high = signatures.low_above[explored], signatures.high_above[explored]
     shares = [
-        ((told.above[p] <= high + told.odd) & (told.above[p] + told.odd + told.blind[p] >= low))
+        (
+            (signatures.above[p] <= high + signatures.odd)
+            & (signatures.above[p] + signatures.odd + signatures.blind[p] >= low)
+        )
         .all(axis=1)
         .mean()
         for p in drawn
@@ -114,7 +117,7 @@ def repeated() -> Iterator[Repeated]:
 
 
 def turned(p: Complex, turn: NDArray[np.float64]) -> Complex:
-    """Twins round the origin; what is nearer than a link is long has none."""
+    """Twins round the origin; what is nearer than the least distance of a pair has none."""
     twins = p[:, np.newaxis] * np.exp(1j * turn[1:])
     return np.where(np.abs(twins - p[:, np.newaxis]) >= LEAST_DISTANCE, twins, np.nan)
 
@@ -158,16 +161,16 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
         case.environment, scanner, spacing=case.spacing, radius=max(0.5, case.spacing)
     )
     spacing = max(amap.spacing, SPACING)
-    ground = LayerContext.of(amap, case.environment)
+    context = LayerContext.of(amap, case.environment)
     if spacing > amap.spacing:
-        ground = replace(ground, lattice=Lattice.over(case.environment, spacing))
+        context = replace(context, lattice=Lattice.over(case.environment, spacing))
     began = time.process_time()
-    found, sought = seek(amap, ground)
+    found, sought = seek(amap, context)
     took = time.process_time() - began
-    links = find_aliased_pairs(ground, found, 6)
-    axes = plot_aliasing(amap, links, spacing)
+    pairs = find_aliased_pairs(context, found, 6)
+    axes = plot_aliasing(amap, pairs, spacing)
     save_figure(axes, folder / f"{case.name.replace(' ', '-')}.png")
-    x, y = ground.points
+    x, y = context.points
     twins = case.twins(x + 1j * y)
     have = np.zeros(twins.shape, dtype=np.bool_)
     alike = found.found[:, 0]
@@ -178,13 +181,13 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     due = ~np.isnan(twins)
     poses = due.any(axis=1)
     complete = (have | ~due)[poses].all(axis=1)
-    first = [link for link in links if link.letter == "A"]
+    first = [one for one in pairs if one.letter == "A"]
     return (
         case.name, f"{spacing:g}", str(len(x)), str(int(sought.sum())), f"{took:.0f}",
         f"{np.nanmean(found.share):.2f}", str(due.sum(axis=1).max()),
         f"{due[poses].sum(axis=1).mean():.1f}", f"{have[poses].sum(axis=1).mean():.1f}",
         f"{100 * complete.mean():.0f} %", str(len(first)),
-        f"{min(link.likeness for link in first):.2f}" if first else "",
+        f"{min(one.likeness for one in first):.2f}" if first else "",
     )  # fmt: skip
 
 
@@ -193,25 +196,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", nargs="*", default=list(USUAL))
     parser.add_argument(
-        "--pairs", type=Path, metavar="FOLDER", help="link what repeats, with pictures"
+        "--pairs", type=Path, metavar="FOLDER", help="pair what repeats, with pictures"
     )
     add_out(parser)
     chosen = parser.parse_args()
-    aliased_poses(ground_of(str(environment_path("demo")), 1.0, 4.0))
+    aliased_poses(context_of(str(environment_path("demo")), 1.0, 4.0))
     rows = []
     for name, spacing, reach in CASES:
         if name not in chosen.cases:
             continue
-        ground = ground_of(str(environment_path(name)), spacing, reach)
-        ground.returns(0)
+        context = context_of(str(environment_path(name)), spacing, reach)
+        context.returns(0)
         clock, processor = time.perf_counter(), time.process_time()
-        found = aliased_poses(ground, count=3)
+        found = aliased_poses(context, count=3)
         clock, processor = time.perf_counter() - clock, time.process_time() - processor
-        poses = len(ground.points[0])
+        poses = len(context.points[0])
         rows.append(
             (
                 name, f"{spacing:g}", f"{reach:g}", poses, f"{clock:.1f}", f"{processor:.1f}",
-                f"{100 * passed(ground):.0f} %",
+                f"{100 * passed(context):.0f} %",
                 *(f"{left:.1e}" for left in found.left / (60.0 * poses**2)),
                 f"{np.nanmean(found.share):.2f}",
             )
@@ -225,12 +228,12 @@ def main() -> None:
     lines = table(header, rows) if rows else ""
     if chosen.pairs is not None:
         chosen.pairs.mkdir(parents=True, exist_ok=True)
-        told = (
+        signatures = (
             "building", "spacing (m)", "poses", "sought from", "s of processor", "mean aliasing",
-            "twins, at most", "due to a pose", "found", "poses with all", "links of letter A",
+            "twins, at most", "due to a pose", "found", "poses with all", "pairs of letter A",
             "least likeness of these",
         )  # fmt: skip
-        lines += "\n\n" + table(told, [pair(case, chosen.pairs) for case in repeated()])
+        lines += "\n\n" + table(signatures, [pair(case, chosen.pairs) for case in repeated()])
     report("Aliasing", ("ambinav", "numba", "numpy", "scipy"), lines, chosen.out)
 
 

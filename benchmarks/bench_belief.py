@@ -2,7 +2,7 @@
 
 Routes are the shortest ones between places drawn at random. Each is driven open loop, with the same
 seeds for every localizer: the truth stays on the route, so that all errors are of the pose that the
-prediction is of. The localizers are told the truth about odometry: the particle filters, which take
+prediction is of. The localizers know the true model of odometry: the particle filters, which take
 in a scan every 0.25 m or 0.2 rad, its variances after that, the Kalman filter, which takes in every
 scan (5 a second), those between two scans. What is held against them are
 the planners' own figures: of `belief-roadmap` the covariance of the pose at each node of the route,
@@ -119,13 +119,13 @@ def rows_of(name: str, args: argparse.Namespace) -> list[tuple[str, ...]]:
     rows = []
     for scale in SCALES:
         noise = OdometryNoise(scale=scale)
-        told = [predicted(information, cut(route), noise) for route in routes]
+        predictions = [predicted(information, cut(route), noise) for route in routes]
         for title, parameters in LOCALIZERS.items():
             errors = [
                 errors_at(environment, scanner, route, noise, parameters, (args, number))
                 for number, route in enumerate(routes)
             ]
-            rows.append((name, f"{scale:g}", title, *figures(told, errors, args.seed)))
+            rows.append((name, f"{scale:g}", title, *figures(predictions, errors, args.seed)))
     return rows
 
 
@@ -182,11 +182,13 @@ def errors_at(
     return drives.errors()[:, at]
 
 
-def figures(told: list[tuple[Floats, Floats]], errors: list[Floats], seed: int) -> tuple[str, ...]:
+def figures(
+    predictions: list[tuple[Floats, Floats]], errors: list[Floats], seed: int
+) -> tuple[str, ...]:
     """What of a row is measured, but for the start, which both know."""
     rng = np.random.default_rng(seed)
     plane, isotropic, whole, ratio = [], [], [], []
-    for (covariances, std), off in zip(told, errors, strict=True):
+    for (covariances, std), off in zip(predictions, errors, strict=True):
         place = off[:, 1:, :2]
         plane.append(squares(place, covariances[1:, :2, :2]))
         isotropic.append((place**2).sum(axis=-1) / std[1:] ** 2)

@@ -14,7 +14,7 @@ The criterion, written before the first run:
   drive.
 - Drives: closed loop (the robot steers by its estimate), 30 seeds, the same for both routes. Two
   odometries: mediocre (4.5 degrees and 6 cm in a metre) and poor (twice that), and a localizer
-  that is told so.
+  that knows so.
 - Claim, for each environment and scanner over its offered pairs: robots lost (error above 0.5 m
   or 30 degrees for over a second) at most a third as often, 95th percentile of the position's
   error at most half, no more collisions, at most 10 % longer. Intervals of 95 % by resampling
@@ -24,7 +24,7 @@ The criterion, written before the first run:
 Changed since: the localizer with cones multiplies its beams where it first added the cubes of
 their likelihoods (kept as `sum`, beside AMCL's own defaults, `amcl`). A Kalman filter drives all of
 it too, since a gain may be the localizer's: what is shown with one alone is claimed for that one
-alone, and beside it stands how far the gains of the two are apart. Corridor and open zones are told
+alone, and beside it stands how far the gains of the two are apart. Corridor and open zones are kept
 apart, and pairs sorted by the longest stretch of each, which is no part of the criterion.
 
 How it came to this: a trial with the sonar ring in the demo building led to the smaller robot
@@ -245,7 +245,7 @@ def by_stretch(rows: Sequence[Pair], names: Sequence[str], figure: str) -> str:
 
 def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
     """What the drives show, each sentence with all that it is true of."""
-    told = []
+    sentences = []
     for group, scanners in GROUPS.items():
         for figure, title in STRETCHES.items():
             for low, high, stretch in ranges():
@@ -255,15 +255,15 @@ def words_of(rows: Sequence[Pair], names: Sequence[str], odometry: str) -> str:
                 }
                 found = {name: pairs for name, pairs in found.items() if len(pairs) >= FEWEST}
                 if found:
-                    told.append(sentence(f"{group}, {odometry}, {title} {stretch}", found))
-    if not told:
+                    sentences.append(sentence(f"{group}, {odometry}, {title} {stretch}", found))
+    if not sentences:
         return "Too few pairs have been driven."
     return "\n".join(
         [
             "*Shown* means that the interval of 95 % does not hold 0. Each is taken by itself: of "
             "forty that show nothing true, two do so by chance.",
             "",
-            *told,
+            *sentences,
         ]
     )
 
@@ -275,17 +275,19 @@ def sentence(what: str, found: dict[str, list[Pair]]) -> str:
     for pair in pairs:
         counts[pair["environment"]] = counts.get(pair["environment"], 0) + 1
     where = ", ".join(f"{name} {count}" for name, count in counts.items())
-    told, shown = [], {}
+    sentences, shown = [], {}
     for name, some in found.items():
         rates = [100 * mean_of(some, route, "lost") for route in ROUTES]
         value, low, high = (100 * v for v in resampled(some, "lost", "difference"))
         fewer = "" if len(some) == len(pairs) else f" ({len(some)} pairs)"
-        told.append(
+        sentences.append(
             f"`{name}`{fewer} loses {rates[0]:.1f} % on the shortest and {rates[1]:.1f} % on the "
             f"aware routes ({value:+.1f} points, {low:+.1f} to {high:+.1f})"
         )
         shown[name] = "a gain" if high < 0.0 else "a loss" if low > 0.0 else "neither"
-    return f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(told)}: {verdict(found, shown)}."
+    return (
+        f"- {what}, {len(pairs)} pairs ({where}): {'; '.join(sentences)}: {verdict(found, shown)}."
+    )
 
 
 def verdict(found: dict[str, list[Pair]], shown: dict[str, str]) -> str:

@@ -107,7 +107,7 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
     radius = RADIUS * max(1.0, 2.0 * grid.resolution)
     made = robots(environment, radius, grid.resolution)
     ends = pairs(made["before"], count, np.random.default_rng(seed))
-    missing = {"no place": 0, "no way": 0, "no way over the lattice": 0}
+    missing = {"no place": 0, "no path": 0, "no path over the lattice": 0}
     deep: dict[str, list[float]] = {}
     metres: dict[str, list[float]] = {}
     for name, robot in made.items():
@@ -145,10 +145,10 @@ def map_rows(path: Path, count: int, seed: int) -> tuple[Row, dict[str, list[flo
 
 
 def reason(error: InputError) -> str:
-    """Why there is no route: the robot does not fit at its ends, or no way leads there."""
+    """Why there is no route: the robot does not fit at its ends, or there is no path."""
     if isinstance(error, NoPathError):
-        return "no way"
-    return "no way over the lattice" if isinstance(error, NotFoundError) else "no place"
+        return "no path"
+    return "no path over the lattice" if isinstance(error, NotFoundError) else "no place"
 
 
 def iterations(robot: RoutePlanner, start: Any, goal: Any, seconds: float) -> int:
@@ -254,8 +254,8 @@ def main() -> None:
             f"{SPACING:g} m, or what makes {MOST_CELLS} of them, or the map's own above "
             f"{COARSE:g} m. Over occupied cells: {' and '.join(sums)}. Places are drawn where the "
             "robot fits before; missing after are the routes from or to a place where it covers an "
-            "occupied cell (no place), those for which no way is left (no way), and those whose "
-            "way is too narrow for the planner's lattice. Narrower: how much less the radius of "
+            "occupied cell (no place), those for which no path is left (no path), and those whose "
+            "path is too narrow for the planner's lattice. Narrower: how much less the radius of "
             "the widest robot is that gets from start to goal, median (most).",
             table(
                 (

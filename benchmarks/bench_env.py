@@ -40,7 +40,7 @@ def towards(seen: dict[str, Floats]) -> Floats:
 
 
 class Driving:
-    """Robots on their way; each call takes them some steps on."""
+    """Robots driving; each call takes them some steps on."""
 
     def __init__(self, count: int, steps: int, options: dict[str, Any]) -> None:
         self.envs = NavigationVectorEnv(count, waypoint=True, waypoint_distance=0.5, **options)

@@ -164,10 +164,10 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     cells = cells[np.sort(rng.permutation(len(cells))[:SAMPLE])]
     free = np.zeros_like(lattice.free)
     free[cells[:, 0], cells[:, 1]] = True
-    ground = LayerContext.of(build_map(env, plain_scanner(), COARSE), env)
-    ground = replace(ground, lattice=replace(lattice, free=free))
+    context = LayerContext.of(build_map(env, plain_scanner(), COARSE), env)
+    context = replace(context, lattice=replace(lattice, free=free))
     ours = [
-        np.bitwise_count(rank_masks(ground, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
+        np.bitwise_count(rank_masks(context, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)
     ]
     one, other = (rank_one(grid, cells + 1) for grid in (here, there))
     wider = Lattice.over(env, 2 * CELL)

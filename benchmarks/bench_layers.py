@@ -56,9 +56,9 @@ def main() -> None:
     for _ in range(args.repeats):
         for layer in chosen:
             # Casts are shared between layers: each starts here without.
-            ground = LayerContext.of(amap, env)
+            context = LayerContext.of(amap, env)
             start = time.perf_counter()
-            layer.compute(ground)
+            layer.compute(context)
             seconds[layer.name].append(time.perf_counter() - start)
         start = time.perf_counter()
         with_layers(amap, names, environment=env)

@@ -146,10 +146,10 @@ def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str,
     planner = RoutePlanner(build_map(env, scanner), footprint=0.3)
     route = planner.plan((3.0, 3.0), (42.2, 20.0), weight=0.0)
     noise = OdometryNoise()
-    told = alphas_of(noise)
+    alphas = alphas_of(noise)
     rows = []
     for model in LASER_MODELS:
-        parameters = MclParameters.from_dict({"laser_model_type": model, **told})
+        parameters = MclParameters.from_dict({"laser_model_type": model, **alphas})
 
         def run(open_loop: bool, parameters: MclParameters = parameters) -> Drives:
             rng = np.random.default_rng(1)
@@ -206,7 +206,7 @@ def main() -> None:
     )
     runs = args.runs
     drives = table(
-        ("localizer", "route", "open loop, s", "closed loop, s", "closed loop: way driven"),
+        ("localizer", "route", "open loop, s", "closed loop, s", "closed loop: distance driven"),
         rows_of_drives(env, runs, args.repeats),
     )
     body = "\n\n".join(

@@ -1,4 +1,4 @@
-"""Planners against the reference: cost, length, exposure, time to the first way, iterations.
+"""Planners against the reference: cost, length, exposure, time to the first path, iterations.
 
 Ten pairs of places in each of six environments, weight 5, a disc of 0.2 m. The reference is the
 lattice with its channels, the best of several paths finished at any angle; a gap is how much more a
@@ -28,9 +28,9 @@ ENVIRONMENTS = (
 PLANNERS = ("prmstar", "rrtstar", "informed-rrtstar", "sorrtstar", "bitstar", "fmt", "bfmt")
 Row = dict[str, Any]
 
-# What counts as a way with less ambiguity worth taking: half of the bad metres for a tenth more.
+# What counts as a path with less ambiguity worth taking: half of the bad metres for a tenth more.
 LESS_BAD, MORE_LENGTH = 0.5, 1.1
-# Pairs whose shortest way has fewer bad metres, in metres, have nothing to gain.
+# Pairs whose shortest path has fewer bad metres, in metres, have nothing to gain.
 LEAST_BAD = 1.0
 
 

@@ -139,7 +139,7 @@ def distance_alone(study: RealLog) -> float:
 
 
 def number_alone(study: RealLog) -> tuple[float, float]:
-    """How well the number of known beams alone orders the poses (fewer tell less), and the map.
+    """How well the number of explained beams alone orders the poses, and how well the map does.
 
     Returns:
         Rank correlation of the number with the measured ambiguity, and the partial one of
@@ -183,7 +183,7 @@ def rows_of(name: str, max_range: float | None, asked: argparse.Namespace) -> di
         f"{name}, {far(max_range)}: {what} {found}"
         for what, found in (
             ("same pairs, ambiguity", same["ambiguity"]),
-            ("same pairs, ambiguity of known beams", same["known"]),
+            ("same pairs, ambiguity of explained beams", same["known"]),
             ("same pairs at equal distance", same["equal"]),
             ("map's level against the scan's", own["level"]),
         )
@@ -254,7 +254,7 @@ map that predicts.
                 "pairs",
                 "poses",
                 "ambiguity of a pose",
-                "of known beams",
+                "of explained beams",
                 "by their number alone",
                 "at equal number",
                 "level of a pose",

@@ -129,9 +129,9 @@ def sentence_of_lost(name: str, found: Replay) -> str:
 def row_of_log(case: Case) -> tuple[str, ...]:
     """What a log is like: steps, odometry, and how its scans lie on the map."""
     log = case.log
-    steps, told = (between(p[:-1], p[1:]) for p in (log.poses, log.odometry))
-    wrong = np.hypot(*(told - steps)[:, :2].T)
-    turn = np.degrees(np.abs(between(steps, told)[:, 2]))
+    steps, odometry = (between(p[:-1], p[1:]) for p in (log.poses, log.odometry))
+    wrong = np.hypot(*(odometry - steps)[:, :2].T)
+    turn = np.degrees(np.abs(between(steps, odometry)[:, 2]))
     back = steps[:, 0] < -BACK
     return (
         case.name,
@@ -140,8 +140,8 @@ def row_of_log(case: Case) -> tuple[str, ...]:
         f"{np.median(wrong):.3f} ({np.quantile(wrong, 0.95):.2f})",
         f"{np.median(turn):.1f} ({np.quantile(turn, 0.95):.1f})",
         str(int(back.sum())),
-        str(int((told[:, 0] < -BACK).sum())),
-        str(int((back & (told[:, 0] > BACK)).sum())),
+        str(int((odometry[:, 0] < -BACK).sum())),
+        str(int((back & (odometry[:, 0] > BACK)).sum())),
         str(len(case.environment.segments)),
         f"{case.seconds:.1f}",
     )
@@ -222,7 +222,7 @@ def replayed(name: str, runs: int, seed: int) -> dict[str, Any]:
 
 def body_of(found: list[dict[str, Any]], runs: int) -> str:
     """Lay the report out."""
-    rows, frames, lost, told = (
+    rows, frames, lost, odometry = (
         [row for each in found for row in each[part]]
         for part in ("rows", "frames", "lost", "about")
     )
@@ -230,7 +230,7 @@ def body_of(found: list[dict[str, Any]], runs: int) -> str:
     about = table(
         ("log", "scans", "m between scans", "odometry off, m: median (95 %)", "degrees",
          "steps back", "by odometry", "forward by odometry", "segments", "s to read and map"),
-        told,
+        odometry,
     )  # fmt: skip
     sections = [
         f"{runs} runs of each log on {numba.get_num_threads()} threads; the errors are over all "

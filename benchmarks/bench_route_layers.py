@@ -10,7 +10,7 @@ The criterion, written before the first run:
 - Drives: open loop (the robot keeps to its route, whatever it believes, so no collision ends a
   run), 20 seeds, the same for all routes, odometry of 9 degrees and 12 cm in a metre, Monte Carlo
   localization with the beams multiplied.
-- Told for each scanner: robots lost (error above 0.5 m or 30 degrees for over a second), 95th
+- Reported for each scanner: robots lost (error above 0.5 m or 30 degrees for over a second), 95th
   percentile of the position's error, length; and the difference of `position` less `level`, with
   intervals of 95 % over the pairs. `position` is the layer to plan by if either of the first two is
   lower and its interval does not hold 0, and neither is shown to be higher.
@@ -131,7 +131,7 @@ def in_words(
     rows: Sequence[Row], scanner: str, environments: Sequence[str], localizers: Sequence[str]
 ) -> str:
     """What routes by `position` are worth beside those by `level`, with all that it is true of."""
-    told = []
+    text_lines = []
     for name in localizers:
         mine = [row for row in rows if row["localizer"] == name]
         if not mine:
@@ -140,14 +140,14 @@ def in_words(
         errors = [of(mine, route, "position_p95") for route in ROUTES]
         rng = np.random.default_rng(0)
         lost, error = (paired(some[2], some[1], rng) for some in (rates, errors))
-        told.append(
+        text_lines.append(
             f"- {scanner}, {ODOMETRY}, `{name}`, {len(mine)} pairs in {', '.join(environments)}: "
             f"lost on the shortest routes {rates[0].mean():.1f} %, by `level` "
             f"{rates[1].mean():.1f} %, by `position` {rates[2].mean():.1f} %; `position` less "
             f"`level` {span(lost, 1)} points, and {span(error, 3)} m of the 95 % error. The "
             f"criterion for `position` is {judged((lost, error))}."
         )
-    return "\n".join(told)
+    return "\n".join(text_lines)
 
 
 def judged(changes: Sequence[Interval]) -> str:

@@ -9,13 +9,13 @@ maps.
   shortest, and the one with the least such metres among the weights 2, 5 and 20 that is at most
   10 % longer.
 - Drives: 30 paired seeds, odometry of 4.5 degrees and 6 cm in a metre, or twice as bad, of which
-  every localizer is told; open loop (the robot keeps to its route, whatever it believes) and
+  every localizer knows; open loop (the robot keeps to its route, whatever it believes) and
   closed loop. A robot is lost whose error is above 0.5 m or 30 degrees for over a second.
 - Localizers: AMCL's own default; its product of the field, tuned as elsewhere in these benchmarks;
   its sum of cubes with its own weights, and with those that suit cones; the product of the ray
   model's beams, the library's default for cones (`MclParameters.for_scanner`); and the Kalman
   filter. That one takes in every scan (5 a second), the others one every 0.25 m or 0.2 rad; all are
-  told the variances of the odometry from one scan that they take in to the next.
+  given the variances of the odometry from one scan that they take in to the next.
 - One by one, open loop and in the same building, on the same routes: the cones replaced by single
   rays at their axes, with and without the limit of incidence; four times as many of them; three
   times as many cones; and the product's own settings changed one at a time.
@@ -259,23 +259,23 @@ def drives_of(
 
 def measured(drives: Drives, amap: AmbiguityMap) -> dict[str, Any]:
     """What is kept of the drives of a route; and in which zone robots were when they got lost."""
-    told = metrics(drives, amap)
+    measured = metrics(drives, amap)
     error = drives.errors()
     far = (np.hypot(error[..., 0], error[..., 1]) > LOST_POSITION) | (
         np.abs(error[..., 2]) > LOST_HEADING
     )
-    first = far.argmax(axis=1)[told.lost]
-    at = drives.truth[told.lost, first]
+    first = far.argmax(axis=1)[measured.lost]
+    at = drives.truth[measured.lost, first]
     zones = zone_codes(amap, at) if len(at) else np.zeros(0, dtype=np.int64)
     return {
-        "lost": told.lost.tolist(),
-        "error": np.round(told.position_p95, 4).tolist(),
-        "collided": told.collided.tolist(),
-        "arrived": told.arrived.tolist(),
-        "nees": np.round(told.nees, 3).tolist(),
+        "lost": measured.lost.tolist(),
+        "error": np.round(measured.position_p95, 4).tolist(),
+        "collided": measured.collided.tolist(),
+        "arrived": measured.arrived.tolist(),
+        "nees": np.round(measured.nees, 3).tolist(),
         "lost_in": [ZONES[code] for code in zones],
         "lost_at": np.round(at[:, :2], 2).tolist(),
-        "found_again": (told.lost & ~far[np.arange(len(far)), drives.samples - 1]).tolist(),
+        "found_again": (measured.lost & ~far[np.arange(len(far)), drives.samples - 1]).tolist(),
     }
 
 
@@ -390,7 +390,7 @@ def by_building(rows: list[dict[str, Any]]) -> str:
 
 def in_words(rows: list[dict[str, Any]]) -> str:
     """What each localizer lost, each sentence with all that it is true of."""
-    told = []
+    sentences = []
     keys = ("study", "open_loop", "label")
     for case in unique(tuple(row[key] for key in keys) for row in rows):
         own = [row for row in rows if tuple(row[key] for key in keys) == case]
@@ -398,13 +398,13 @@ def in_words(rows: list[dict[str, Any]]) -> str:
         lost = bootstrap(100.0 * joined(own, "lost"), np.random.default_rng(0))
         buildings = ", ".join(dict.fromkeys(row["environment"] for row in own))
         noise = ROUGH if study == "rough odometry" else NOISE
-        told.append(
+        sentences.append(
             f"- {label}, {'open' if open_loop else 'closed'} loop, odometry of "
             f"{18 * noise.scale:g} degrees and {24 * noise.scale:g} cm in a metre, {buildings}: "
             f"{lost.value:.1f} % ({lost.low:.1f} to {lost.high:.1f}) of {lost.count} runs lost, "
             f"median of the 95 % error {np.median(joined(own, 'error')):.2f} m."
         )
-    return "\n".join(told)
+    return "\n".join(sentences)
 
 
 def lost_in(rows: list[dict[str, Any]]) -> str:

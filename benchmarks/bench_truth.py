@@ -35,7 +35,7 @@ The criterion, written before the first whole run:
   scanner take too long; nothing had been looked at). Settled before: how the radius is made, and
   that `position` is what costs read for the mixed scanner. The claim: no layer is shown to be
   better than the position radius for the laser and the mixed scanner.
-- `--start unknown`: robots are not told where they start. The same buildings but one that is too
+- `--start unknown`: robots do not know where they start. The same buildings but one that is too
   dear (willow_full_005 with 8 m), lasers of 4 and 8 m with the same localizers; they drive 4 m. A
   run misses itself where it believes it is farther than 0.5 m from where it is, and a place is bad
   where more than half of its four runs do. That is asked twice, after the first scan, which is
@@ -153,9 +153,9 @@ def main() -> None:
     cases = [(e, s) for s, e in product(scanners, environments)]
     cases = [case for case in cases if not (unknown and case in TOO_DEAR)]
     with ThreadPoolExecutor(args.jobs) as pool:
-        told = list(pool.map(lambda case: seen(case, args), cases))
+        results = list(pool.map(lambda case: seen(case, args), cases))
     found = {
-        name: {case: each[name] for case, each in zip(cases, told, strict=True) if each[name]}
+        name: {case: each[name] for case, each in zip(cases, results, strict=True) if each[name]}
         for name in args.localizers
     }
     found = {name: places for name, places in found.items() if places}

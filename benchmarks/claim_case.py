@@ -178,7 +178,7 @@ def drive_all(
     service = AmbiguityService(build_map(environment, scanner, spacing=0.5))
     for row, scale in asked:
         noise = OdometryNoise(scale=scale)
-        told: Row = {"pair": row["pair"], "odometry": scale}
+        record: Row = {"pair": row["pair"], "odometry": scale}
         for name in ROUTES:
             shape = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
             drives = drive(
@@ -192,8 +192,8 @@ def drive_all(
                 noise=noise,
                 open_loop=args.open_loop,
             )
-            told[name] = driven_figures(metrics(drives))
-        tell(told)
+            record[name] = driven_figures(metrics(drives))
+        tell(record)
 
 
 def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route) -> Route:

@@ -191,7 +191,7 @@ def kept_rows(path: Path) -> list[dict[str, Any]]:
 
 @contextmanager
 def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """Append rows to a file of JSON lines; each is there for good as soon as it is told.
+    """Append rows to a file of JSON lines; each is on disk as soon as it is passed.
 
     Every row says at which commit it was made. One process at a time: a second one ends with
     status 2.

@@ -9,7 +9,7 @@
 - `kalman`: an extended Kalman filter on the ranges, which takes in every scan.
 
 Monte Carlo localization takes in a scan every 0.25 m or 0.2 rad, at most 60 beams of it, the Kalman
-filter all beams of every scan: what the filter does better need not be its method. All are told how
+filter all beams of every scan: what the filter does better need not be its method. All know how
 odometry errs: Monte Carlo localization as it is after 0.25 m or 0.2 rad; the Kalman filter as it is
 in the time between two scans at the robot's speed.
 """
@@ -62,7 +62,7 @@ def parameters_of(name: str, scanner: RangeScanner, noise: OdometryNoise) -> Mcl
 
 
 def alphas_of(noise: OdometryNoise) -> dict[str, float]:
-    """What a localizer is told of odometry that errs so."""
+    """Parameters of a localizer that knows how odometry errs."""
     return {key: getattr(noise.modelled, key) for key in ALPHAS if key != "alpha5"}
 
 

@@ -1,7 +1,7 @@
 """Train the policies that ambinav ships, put each with its card into the package, and report.
 
 Both are trained by `ambinav train configs/ppo.yaml`: `ppo-ambiguity` as that is, `ppo-shortest`
-with the reward `shortest` and the shortest way to go by (`ambiguity_weight: 0`), and nothing else
+with the reward `shortest` and the shortest path to follow (`ambiguity_weight: 0`), and nothing else
 different. A training that is in its folder already is not run again. The report says how long the
 trainings took and how arrival rose; the picture of one of them goes to docs/images.
 """
@@ -57,11 +57,11 @@ def train(name: str, folder: Path, threads: int) -> Path:
     """Train a policy, or go on with it; returns the run's folder."""
     run = folder / name
     if not (run / files.FINAL).is_file():
-        told = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-        told["environment"].update(POLICIES[name])
-        told["threads"] = threads
+        settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+        settings["environment"].update(POLICIES[name])
+        settings["threads"] = threads
         config = folder / f"{name}.yaml"
-        config.write_text(yaml.safe_dump(told, sort_keys=False), encoding="utf-8")
+        config.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
         words = ["train", str(config), "-o", str(run)]
         words += ["--resume"] if (run / files.CONFIG).is_file() else []
         subprocess.run([sys.executable, "-m", "ambinav.cli", *words], check=True)
@@ -74,9 +74,9 @@ def judged(name: str) -> str:
     rows = []
     source = None
     for condition, changed in CONDITIONS.items():
-        told = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0, **changed}
-        told.pop("suite", None)
-        fresh, parameters = scenario("procedural", None, BUILDINGS, UNSEEN, None, told)
+        settings = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0, **changed}
+        settings.pop("suite", None)
+        fresh, parameters = scenario("procedural", None, BUILDINGS, UNSEEN, None, settings)
         # The buildings hang on no condition, and are held.
         source = source or fresh
         episodes = evaluate(policy, source, parameters, EPISODES, SEED)
@@ -86,13 +86,13 @@ def judged(name: str) -> str:
     return table(("", *titles), rows)
 
 
-def card_text(name: str, card: Card, told: Mapping[str, Any], figures: str) -> str:
+def card_text(name: str, card: Card, settings: Mapping[str, Any], figures: str) -> str:
     """What a policy is, what it does, and what that does not show."""
     versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
-    environment = told["environment"]
+    environment = settings["environment"]
     trained = ", ".join(f"{key} {value}" for key, value in environment.items())
     weight = environment["ambiguity_weight"]
-    way = f"way on which a metre counts 1 + {weight:g} * ambiguity" if weight else "shortest way"
+    path = f"path on which a metre counts 1 + {weight:g} * ambiguity" if weight else "shortest path"
     return f"""# {name}
 
 {card.algorithm} with the reward `{environment["reward"]}`, {card.steps:,} steps, seed {card.seed}.
@@ -100,7 +100,7 @@ Trained in:
 {trained}.
 
 `ambinav train configs/ppo.yaml` with these arguments; again: `python benchmarks/make_baselines.py`.
-Network {told["policy"]["net_arch"]} after one layer of convolutions over scan and window.
+Network {settings["policy"]["net_arch"]} after one layer of convolutions over scan and window.
 {versions}.
 
 ## In {BUILDINGS} procedural buildings that it has never seen, {EPISODES} episodes
@@ -114,14 +114,14 @@ and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/basel
 
 - One training with one seed. What the ambiguity reward does, over several seeds:
   benchmarks/results/ablation.md.
-- It sees a way point 1.5 m ahead on the {way},
+- It sees a waypoint 1.5 m ahead on the {path},
   from its estimated pose: it does not find the route by itself, it drives it.
 - Its laser has 60 beams of 4 m all around, its robot a radius of 0.22 m. Another scanner or robot
   is another task: train anew.
 """
 
 
-def told_of(run: Path, rows: Sequence[Row]) -> str:
+def course_of(run: Path, rows: Sequence[Row]) -> str:
     """How a training went: what made it, how long it took, and how arrival rose."""
     about = files.read_json(run / files.ABOUT)
     last = rows[-1]
@@ -181,23 +181,23 @@ def main() -> None:
     else:
         made = {name: args.report_only / name for name in POLICIES}
     parts = [
-        "Both by `ambinav train configs/ppo.yaml`, with another reward and another way to go by "
+        "Both by `ambinav train configs/ppo.yaml`, with another reward and another path to follow "
         "each, one seed. Judged while "
         "they train: 200 episodes, always the same, in 100 procedural buildings that they never "
         "train in, boxes and odometry as in training."
     ]
     for name, run in made.items():
         card, normalization = read_members(run / files.FINAL)
-        told = {key: card.told[key] for key in ("training", "trained_in")}
+        notes = {key: card.notes[key] for key in ("training", "trained_in")}
         if args.report_only is None:
             save_policy(
                 PPO.load(run / files.FINAL, device="cpu"), BASELINES / f"{name}.zip",
-                environment=card.environment, normalization=normalization, told=told, slim=True,
+                environment=card.environment, normalization=normalization, notes=notes, slim=True,
             )  # fmt: skip
         figures = judged(name)
-        text = card_text(name, card, told["training"], figures)
+        text = card_text(name, card, notes["training"], figures)
         (BASELINES / f"{name}.md").write_text(text, encoding="utf-8")
-        parts += [f"## {name}", told_of(run, read_rows(run / files.PROGRESS))]
+        parts += [f"## {name}", course_of(run, read_rows(run / files.PROGRESS))]
         parts += [
             f"The last policy, which is the shipped one, in {BUILDINGS} other buildings (from "
             f"number {UNSEEN:,} on), {EPISODES} episodes:",

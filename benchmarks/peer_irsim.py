@@ -1,4 +1,4 @@
-"""Steps of ir-sim, told by `bench_env.py`, in a Python of its own: it has other dependencies.
+"""Steps of ir-sim, started by `bench_env.py`, in a Python of its own: it has other dependencies.
 
 The first line on standard input is the file of the world; every other line is a number of steps,
 which is answered by the seconds that they took. Answers begin with `ANSWER`: ir-sim prints too.

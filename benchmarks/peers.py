@@ -21,7 +21,7 @@ ANSWER = "answer:"
 def world_of(simulation: Simulation) -> dict[str, Any]:
     """The world of ir-sim that is the simulation's: its robots in the building of the first.
 
-    Without localizer, odometry, reward and ways to the goal, which ir-sim has none of.
+    Without localizer, odometry, reward and paths to the goal, which ir-sim has none of.
     """
     site, p = simulation.sites[0], simulation.parameters
     assert site is not None

@@ -80,8 +80,8 @@ def plan(
     }
     drawn = pairs(robots["level"], args.pairs, args.seed)
     for number, (start, goal) in enumerate(drawn[done:], start=done):
-        told = {name: figures(route) for name, route in routes(robots, start, goal).items()}
-        tell({"pair": number, **told})
+        record = {name: figures(route) for name, route in routes(robots, start, goal).items()}
+        tell({"pair": number, **record})
 
 
 def routes(robots: dict[str, RoutePlanner], start: Any, goal: Any) -> dict[str, Route]:
@@ -114,7 +114,7 @@ def drive_all(
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
     service = AmbiguityService(build_map(environment, scanner_of("laser-4m"), spacing=0.5))
     for row in asked:
-        told: Row = {"pair": row["pair"]}
+        record: Row = {"pair": row["pair"]}
         for name in ROUTES:
             route = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
             localizer = localizer_of(args.localizer, environment, scanner, NOISE, args.runs)
@@ -123,8 +123,8 @@ def drive_all(
                 environment, scanner, ROBOT, route, localizer, rng, args.runs, noise=NOISE,
                 open_loop=True,
             )  # fmt: skip
-            told[name] = driven_figures(metrics(drives))
-        tell(told)
+            record[name] = driven_figures(metrics(drives))
+        tell(record)
 
 
 if __name__ == "__main__":

@@ -50,10 +50,10 @@ NOISE = OdometryNoise(scale=0.5)
 """Poor odometry, 9 degrees and 12 cm in a metre, so that 12 m of it are worse than 0.3 m."""
 REACH = 0.4
 """The robot stays within this distance of its pose, metres: inside the map's neighbourhood."""
-WAY = 12.0
+LENGTH = 12.0
 """Metres that it drives there,"""
-UNKNOWN_WAY = 4.0
-"""or so many where it is not told where it starts: it finds itself in the first or not at all."""
+UNKNOWN_LENGTH = 4.0
+"""or so many where its start is unknown to it: it finds itself in the first or not at all."""
 RATE = 5.0
 FOUND = 0.5
 """A robot within this distance of where it believes it is has found itself, metres."""
@@ -149,7 +149,7 @@ def add_places(
         rng, own = np.random.default_rng([args.seed, PLACE_STREAM, number]).spawn(2)
         if number in done:
             continue
-        strokes = wander(place, WAY if known else UNKNOWN_WAY, checker, rng)
+        strokes = wander(place, LENGTH if known else UNKNOWN_LENGTH, checker, rng)
         if strokes is None:
             continue
         route = evaluate_route(coarse, strokes, Steering(), planner="wander")
@@ -196,7 +196,7 @@ def reseed(localizer: MonteCarloLocalizer, rng: np.random.Generator) -> None:
 
 
 class Unstarted(MonteCarloLocalizer):
-    """A localizer that is told nothing of where it starts.
+    """A localizer to which its start is unknown.
 
     The first scan is taken in by a filter of many more particles, spread anywhere, for one run
     after the other.
@@ -211,7 +211,7 @@ class Unstarted(MonteCarloLocalizer):
         runs: int,
         rng: np.random.Generator,
     ) -> None:
-        """As a `MonteCarloLocalizer`; `parameters` are told how many particles there are."""
+        """As a `MonteCarloLocalizer`; `parameters` get the number of particles."""
         later = replace(parameters, max_particles=PARTICLES)
         super().__init__(environment, scanner, later, runs=runs, rng=rng)
         many = max(round(PARTICLES_PER_AREA[scanner.name] * environment.free.area), PARTICLES)
@@ -308,17 +308,17 @@ def wander(
     spots = spots[checker.motions_free(np.broadcast_to(place, spots.shape), spots)]
     if len(spots) < 10 or np.ptp(spots[:, :2], axis=0).max() < REACH:
         return None
-    way, length = [place], 0.0
+    path, length = [place], 0.0
     while length < metres:
-        here = way[-1]
+        here = path[-1]
         few = spots[rng.integers(len(spots), size=6)]
         few = few[checker.motions_free(np.broadcast_to(here, few.shape), few)]
         far = np.hypot(*(few - here)[:, :2].T)
         if not len(few) or far.max() < 0.05:
-            return None if length == 0.0 else np.array(way)
-        way.append(few[far.argmax()])
+            return None if length == 0.0 else np.array(path)
+        path.append(few[far.argmax()])
         length += float(far.max())
-    return np.array(way)
+    return np.array(path)
 
 
 def driven(
@@ -330,7 +330,7 @@ def driven(
     rng: np.random.Generator,
     runs: int,
 ) -> Drives:
-    """The robot keeps to the way, whatever it believes."""
+    """The robot keeps to the path, whatever it believes."""
     return drive(
         mapped, scanner, ROBOT, route, localizer, rng, runs,
         world=world, noise=NOISE, open_loop=True, rate=RATE, start_std=START_STD,

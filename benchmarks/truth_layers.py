@@ -59,14 +59,14 @@ def main() -> None:
     amap = AmbiguityMap(amap.dataset.assign(position_radius=(("y", "x"), radius)))
     names = [layer.name for layer in chosen_layers(args.layers, scanner)]
     pointwise = [name for name in names if name in POINTWISE]
-    told = [read(with_layers(about(amap, places, 1), pointwise), places)]
+    parts = [read(with_layers(about(amap, places, 1), pointwise), places)]
     # The others compare a pose with its neighbours.
     reach = math.ceil(RADIUS / amap.spacing) + 2
     others = [name for name in names if name not in (*POINTWISE, ALIASING)]
-    told.append(read(with_layers(about(amap, places, reach), others), places))
+    parts.append(read(with_layers(about(amap, places, reach), others), places))
     if ALIASING in names:
-        told.append(aliased(amap, environment, places))
-    for values in zip(places, *told, strict=True):
+        parts.append(aliased(amap, environment, places))
+    for values in zip(places, *parts, strict=True):
         print(json.dumps({key: value for part in values for key, value in part.items()}))
 
 
@@ -85,12 +85,12 @@ def about(amap: AmbiguityMap, places: Sequence[Place], reach: int) -> AmbiguityM
 
 def aliased(amap: AmbiguityMap, environment: Environment, places: Sequence[Place]) -> list[Place]:
     """Aliasing at the nearest poses of a coarser lattice over the whole building."""
-    ground = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
+    context = replace(LayerContext.of(amap, environment), lattice=Lattice.over(environment, COARSE))
     here = np.array([[place["x"], place["y"]] for place in places])
-    _, nearest = cKDTree(np.column_stack(ground.points)).query(here)
-    sought = np.zeros(len(ground.points[0]), dtype=np.bool_)
+    _, nearest = cKDTree(np.column_stack(context.points)).query(here)
+    sought = np.zeros(len(context.points[0]), dtype=np.bool_)
     sought[nearest] = True
-    found = aliased_poses(ground, sought=sought)
+    found = aliased_poses(context, sought=sought)
     share, area = found.share[nearest].mean(axis=1), found.area[nearest].mean(axis=1)
     return [
         {ALIASING: float(a), "aliasing_area": float(b)} for a, b in zip(share, area, strict=True)

@@ -21,15 +21,15 @@ def scores_picture(
     Args:
         layers: Their names.
         scores: AUC of the layers, nan where there is none, by the panel and the scanner.
-        goal: Drawn as a line.
+        goal: Of the criterion; drawn as a line.
         path: Where the picture goes.
     """
     values = np.array([list(panel.values()) for panel in scores.values()])
-    told = np.isfinite(values).any(axis=(0, 1))
-    if not told.any():
+    has_value = np.isfinite(values).any(axis=(0, 1))
+    if not has_value.any():
         return
-    mean = np.nanmean(values[:, :, told], axis=(0, 1))
-    order = np.flatnonzero(told)[np.argsort(mean)]
+    mean = np.nanmean(values[:, :, has_value], axis=(0, 1))
+    order = np.flatnonzero(has_value)[np.argsort(mean)]
     names = [layers[i].replace("_", " ") for i in order]
     figure = new_figure(3.6 + 4.4 * len(scores), 4.6)
     panels = figure.subplots(1, len(scores), sharex=True, sharey=True, squeeze=False)
@@ -48,9 +48,9 @@ def scores_picture(
             axes.axhspan(row_number - 0.5, row_number + 0.5, color=shade, zorder=0)
         if goal is not None:
             axes.axvline(goal, color="0.4", lw=1.0, ls="--")
-            axes.text(goal + 0.002, -0.45, "goal", fontsize=8, color="0.3", va="bottom")
+            axes.text(goal + 0.002, -0.45, "criterion", fontsize=8, color="0.3", va="bottom")
         axes.set_title(title)
-        axes.set_xlabel("AUC of telling the bad places, mean over the environments")
+        axes.set_xlabel("AUC of recognising bad places, mean over the environments")
     panels[0, 0].set_yticks(np.arange(len(order)), names)
     panels[0, 0].set_xlim(min(0.45, float(np.nanmin(values)) - 0.02), 1.005)
     panels[0, 0].set_ylim(-0.5, len(order) - 0.5)
@@ -84,5 +84,6 @@ def radius_picture(
         panel.set(xscale="log", yscale="log", xlim=(low, 1.0), ylim=(0.02, high), title=scanner)
         panel.set_xlabel(f"{name}, m")
     panels[0, 0].set_ylabel("measured error, m")
-    panels[0, 0].legend(fontsize=7, loc="lower right")
+    handles, called = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, called, loc="outside lower center", ncols=len(handles), fontsize=8)
     save_figure(figure, path)

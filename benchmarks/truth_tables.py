@@ -128,7 +128,7 @@ def by_zone(groups: Groups) -> str:
 
 def in_words(groups: Groups, when: str) -> str:
     """The layers that tell best, each sentence with all that it is true of."""
-    told = []
+    lines = []
     for (scanner, name), some in groups.items():
         usable = [group for group in some if np.isfinite(auc_of(group, "level"))]
         if not usable:
@@ -138,13 +138,13 @@ def in_words(groups: Groups, when: str) -> str:
         beside = next(layer for layer in ("level", *best[1:]) if layer != best[0])
         shown = [*best[:2], *[k for k in ("level", RADIUS) if k in best[2:]]]
         buildings = "1 building" if len(usable) == 1 else f"{len(usable)} buildings"
-        told.append(
+        lines.append(
             f"- {scanner}, {ODOMETRY}, `{name}`{when}, {buildings} with enough bad and "
             f"good places, {sum(map(len, usable))} places: AUC of "
             + ", ".join(f"`{layer}` {values[layer]:.2f}" for layer in shown)
             + f"; `{best[0]}` less `{beside}` {difference(usable, best[0], beside)}."
         )
-    return "\n".join(told) or "There are too few bad places."
+    return "\n".join(lines) or "There are too few bad places."
 
 
 def spread_of(places: Sequence[Place], unknown: bool) -> list[str]:

@@ -108,17 +108,17 @@ def episodes() -> dict[str, str]:
         envs = gymnasium.make_vec(name, num_envs=8)
         envs.action_space.seed(3)
         seen, _ = envs.reset(seed=5)
-        told = [np.concatenate([np.ravel(seen[key]) for key in sorted(seen)])]
+        parts = [np.concatenate([np.ravel(seen[key]) for key in sorted(seen)])]
         for _ in range(STEPS):
             seen, reward, ended, cut, _ = envs.step(envs.action_space.sample())
-            told += [
+            parts += [
                 np.concatenate([np.ravel(seen[key]) for key in sorted(seen)]),
                 reward,
                 ended,
                 cut,
             ]
         envs.close()
-        found[f"episodes {name}"] = digest(*told)
+        found[f"episodes {name}"] = digest(*parts)
     return found
 
 

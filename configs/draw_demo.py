@@ -2,7 +2,7 @@
 
 The building has what makes a place easy or hard for a range scanner: a hall wider than a short
 range, a long bare corridor, corridors at odd angles, furnished offices, rows of equal racks, a
-round room. From the lobby in the west to the store in the east lead a bare way, along the
+round room. From the lobby in the west to the store in the east lead a bare path, along the
 corridor, and a furnished one, through the offices, that is hardly longer.
 
 Run it after a change: python configs/draw_demo.py
@@ -79,7 +79,7 @@ def strip(x: float, y: float, degrees: float, length: float, width: float) -> sh
 
 
 def draw_halls(plan: Drawing) -> None:
-    """The way in, the bare corridor, the great hall and the rooms beside it."""
+    """The entrance, the bare corridor, the great hall and the rooms beside it."""
     plan.room("lobby", 0.2, 10.0, 6.0, 18.0)
     plan.block("reception", 1.6, 15.2, 2.6, 0.8)
     plan.block("bench", 0.2, 11.4, 0.5, 2.2)
@@ -114,7 +114,7 @@ def draw_halls(plan: Drawing) -> None:
 
 
 def draw_offices(plan: Drawing) -> None:
-    """The furnished way: a row of offices from the lobby to the store, with inner doors."""
+    """The furnished path: a row of offices from the lobby to the store, with inner doors."""
     plan.room("office 1", 6.2, 6.0, 10.2, 11.8)
     plan.door_x("lobby to office 1", 6.0, 10.5)
     plan.door_y("office 1 to corridor", 8.8, 11.8, 0.9)

@@ -265,7 +265,7 @@ def test_interrupted_is_status_130_and_leaves_nothing(runner, folder, monkeypatc
     assert files(folder) == before
 
 
-def test_repairs_are_told_as_notes(runner, folder):
+def test_repairs_are_reported_as_notes(runner, folder):
     crossing = json.loads(json.dumps(PLAN))
     ring = crossing["features"][0]["geometry"]["coordinates"][0]
     ring[3], ring[4] = ring[4], ring[3]

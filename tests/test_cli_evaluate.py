@@ -143,7 +143,7 @@ def test_benchmark_bad_input(
         (["benchmark", "-o", "out"], "torch", "the leaderboard"),
     ],
 )
-def test_a_missing_package_is_told_the_same_everywhere(
+def test_a_missing_package_is_named_the_same_everywhere(
     arguments: list[str],
     missing: str,
     what: str,

@@ -1,4 +1,4 @@
-"""Who waits at a terminal for kernels to be compiled is told so, once."""
+"""At a terminal the compiling of kernels is announced, once."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def kernel(module: str) -> FunctionType:
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_compiling_is_told_once_and_on_a_terminal_only(
+def test_compiling_is_announced_once_and_on_a_terminal_only(
     terminal: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown = Terminal() if terminal else io.StringIO()

@@ -1,4 +1,4 @@
-"""The one way to check input: each complaint names file, field, value and remedy."""
+"""The checks of input: each complaint names file, field, value and remedy."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def test_reads_nothing():
         ("none", 1, ["1 error", "AMBINAV_DATA names none, which is not a folder"]),
     ],
 )
-def test_a_missing_file_fails_and_a_missing_folder_is_told(
+def test_a_missing_file_fails_and_a_missing_folder_is_reported(
     tmp_path: Path, data: str | None, status: int, said: list[str]
 ) -> None:
     shutil.copy(Path(__file__).with_name("conftest.py"), tmp_path)

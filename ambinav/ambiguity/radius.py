@@ -1,6 +1,6 @@
 """How far a robot is off, in metres, from a map's ambiguity tensors.
 
-The tensor of a pose is the covariance of the places that its scan could be of, within the
+The tensor of a pose is the covariance of the positions that its scan could be of, within the
 neighbourhood that it is compared with (docs/model.md). What the scan itself tells is the tensor's
 inverse less that of the neighbourhood; a robot that turns and passes with several headings
 gathers the mean of what they tell, as often as it scans. `position_radius` is the root of the
@@ -22,7 +22,7 @@ VIEWS = 2.0
 
 
 def position_radius(amap: AmbiguityMap, views: float = VIEWS) -> NDArray[np.float64]:
-    """Root mean square distance to the places that look like a pose's, whatever the heading.
+    """Root mean square distance to the positions aliased with a pose's, whatever the heading.
 
     Args:
         amap: The map.

@@ -1,4 +1,4 @@
-"""Pairs of regions that look alike: poses whose look-alikes move along as they do."""
+"""Pairs of aliased regions: neighbouring poses whose aliased poses are neighbours too."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ambinav.audit.aliasing_tracks import LEAST_LIKENESS
 Floats = NDArray[np.float64]
 
 LEAST_DISTANCE = 1.5
-"""Metres from which two poses are linked: nearer ones the map itself tells of. Links of one letter
-end at least so far apart."""
+"""Least metres between the poses of a pair: the map itself shows the nearer ones. The other ends of
+the pairs of one letter are at least as far apart."""
 LEAST_AREA = 0.5
-"""Square metres of a region that is worth a link."""
+"""Least square metres of a region that is listed."""
 LEAST_CELLS = 4
 """Cells of one on a coarse lattice: fewer may be alike by chance."""
 LEAST_SHARE = 0.1
 """Share of the largest region from which one gets a letter, and of a letter's first from which
-others are linked with it: less is what is left over from large ones."""
+others are paired with it: less is what is left over from large ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +33,16 @@ class AliasedPair:
     """A region, and another one from which a scanner sees the same.
 
     Attributes:
-        letter: "A" for the strongest; links of one letter start at the same point.
-        x: Metres; a point of the region.
+        letter: "A" for the strongest; pairs of one letter start at the same point.
+        x: Metres, map frame; a point of the region.
         y: Metres.
-        other_x: Metres; its look-alike.
+        other_x: Metres, map frame; the pose it is aliased with.
         other_y: Metres.
         turn: Radians in (-pi, pi]: how much the robot is turned there.
         likeness: Mean of the scans' likeness over the region, in (0, 1].
         area: Square metres of the region.
         cells: The region's poses, x and y, shape (M, 2).
-        images: Their look-alikes, shape (M, 2).
+        images: The poses they are aliased with, shape (M, 2).
     """
 
     letter: str
@@ -68,35 +68,35 @@ class AliasedPair:
 
 
 def find_aliased_pairs(
-    ground: LayerContext, found: AliasedPoses, letters: int
+    context: LayerContext, found: AliasedPoses, letters: int
 ) -> tuple[AliasedPair, ...]:
-    """Join neighbouring poses whose look-alikes are neighbours in the same arrangement.
+    """Join neighbouring poses whose aliased poses are neighbours in the same arrangement.
 
-    Cells are joined along lattice steps while their look-alikes are where `stepped` expects them.
+    Cells are joined along lattice steps while their aliased poses are where `stepped` expects them.
     The largest region, by likeness times area, gets the first letter, and with it all regions that
     one point of it looks like; then the largest among the rest of the floor, without what looks
     like one of these.
 
     Args:
-        ground: Where the poses are.
-        found: Their look-alikes.
+        context: Where the poses are.
+        found: Their aliased poses.
         letters: How many letters at most, up to 26.
     """
     entries = found.found.reshape(len(found.found), -1, 4)
-    x, y = ground.points
+    x, y = context.points
     apart = np.hypot(entries[..., 0] - x[:, None], entries[..., 1] - y[:, None])
-    # NaN is no look-alike, and compares as False.
+    # NaN is no aliased pose, and compares as False.
     linked = (entries[..., 3] >= LEAST_LIKENESS) & (apart >= LEAST_DISTANCE)
-    least = max(LEAST_CELLS, math.ceil(LEAST_AREA / ground.spacing**2))
-    regions = join(ground, entries, linked, least)
+    least = max(LEAST_CELLS, math.ceil(LEAST_AREA / context.spacing**2))
+    regions = join(context, entries, linked, least)
     weight = np.array([entries[region][:, 3].sum() for region in regions])
     region_of = np.full(linked.shape, -1)
     for r, region in enumerate(regions):
         region_of[region] = r
     points = cKDTree(np.column_stack([x, y]))
-    looks_like = [points.query(entries[region][:, :2])[1] for region in regions]
+    aliased_cells = [points.query(entries[region][:, :2])[1] for region in regions]
     large = weight >= LEAST_SHARE * weight.max(initial=0.0)
-    links: list[AliasedPair] = []
+    pairs: list[AliasedPair] = []
     shown = np.zeros(len(x), dtype=np.bool_)
     letter = 0
     for i in np.argsort(-weight, kind="stable").tolist():
@@ -108,25 +108,27 @@ def find_aliased_pairs(
         notable = (region_of >= 0) & (weight[region_of] >= LEAST_SHARE * weight[i])
         start = _start(x, y, notable.sum(axis=1), apart, regions[i])
         at = float(x[start]), float(y[start])
-        if any(math.dist(at, end) < LEAST_DISTANCE for link in links for end in link.ends):
+        if any(math.dist(at, end) < LEAST_DISTANCE for pair in pairs for end in pair.ends):
             continue
         own = {int(region_of[start, c]): c for c in np.flatnonzero(notable[start])}
-        # What an earlier letter tells of is not told again.
+        # What an earlier letter shows is not listed again.
         own = {r: c for r, c in own.items() if shown[regions[r][0]].mean() <= 0.5}
         places: list[tuple[float, float]] = []
         for r in sorted(own, key=lambda r: (r != i, -weight[r])):
-            link = _link(ground, chr(ord("A") + letter), start, entries[start, own[r]],
+            pair = _pair(context, chr(ord("A") + letter), start, entries[start, own[r]],
                          entries[regions[r]], regions[r][0])  # fmt: skip
-            # Where a region looks like itself along a wall, one link stands for its neighbours.
-            place = link.other_x, link.other_y
+            # Where a region looks like itself along a wall, one pair stands for its neighbours.
+            place = pair.other_x, pair.other_y
             if all(math.dist(place, other) >= LEAST_DISTANCE for other in places):
                 places.append(place)
-                links.append(link)
+                pairs.append(pair)
             shown[regions[r][0]] = True
-            shown[looks_like[r]] = True
-        _spread(shown, [(region[0], looks_like[r]) for r, region in enumerate(regions) if large[r]])
+            shown[aliased_cells[r]] = True
+        _spread(
+            shown, [(region[0], aliased_cells[r]) for r, region in enumerate(regions) if large[r]]
+        )
         letter += 1
-    return tuple(links)
+    return tuple(pairs)
 
 
 def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> None:
@@ -134,15 +136,15 @@ def _spread(shown: NDArray[np.bool_], regions: list[tuple[Cells, Cells]]) -> Non
     before = -1
     while shown.sum() > before:
         before = shown.sum()
-        for cells, looks_like in regions:
+        for cells, aliased_cells in regions:
             if shown[cells].mean() > 0.5:
-                shown[looks_like] = True
+                shown[aliased_cells] = True
 
 
 def _start(
     x: Floats, y: Floats, many: NDArray[np.intp], apart: Floats, region: tuple[Cells, Cells]
 ) -> int:
-    """A region's cell to link: of those in most regions the middle of the farthest linked."""
+    """Start of a region's pairs: of cells in most regions the middle of the farthest aliased."""
     cells, distance = region[0], apart[region]
     rich = many[cells] == many[cells].max()
     cells, distance = cells[rich], distance[rich]
@@ -150,11 +152,11 @@ def _start(
     return int(far[np.hypot(x[far] - x[far].mean(), y[far] - y[far].mean()).argmin()])
 
 
-def _link(
-    ground: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
+def _pair(
+    context: LayerContext, letter: str, start: int, there: Floats, alike: Floats, cells: Cells
 ) -> AliasedPair:
-    """Describe the region of `cells`, whose look-alikes are `alike`, at the cell `start`."""
-    x, y = ground.points
+    """Describe the region of `cells`, whose aliased poses are `alike`, at the cell `start`."""
+    x, y = context.points
     return AliasedPair(
         letter=letter,
         x=round(float(x[start]), 6),
@@ -163,7 +165,7 @@ def _link(
         other_y=float(there[1]),
         turn=float(there[2]),
         likeness=float(alike[:, 3].mean()),
-        area=len(cells) * ground.spacing**2,
+        area=len(cells) * context.spacing**2,
         cells=np.column_stack([x[cells], y[cells]]),
         images=alike[:, :2].copy(),
     )

@@ -1,4 +1,4 @@
-"""Look-alikes of a building for its audit: regions linked with those that give the same scans."""
+"""Perceptual aliasing of a building for its audit: pairs of regions that give the same scans."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ SPACING = 0.25
 """Metres between the poses that are compared; finer maps are sampled. Pairs grow with its -4th
 power, and what lies between is found by the offset within a cell."""
 MOST_POSES = 6000
-"""Poses up to which look-alikes are sought without being asked for: about half a minute."""
+"""Poses up to which aliased poses are sought without being asked for: about half a minute."""
 WIDEST = 4
-"""With more poses, look-alikes are sought from about `MOST_POSES` of them and followed from there:
+"""With more poses, the search starts from about `MOST_POSES` of them and goes on to the others:
 from one square (`aliasing.squares`, 0.5 m wide at 0.25 m) in so many in each direction at the
 least, so that no room is left out."""
 COUNT = 20
-"""Look-alikes that each pose may be linked with."""
+"""Most aliased poses of one pose."""
 
 
 @dataclass(frozen=True, eq=False)
 class AliasingFindings:
-    """What an audit says of look-alikes.
+    """What an audit says of perceptual aliasing.
 
     Attributes:
         poses: Poses of the lattice they were or would have been sought on: explored and reached.
@@ -46,8 +46,8 @@ class AliasingFindings:
         sought_from: From how many of the poses; the rest was followed from there.
         share: Mean of `aliasing` over these poses, or over those that were sought from; NaN if
             they were not sought.
-        area: Square metres of floor where `aliasing` is half or more, as told by the same poses.
-        links: The strongest first.
+        area: Square metres of floor where `aliasing` is half or more, by the same poses.
+        pairs: The strongest first.
     """
 
     poses: int
@@ -56,7 +56,7 @@ class AliasingFindings:
     sought_from: int = 0
     share: float = math.nan
     area: float = math.nan
-    links: tuple[AliasedPair, ...] = ()
+    pairs: tuple[AliasedPair, ...] = ()
 
 
 def find_aliasing(
@@ -68,35 +68,35 @@ def find_aliasing(
     reach: Reach | None = None,
     report: Callable[[float], None] | None = None,
 ) -> AliasingFindings:
-    """Seek the look-alikes of a map.
+    """Seek the aliased poses of a map.
 
     Unexplored poses take no part, nor do those that a robot does not reach: it never stands there.
 
-    Those in the pose's own corridor or hall are left out of the links, for there the map itself
+    Those in the pose's own corridor or hall are left out of the pairs, for there the map itself
     says that the robot can slide; the share counts them.
 
     Args:
         amap: The map.
         environment: What it was built of.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
-        letters: How many regions to list with their look-alikes, at most.
+        letters: How many regions to list with their aliased poses, at most.
         reach: What the robot reaches; None: everything.
         report: Called with the share done.
     """
-    ground = LayerContext.of(amap, environment)
-    spacing = max(amap.spacing, min(SPACING, ground.radius))
+    context = LayerContext.of(amap, environment)
+    spacing = max(amap.spacing, min(SPACING, context.radius))
     if spacing > amap.spacing:
-        ground = ground.over(Lattice.over(environment, spacing))
-    ground = dataclasses.replace(ground, lattice=_counted(amap, ground.lattice, reach))
-    poses = pose_count(ground)
+        context = context.over(Lattice.over(environment, spacing))
+    context = dataclasses.replace(context, lattice=_counted(amap, context.lattice, reach))
+    poses = pose_count(context)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
-    found, sought = seek(amap, ground, report)
-    # A heading at which half of the beams end in unknown space tells nothing of the building.
-    told = np.isfinite(found.area[sought])
-    poses_told = np.maximum(told.sum(axis=1), 1)
-    share = np.where(told, found.share[sought], 0.0).sum(axis=1) / poses_told
-    share = share[told.any(axis=1)]
+    found, sought = seek(amap, context, report)
+    # A heading at which half of the beams end in unknown space says nothing of the building.
+    known = np.isfinite(found.area[sought])
+    known_headings = np.maximum(known.sum(axis=1), 1)
+    share = np.where(known, found.share[sought], 0.0).sum(axis=1) / known_headings
+    share = share[known.any(axis=1)]
     if not share.size:
         return AliasingFindings(0, spacing, False)
     return AliasingFindings(
@@ -105,8 +105,8 @@ def find_aliasing(
         True,
         int(sought.sum()) * (poses // len(sought)),
         float(share.mean()),
-        float((share >= 0.5).mean()) * float(told.any(axis=1).mean()) * len(sought) * spacing**2,
-        find_aliased_pairs(ground, found, letters),
+        float((share >= 0.5).mean()) * float(known.any(axis=1).mean()) * len(sought) * spacing**2,
+        find_aliased_pairs(context, found, letters),
     )
 
 
@@ -128,9 +128,9 @@ def _counted(amap: AmbiguityMap, lattice: Lattice, reach: Reach | None) -> Latti
 
 
 def seek(
-    amap: AmbiguityMap, ground: LayerContext, report: Callable[[float], None] | None = None
+    amap: AmbiguityMap, context: LayerContext, report: Callable[[float], None] | None = None
 ) -> tuple[AliasedPoses, NDArray[np.bool_]]:
-    """Look-alikes for links, up to `COUNT` of each pose, and the cells that were sought from.
+    """Aliased poses for pairs, up to `COUNT` of each pose, and the cells that were sought from.
 
     Those that the search finds are scanned where they are (`settle`), and what their arrangement
     leads to expect of neighbours is scanned too (`follow`). Those in the pose's own corridor or
@@ -138,15 +138,15 @@ def seek(
 
     Args:
         amap: The map.
-        ground: Its ground, or one with a wider lattice.
+        context: Its context, or one with a wider lattice.
         report: Called with the share done.
     """
-    place = own_places(amap, *ground.points)
-    row, column = squares(*ground.points, ground.spacing)
-    every = min(math.ceil(math.sqrt(pose_count(ground) / MOST_POSES)), WIDEST)
+    place = own_places(amap, *context.points)
+    row, column = squares(*context.points, context.spacing)
+    every = min(math.ceil(math.sqrt(pose_count(context) / MOST_POSES)), WIDEST)
     sought = (row % every == 0) & (column % every == 0)
-    found = aliased_poses(ground, count=COUNT, place=place, sought=sought, report=report)
-    alike = follow(ground, settle(ground, found.found))
+    found = aliased_poses(context, count=COUNT, place=place, sought=sought, report=report)
+    alike = follow(context, settle(context, found.found))
     # What was followed may have come into the pose's own place.
     at = np.nan_to_num(alike[..., :2])
     there = own_places(amap, at[..., 0], at[..., 1])
@@ -154,9 +154,9 @@ def seek(
     return dataclasses.replace(found, found=alike), sought
 
 
-def pose_count(ground: LayerContext) -> int:
+def pose_count(context: LayerContext) -> int:
     """How many poses differ: of a scanner that looks all around one heading stands for all."""
-    return len(ground.points[0]) * (1 if ground.turns_in_place else len(ground.headings))
+    return len(context.points[0]) * (1 if context.turns_in_place else len(context.headings))
 
 
 def own_places(

@@ -1,6 +1,6 @@
-"""How the look-alikes of neighbouring poses lie to each other, and the regions that this joins.
+"""How the aliased poses of neighbouring poses lie to each other, and the regions that this joins.
 
-If p looks like q, turned by t, then a step s from p leads to a look-alike a step s, turned by t,
+If p looks like q, turned by t, then a step s from p leads to an aliased pose a step s, turned by t,
 from q.
 """
 
@@ -24,7 +24,7 @@ CHUNK = 2048
 
 
 def stepped(spacing: float, alike: Floats, step: tuple[int, int]) -> Floats:
-    """Where look-alikes are expected after a step of the pose: x, y and turn, shape (..., 3).
+    """Where aliased poses are expected after a step of the pose: x, y and turn, shape (..., 3).
 
     Args:
         spacing: Of the lattice, metres.
@@ -45,38 +45,38 @@ def same(spacing: float, one: Floats, other: Floats) -> NDArray[np.bool_]:
     return np.asarray((off <= 0.5 * spacing) & (bend <= SAME_TURN))
 
 
-def neighbours(ground: LayerContext, cells: Cells, step: tuple[int, int]) -> Cells:
+def neighbours(context: LayerContext, cells: Cells, step: tuple[int, int]) -> Cells:
     """The free cell a step away from each cell, -1 where there is none."""
-    index = np.pad(ground.lattice.index, 1, constant_values=-1)
-    row, column = ground.lattice.rows_columns[cells].T + 1
+    index = np.pad(context.lattice.index, 1, constant_values=-1)
+    row, column = context.lattice.rows_columns[cells].T + 1
     return np.asarray(index[row + step[1], column + step[0]], dtype=np.intp)
 
 
 def join(
-    ground: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
+    context: LayerContext, entries: Floats, linked: NDArray[np.bool_], least: int
 ) -> list[tuple[Cells, Cells]]:
-    """Join cells along lattice steps while their look-alikes are where they are expected.
+    """Join cells along lattice steps while their aliased poses are where they are expected.
 
     Args:
-        ground: Where the poses are.
-        entries: x, y, turn and likeness of the look-alikes of P cells, shape (P, count, 4).
+        context: Where the poses are.
+        entries: x, y, turn and likeness of the aliased poses of P cells, shape (P, count, 4).
         linked: Which of them take part, shape (P, count).
         least: Fewest cells of a region.
 
     Returns:
-        For each region its cells, in order, and which look-alike of each, shape (M,) both.
+        For each region its cells, in order, and which aliased pose of each, shape (M,) both.
     """
     count = entries.shape[1]
     ends = [(np.empty(0, dtype=np.intp),) * 2]
     for begin in range(0, len(entries), CHUNK):
         for step in STEPS[:2]:
             cell = np.arange(begin, min(begin + CHUNK, len(entries)))
-            to = neighbours(ground, cell, step)
+            to = neighbours(context, cell, step)
             cell, to = cell[to >= 0], to[to >= 0]
-            one = stepped(ground.spacing, entries[cell], step)[:, :, np.newaxis]
+            one = stepped(context.spacing, entries[cell], step)[:, :, np.newaxis]
             other = entries[to][:, np.newaxis]
             fits = linked[cell][:, :, np.newaxis] & linked[to][:, np.newaxis]
-            fits &= same(ground.spacing, one, other)
+            fits &= same(context.spacing, one, other)
             off = np.hypot(one[..., 0] - other[..., 0], one[..., 1] - other[..., 1])
             off = np.where(fits, off, np.inf)
             # One to one: what slides along a wall would join with all that it looks like.

@@ -1,4 +1,4 @@
-"""Look-alikes followed from pose to pose: what a search on a coarse lattice leaves out."""
+"""Aliased poses followed from pose to pose: what a search on a coarse lattice leaves out."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from ambinav.audit.aliasing_groups import STEPS, neighbours, same, stepped
 Floats = NDArray[np.float64]
 
 LEAST_LIKENESS = 0.3
-"""Likeness from which two poses are linked."""
+"""Least likeness of two aliased poses."""
 CHUNK = 1 << 16
-"""So many are looked at at a time, which bounds the memory."""
+"""Poses compared at a time, which bounds the memory."""
 
 
-def follow(ground: LayerContext, found: Floats) -> Floats:
-    """Scan where the look-alikes of a pose's neighbours lead to expect one of its own.
+def follow(context: LayerContext, found: Floats) -> Floats:
+    """Scan where the aliased poses of a pose's neighbours lead to expect one of its own.
 
     Args:
-        ground: Where the poses are.
+        context: Where the poses are.
         found: What `settle` returns, shape (P, K, count, 4).
 
     Returns:
         The same without what is less alike than `LEAST_LIKENESS`, and with up to `count`
-        look-alikes of each pose, in no order.
+        aliased poses of each pose, in no order.
     """
     full = np.where(found[..., 3:] >= LEAST_LIKENESS, found, np.nan)
     # Where the scanner looks all around, one heading stands for all.
-    for k in range(1 if ground.turns_in_place else found.shape[1]):
-        _follow(ground, k, full[:, k])
-    if ground.turns_in_place:
+    for k in range(1 if context.turns_in_place else found.shape[1]):
+        _follow(context, k, full[:, k])
+    if context.turns_in_place:
         full[:] = full[:, :1]
     return full
 
 
-def _follow(ground: LayerContext, heading: int, entries: Floats) -> None:
-    """Fill up the look-alikes of the poses at one heading, shape (P, count, 4)."""
-    spacing = ground.spacing
+def _follow(context: LayerContext, heading: int, entries: Floats) -> None:
+    """Fill up the aliased poses of the poses at one heading, shape (P, count, 4)."""
+    spacing = context.spacing
     cell, rank = np.nonzero(np.isfinite(entries[..., 3]))
-    to, alike = _expected(ground, cell, entries[cell, rank])
+    to, alike = _expected(context, cell, entries[cell, rank])
     while to.size:
         missing = _missing(spacing, entries, to, alike)
         to, alike = to[missing], alike[missing]
         # One for each pose at a time, for the next may lead to the same.
         _, now = np.unique(to, return_index=True)
-        there = settle_at(ground, heading, to[now], alike[now])
+        there = settle_at(context, heading, to[now], alike[now])
         good = (there[:, 3] >= LEAST_LIKENESS) & same(spacing, there, alike[now])
         cell, there = to[now][good], there[good]
         entries[cell, np.isnan(entries[cell, :, 3]).argmax(axis=1)] = there
-        more = _expected(ground, cell, there)
+        more = _expected(context, cell, there)
         to = np.concatenate([np.delete(to, now), more[0]])
         alike = np.concatenate([np.delete(alike, now, axis=0), more[1]])
 
@@ -59,7 +59,7 @@ def _follow(ground: LayerContext, heading: int, entries: Floats) -> None:
 def _missing(
     spacing: float, entries: Floats, to: NDArray[np.intp], alike: Floats
 ) -> NDArray[np.bool_]:
-    """Which poses have no such look-alike yet, and room for one."""
+    """Which poses have no such aliased pose yet, and room for one."""
     missing = np.empty(len(to), dtype=np.bool_)
     for first in range(0, len(to), CHUNK):
         rows = slice(first, first + CHUNK)
@@ -70,9 +70,9 @@ def _missing(
 
 
 def _expected(
-    ground: LayerContext, cell: NDArray[np.intp], alike: Floats
+    context: LayerContext, cell: NDArray[np.intp], alike: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
-    """Neighbours of cells, and where they are expected to have a look-alike, shape (M, 3)."""
-    to = np.stack([neighbours(ground, cell, step) for step in STEPS], axis=1)
-    there = np.stack([stepped(ground.spacing, alike, step) for step in STEPS], axis=1)
+    """Neighbours of cells, and where they are expected to have an aliased pose, shape (M, 3)."""
+    to = np.stack([neighbours(context, cell, step) for step in STEPS], axis=1)
+    there = np.stack([stepped(context.spacing, alike, step) for step in STEPS], axis=1)
     return to[to >= 0], there[to >= 0]

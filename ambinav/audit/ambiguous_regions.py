@@ -26,7 +26,7 @@ ROOM = 0.2
 stands in a narrower crack. Maps of real buildings have many, where the laser looked through a
 window or between chair legs."""
 _PRONOUNCED = 0.3
-"""Difference of major and minor from which a weak direction is told."""
+"""Difference of major and minor from which a weak direction is reported."""
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES
 from ambinav.sensing.scanner import RangeScanner
 
 _HEADING_MATTERS = 0.1
-"""Difference in level between headings from which a best one is told."""
+"""Difference in level between headings from which a best one is reported."""
 _WORTH_TELLING = 0.005
-"""Share of the free floor from which what does not count is told."""
+"""Share of the free floor from which what does not count is reported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Audit:
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
         extents: Length of each of them in metres, by zone, the longest first.
-        alikes: Look-alikes, or None if nobody asked.
+        aliasing: Aliased pairs, or None if not asked for.
     """
 
     amap: AmbiguityMap
@@ -64,7 +64,7 @@ class Audit:
     findings: tuple[Finding, ...]
     regions: int
     extents: Mapping[str, tuple[float, ...]]
-    alikes: AliasingFindings | None = None
+    aliasing: AliasingFindings | None = None
 
     @property
     def area(self) -> float:
@@ -103,8 +103,8 @@ class Audit:
                 self.amap.zone_shares(name, self.parts.counted) for name in ("best", "worst")
             )
             sentences.append(
-                "These are means over all headings: always facing the best way it can tell its "
-                f"position well on {percent(best[LOCALIZABLE].share)}, always facing the worst way "
+                "These are means over all headings: always at the best heading the robot knows its "
+                f"position well on {percent(best[LOCALIZABLE].share)}, always at the worst heading "
                 f"on {percent(most[LOCALIZABLE].share)}."
             )
         sentences += [*self._left_out(free), self._worst()]
@@ -148,7 +148,7 @@ def audit(
     *,
     places: int = 10,
     heading: str | float = "mean",
-    alikes: AliasingFindings | None = None,
+    aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
 ) -> Audit:
     """Find the worst places of a map and look at each through the scanner.
@@ -161,7 +161,7 @@ def audit(
         scanner: What the map was built for.
         places: How many places to list at most; 0 or more.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        alikes: Look-alikes to report, see `ambinav.audit.aliasing.find_aliasing`.
+        aliasing: Aliased pairs to report, see `ambinav.audit.aliasing.find_aliasing`.
         reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             what a disc of `robot_radius(scanner)` reaches of the largest piece.
 
@@ -198,7 +198,7 @@ def audit(
             name: tuple(sorted((p.length for p in found if p.zone == name), reverse=True))
             for name in ZONES
         },
-        alikes=alikes,
+        aliasing=aliasing,
     )
 
 

@@ -18,13 +18,13 @@ from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 
-FORMAT = "ambinav-audit/2"
+FORMAT = "ambinav-audit/3"
 
 FLOOR_ZONES = "floor-zones"
 FLOOR_LEVEL = "floor-level"
 FLOOR_BEST = "floor-best"
 FLOOR_WORST = "floor-worst"
-FLOOR_ALIASING = "floor-alikes"
+FLOOR_ALIASING = "floor-aliasing"
 """Pictures of the floor; files end in the format."""
 
 
@@ -170,8 +170,8 @@ class LayerPart(_Part):
     picture: str
 
 
-class LinkPart(_Part):
-    """Two regions from which the scanner sees the same."""
+class AliasedPairPart(_Part):
+    """Two regions from which the scanner sees the same: an aliased pair."""
 
     letter: str
     x_m: Metres
@@ -184,25 +184,25 @@ class LinkPart(_Part):
     likeness: Share = Field(description="mean likeness of the scans, 1 for the same")
 
 
-class AlikesPart(_Part):
+class AliasingPart(_Part):
     """Where else a scan could be from."""
 
     sought: bool
     poses: int = Field(description="poses of the floor, with their headings if they matter")
-    sought_from: int = Field(description="poses from which look-alikes were sought; 0: none")
+    sought_from: int = Field(description="poses from which aliased poses were sought; 0: none")
     spacing_m: Metres
     share: Share | None = Field(
         description="mean share of the poses with the same scan that are elsewhere"
     )
     area_m2: SquareMetres | None = Field(description="floor where that is half or more")
-    links: tuple[LinkPart, ...] = Field(description="the largest first")
+    pairs: tuple[AliasedPairPart, ...] = Field(description="the largest first")
     picture: str | None
 
 
 class Document(_Part):
     """The whole audit."""
 
-    format: Literal["ambinav-audit/2"] = "ambinav-audit/2"
+    format: Literal["ambinav-audit/3"] = "ambinav-audit/3"
     created: str = Field(description="ISO 8601, UTC; when the map was built")
     ambinav_version: str
     summary: str
@@ -217,7 +217,9 @@ class Document(_Part):
     places: tuple[PlacePart, ...] = Field(description="the worst first")
     places_in_all: int
     layers: tuple[LayerPart, ...] = ()
-    alikes: AlikesPart | None = Field(default=None, description="look-alikes; null: not asked")
+    aliasing: AliasingPart | None = Field(
+        default=None, description="perceptual aliasing; null: not asked for"
+    )
     pictures: tuple[str, ...]
     parameters: dict[str, Any]
     versions: dict[str, Any]
@@ -256,7 +258,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         places=tuple(_place(finding, image_format) for finding in audit.findings),
         places_in_all=audit.regions,
         layers=_layers(audit, image_format),
-        alikes=None if audit.alikes is None else _alikes(audit.alikes, image_format),
+        aliasing=None if audit.aliasing is None else _aliasing(audit.aliasing, image_format),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),
@@ -267,8 +269,8 @@ def floor_pictures(audit: Audit) -> tuple[str, ...]:
     """Names of the pictures of the whole floor."""
     by_heading = (FLOOR_BEST, FLOOR_WORST) if audit.amap.has_theta else ()
     layers = map(layer_picture, schema.added(audit.amap.dataset))
-    alikes = (FLOOR_ALIASING,) if audit.alikes is not None and audit.alikes.links else ()
-    return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL, *alikes, *layers)
+    aliasing = (FLOOR_ALIASING,) if audit.aliasing is not None and audit.aliasing.pairs else ()
+    return (FLOOR_ZONES, *by_heading, FLOOR_LEVEL, *aliasing, *layers)
 
 
 def layer_picture(name: str) -> str:
@@ -368,30 +370,30 @@ def _layers(audit: Audit, image_format: str) -> tuple[LayerPart, ...]:
     )
 
 
-def _alikes(alikes: AliasingFindings, image_format: str) -> AlikesPart:
-    return AlikesPart(
-        sought=alikes.sought,
-        poses=alikes.poses,
-        sought_from=alikes.sought_from,
-        spacing_m=alikes.spacing,
-        share=alikes.share if alikes.sought else None,
-        area_m2=alikes.area if alikes.sought else None,
-        links=tuple(map(_link, alikes.links)),
-        picture=f"{FLOOR_ALIASING}.{image_format}" if alikes.links else None,
+def _aliasing(aliasing: AliasingFindings, image_format: str) -> AliasingPart:
+    return AliasingPart(
+        sought=aliasing.sought,
+        poses=aliasing.poses,
+        sought_from=aliasing.sought_from,
+        spacing_m=aliasing.spacing,
+        share=aliasing.share if aliasing.sought else None,
+        area_m2=aliasing.area if aliasing.sought else None,
+        pairs=tuple(map(_pair, aliasing.pairs)),
+        picture=f"{FLOOR_ALIASING}.{image_format}" if aliasing.pairs else None,
     )
 
 
-def _link(link: AliasedPair) -> LinkPart:
-    return LinkPart(
-        letter=link.letter,
-        x_m=link.x,
-        y_m=link.y,
-        other_x_m=link.other_x,
-        other_y_m=link.other_y,
-        turn_deg=math.degrees(link.turn),
-        distance_m=link.distance,
-        area_m2=link.area,
-        likeness=link.likeness,
+def _pair(pair: AliasedPair) -> AliasedPairPart:
+    return AliasedPairPart(
+        letter=pair.letter,
+        x_m=pair.x,
+        y_m=pair.y,
+        other_x_m=pair.other_x,
+        other_y_m=pair.other_y,
+        turn_deg=math.degrees(pair.turn),
+        distance_m=pair.distance,
+        area_m2=pair.area,
+        likeness=pair.likeness,
     )
 
 

@@ -69,8 +69,8 @@ def plot_floor(audit: Audit, name: str) -> Axes:
         return plot_layer(amap, "level", heading=heading, parts=parts)
     if name == FLOOR_ZONES:
         return plot_zones(amap, heading=heading, parts=parts)
-    if name == FLOOR_ALIASING and audit.alikes is not None:
-        return plot_aliasing(amap, audit.alikes.links, audit.alikes.spacing, parts)
+    if name == FLOOR_ALIASING and audit.aliasing is not None:
+        return plot_aliasing(amap, audit.aliasing.pairs, audit.aliasing.spacing, parts)
     for layer in schema.added(amap.dataset):
         if name == layer_picture(layer):
             return plot_layer(amap, layer, heading=heading, parts=parts)

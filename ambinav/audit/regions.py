@@ -30,7 +30,7 @@ def find_regions(
     zone: NDArray[np.uint8],
     codes: tuple[int, ...],
     direction: Floats,
-    open_way: Mask,
+    passable: Mask,
     *,
     gap: int,
     least: int,
@@ -46,10 +46,10 @@ def find_regions(
         zone: (ny, nx) zone codes.
         codes: Zones to look for. Directions are compared where `direction` is not NaN.
         direction: (ny, nx) weak direction in radians, NaN where none is pronounced.
-        open_way: (ny, nx) cells that connect, see `passable`.
+        passable: (ny, nx) cells that connect, see `passable`.
         gap: Cells.
         least: Cells.
-        rim: Cells; so far off `open_way` floor of the zone belongs to the region that it touches.
+        rim: Cells; so far off `passable` floor of the zone belongs to the region that it touches.
 
     Returns:
         (ny, nx), 0 outside of regions, otherwise 1 .. N without holes in the numbering.
@@ -57,25 +57,25 @@ def find_regions(
     labels = np.zeros(zone.shape, dtype=np.int32)
     owner: list[int] = [0]
     for code in codes:
-        found, count = ndimage.label((zone == code) & open_way)
+        found, count = ndimage.label((zone == code) & passable)
         labels = np.where(found > 0, found + len(owner) - 1, labels).astype(np.int32)
         owner += [code] * count
     owners = np.array(owner)
-    reach = _spread(labels, open_way, (gap + 1) // 2)
+    reach = _spread(labels, passable, (gap + 1) // 2)
     labels = _join_pieces(labels, reach, owners, direction)
     labels = _join_small(labels, reach, least)
     # Cells close to a wall were left out; they go to the region that they touch.
-    claim = np.isin(zone, codes) & (labels == 0) & ~open_way
+    claim = np.isin(zone, codes) & (labels == 0) & ~passable
     labels = np.where(claim, _spread(labels, claim, rim), labels)
     return _numbered(labels)
 
 
-def _spread(labels: Labels, way: Mask, steps: int) -> Labels:
-    """Grow all labels by `steps` cells along `way`; the larger label wins a tie."""
+def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
+    """Grow all labels by `steps` cells within `mask`; the larger label wins a tie."""
     cross = ndimage.generate_binary_structure(2, 1)
     for _ in range(steps):
         grown = ndimage.grey_dilation(labels, footprint=cross)
-        labels = np.where((labels == 0) & way, grown, labels).astype(np.int32)
+        labels = np.where((labels == 0) & mask, grown, labels).astype(np.int32)
     return labels
 
 

@@ -15,7 +15,7 @@ from ambinav.sensing.scanner import RangeScanner
 Floats = NDArray[np.float64]
 
 _SAME_DIRECTION = math.radians(10.0)
-_SAME_DEPTH = 0.25  # metres between parallel surfaces that are told apart
+_SAME_DEPTH = 0.25  # metres between parallel surfaces that count as two
 
 
 @dataclass(frozen=True, eq=False)

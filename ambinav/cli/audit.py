@@ -53,7 +53,7 @@ def audit(
         bool | None,
         typer.Option(
             "--aliasing/--no-aliasing",
-            help="Whether to seek places that look alike; it takes long in large buildings.",
+            help="Whether to seek aliased regions; it takes long in large buildings.",
             show_default="up to 6000 poses",
         ),
     ] = None,
@@ -94,7 +94,7 @@ def audit(
         from ambinav.audit.audit import robot_radius as radius_of
         from ambinav.geometry.collision.reach import find_reach
 
-        # Before the long work: a start inside a wall is told at once.
+        # Before the long work: a start inside a wall is refused at once.
         reach = find_reach(environment, robot_radius or radius_of(chosen), start)
         options.announce(
             environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
@@ -114,12 +114,14 @@ def audit(
             from ambinav.audit.audit import audit as examine
             from ambinav.audit.report import write_report
 
-            alikes = None
+            found_aliasing = None
             if aliasing is not False:
-                alikes = find_aliasing(
-                    amap, environment, aliasing, reach=reach, report=bars("look-alikes")
+                found_aliasing = find_aliasing(
+                    amap, environment, aliasing, reach=reach, report=bars("aliasing")
                 )
-            found = examine(amap, environment, chosen, places=places, alikes=alikes, reach=reach)
+            found = examine(
+                amap, environment, chosen, places=places, aliasing=found_aliasing, reach=reach
+            )
             report = write_report(found, output, progress=bars("report"), image_format=pictures)
             if keep is not None:
                 amap.save(keep)
@@ -181,21 +183,21 @@ def _show(report: Document, output: Path) -> None:
                 f"{place.level:.2f}",
             )
         console.print("", worst, sep="\n")
-    if report.alikes and report.alikes.poses and not report.alikes.sought:
-        left_out = f"look-alikes: not sought among {report.alikes.poses:,} poses; add --aliasing"
+    if report.aliasing and report.aliasing.poses and not report.aliasing.sought:
+        left_out = f"aliasing: not sought among {report.aliasing.poses:,} poses; add --aliasing"
         console.print("", Text(left_out), sep="\n")
-    if report.alikes and report.alikes.links:
+    if report.aliasing and report.aliasing.pairs:
         pairs = Table(box=None, pad_edge=False)
-        for title in ("letter", "x, y", "looks like x, y", "turned by", "area", "likeness"):
+        for title in ("letter", "x, y", "aliased with x, y", "turned by", "area", "likeness"):
             pairs.add_column(title, justify="left" if title == "letter" else "right")
-        for link in report.alikes.links:
+        for pair in report.aliasing.pairs:
             pairs.add_row(
-                link.letter,
-                f"{link.x_m:.1f}, {link.y_m:.1f} m",
-                f"{link.other_x_m:.1f}, {link.other_y_m:.1f} m",
-                f"{link.turn_deg:.0f}°",
-                metres2(link.area_m2),
-                f"{link.likeness:.2f}",
+                pair.letter,
+                f"{pair.x_m:.1f}, {pair.y_m:.1f} m",
+                f"{pair.other_x_m:.1f}, {pair.other_y_m:.1f} m",
+                f"{pair.turn_deg:.0f}°",
+                metres2(pair.area_m2),
+                f"{pair.likeness:.2f}",
             )
         console.print("", pairs, sep="\n")
     console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)

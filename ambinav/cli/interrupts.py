@@ -73,7 +73,7 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
 
 
 def _is_deaf(frame: FrameType) -> bool:
-    """Whether an exception out of a frame is not heard by what called it."""
+    """Whether an exception out of a frame does not reach its caller."""
     code = frame.f_code
     if (code.co_filename, code.co_name) == ("<string>", "<module>"):
         return True

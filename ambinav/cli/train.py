@@ -104,10 +104,10 @@ def train(
 def _shown(quiet: bool) -> Iterator[Tell]:
     """Yield what shows how far the training is: a bar on a terminal, and each evaluation."""
     if quiet:
-        yield lambda told: None
+        yield lambda status: None
         return
     if not sys.stderr.isatty():
-        yield lambda told: _line(told, _say)
+        yield lambda status: _line(status, _say)
         return
     from rich.console import Console
     from rich.progress import (
@@ -125,37 +125,37 @@ def _shown(quiet: bool) -> Iterator[Tell]:
         task = bars.add_task("training", total=1.0)
         last = 0.0
 
-        def show(told: TrainingStatus) -> None:
+        def show(status: TrainingStatus) -> None:
             nonlocal last
-            if told.share < last:
+            if status.share < last:
                 # The maps are made: the clock of the training starts.
                 bars.reset(task)
-            last = told.share
-            bars.update(task, completed=told.share, description=_described(told))
-            _line(told, lambda text: console.print(text, soft_wrap=True))
+            last = status.share
+            bars.update(task, completed=status.share, description=_described(status))
+            _line(status, lambda text: console.print(text, soft_wrap=True))
 
         yield show
 
 
-def _described(told: TrainingStatus) -> str:
+def _described(status: TrainingStatus) -> str:
     """How far, how fast and how well, in a few words."""
-    if told.preparing:
+    if status.preparing:
         return "maps of the buildings"
-    words = [f"{told.steps:,} steps"]
-    if told.rate == told.rate:
-        words.append(f"{told.rate:,.0f}/s")
-    if told.train is not None and told.train["episodes"]:
-        words.append(f"arrived {100.0 * told.train['arrived']:.0f} %")
+    words = [f"{status.steps:,} steps"]
+    if status.rate == status.rate:
+        words.append(f"{status.rate:,.0f}/s")
+    if status.train is not None and status.train["episodes"]:
+        words.append(f"arrived {100.0 * status.train['arrived']:.0f} %")
     return ", ".join(words)
 
 
-def _line(told: TrainingStatus, say: Callable[[str], None]) -> None:
+def _line(status: TrainingStatus, say: Callable[[str], None]) -> None:
     """A line for an evaluation."""
-    figures = told.evaluation
+    figures = status.evaluation
     if figures is not None:
         shares = ("arrived", "collided", "timeout", "missed", "lost")
         said = ", ".join(f"{name} {100.0 * figures[name]:.1f} %" for name in shares)
-        say(f"{told.steps:,} steps: {said}, reward {figures['reward']:.2f}")
+        say(f"{status.steps:,} steps: {said}, reward {figures['reward']:.2f}")
 
 
 def _result(output: Path, summary: dict[str, Any]) -> None:

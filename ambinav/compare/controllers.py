@@ -41,7 +41,7 @@ class PolicyController(Controller, Protocol):
 
     @property
     def distance(self) -> float:
-        """Length of the shortest way from start to goal, metres."""
+        """Length of the shortest path from start to goal, metres."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Driver:
     """A policy that drives, as plain values.
 
     Attributes:
-        told: What the scenario names it by.
+        source: What the scenario names it by.
         folder: What names of files are relative to.
         start: x, y of its pair, and any heading.
         goal: x and y.
@@ -58,7 +58,7 @@ class Driver:
             if they do not.
     """
 
-    told: str
+    source: str
     folder: str
     start: tuple[float, float, float]
     goal: tuple[float, float]
@@ -66,7 +66,7 @@ class Driver:
     differs: str = ""
 
 
-def is_controller(told: str, folder: Path) -> bool:
+def is_controller(source: str, folder: Path) -> bool:
     """Whether a scenario's policy drives step by step; else it makes a route.
 
     Those that drive are policy files, shipped ones, and callables that take two arguments, an
@@ -75,11 +75,11 @@ def is_controller(told: str, folder: Path) -> bool:
     Raises:
         InputError: there is no such callable.
     """
-    if told.endswith(".zip"):
+    if source.endswith(".zip"):
         return True
-    if ":" not in told and not told.endswith(".py"):
+    if ":" not in source and not source.endswith(".py"):
         return True
-    function = load_callable(told, folder)
+    function = load_callable(source, folder)
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
@@ -102,13 +102,13 @@ def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver
         InputError: see `ambinav_envs.policies.load_policy`; it was trained with another scanner or
             robot, and that is not forced; or Gymnasium is missing.
     """
-    told, folder = str(part.policy), Path(loaded.folder)
+    source, folder = str(part.policy), Path(loaded.folder)
     scenario = loaded.scenario
     checksum, differs = _driving().examine(
-        told, folder, loaded.scanner, scenario.robot, scenario.drive.rate, loaded.force
+        source, folder, loaded.scanner, scenario.robot, scenario.drive.rate, loaded.force
     )
     (x, y), (goal_x, goal_y) = pair.start[:2], pair.goal[:2]
-    return Driver(told, str(folder), (x, y, 0.0), (goal_x, goal_y), checksum, differs)
+    return Driver(source, str(folder), (x, y, 0.0), (goal_x, goal_y), checksum, differs)
 
 
 def controller_of(
@@ -121,7 +121,7 @@ def controller_of(
 ) -> PolicyController:
     """What steers the robots of a drive; see `ambinav_envs.policies.driving.PolicyController`."""
     made: PolicyController = _driving().PolicyController(
-        driver.told,
+        driver.source,
         Path(driver.folder),
         driver.start,
         driver.goal,
@@ -135,7 +135,7 @@ def controller_of(
 
 
 def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> Route:
-    """The way that a policy drives where it knows its place and nothing is unmapped.
+    """The path that a policy drives where it knows its pose and nothing is unmapped.
 
     Raises:
         InputError: it does not get to the goal, or see `controller_of`.
@@ -158,20 +158,20 @@ def driven_route(loaded: ScenarioBundle, amap: AmbiguityMap, driver: Driver) -> 
         max_time=how.max_time or PATIENCE * controller.distance / robot.max_speed + 2.0 * SPARE,
         controller=controller,
     )
-    way = drives.truth[0, : drives.samples[0]]
+    driven = drives.truth[0, : drives.samples[0]]
     if not drives.reached[0]:
-        x, y = way[-1, :2].tolist()
+        x, y = driven[-1, :2].tolist()
         raise InputError(
-            f"policy {driver.told} does not get to the goal even where it knows its place "
+            f"policy {driver.source} does not reach the goal even where it knows its pose "
             f"({OUTCOMES[drives.outcome[0]]} at ({x:.2f}, {y:.2f}) m); choose another policy or "
             "pair"
         )
-    kept = [way[0]]
-    for pose in way:
+    kept = [driven[0]]
+    for pose in driven:
         if np.hypot(*(pose - kept[-1])[:2]) >= STEP:
             kept.append(pose)
     poses = np.array([*kept, (*driver.goal, 0.0)])
-    return evaluate_route(service, poses, Steering(), planner=f"policy {driver.told}")
+    return evaluate_route(service, poses, Steering(), planner=f"policy {driver.source}")
 
 
 def _driving() -> ModuleType:

@@ -101,7 +101,7 @@ class Verdict:
 
     @property
     def length_met(self) -> bool:
-        """Whether the way is short enough."""
+        """Whether the route is short enough."""
         return self.criterion.length_met(self.length)
 
     @property

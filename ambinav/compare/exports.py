@@ -84,7 +84,7 @@ def _export(setup: Setup, piece: Piece) -> None:
             try:
                 drive_log(drives, 0, setup.scanner)
             except InputError as error:
-                # Not every scanner can be told in a CARMEN log; the rest can still be of use.
+                # Not every scanner can be described in a CARMEN log; the rest can still be of use.
                 about["no_carmen_log"], scanner = str(error), None
             for number in numbers:
                 if number // BLOCK == item.block:
@@ -106,12 +106,12 @@ def _about(piece: Piece, asked: ExportsPart) -> dict[str, Any]:
 
 def _is_there(piece: Piece, asked: ExportsPart) -> bool:
     try:
-        told = json.loads((piece.folder / ABOUT).read_text(encoding="utf-8"))
+        stored = json.loads((piece.folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
     wanted = _about(piece, asked)
     runs = all((piece.folder / _run_name(number)).is_dir() for number in asked.numbers)
-    return isinstance(told, dict) and runs and {key: told.get(key) for key in wanted} == wanted
+    return isinstance(stored, dict) and runs and {key: stored.get(key) for key in wanted} == wanted
 
 
 def _run_name(number: int) -> str:

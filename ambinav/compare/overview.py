@@ -97,8 +97,8 @@ def _look(row: Row, base: Row) -> str:
 
 def _floor_bars(axes: Axes, at: float, floor: BadFloor) -> None:
     """Metres in corridor and in open zones: the longest stretch in full colour, the rest pale."""
-    told = ((floor.corridor, floor.longest_corridor), (floor.open, floor.longest_open))
-    for (zone, offset), (metres, longest) in zip(FLOOR, told, strict=True):
+    lengths = ((floor.corridor, floor.longest_corridor), (floor.open, floor.longest_open))
+    for (zone, offset), (metres, longest) in zip(FLOOR, lengths, strict=True):
         place: dict[str, Any] = {
             "height": 0.28,
             "color": ZONE_COLOURS[zone],

@@ -30,7 +30,7 @@ class Plan:
     Attributes:
         pair: Name of the pair.
         name: Of the route.
-        route: The route; that of a policy which drives is the way that it takes where it knows
+        route: The route; that of a policy which drives is the path that it takes where it knows
             its place.
         driver: The policy that drives; None: the route is followed.
     """
@@ -115,8 +115,8 @@ def _named(pair: PairPart, part: RoutePart) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        told = str(error).rstrip(".")
-        raise InputError(f"pair {pair.name!r}, route {part.name!r}: {told}.") from error
+        reason = str(error).rstrip(".")
+        raise InputError(f"pair {pair.name!r}, route {part.name!r}: {reason}.") from error
 
 
 def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: RoutePart) -> Plan:

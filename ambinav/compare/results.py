@@ -18,7 +18,7 @@ STEP = 0.5
 """Metres between the stations at which errors are kept."""
 
 LEAST = 0.25
-"""Share of the runs that must still be driving for a quantile to be told."""
+"""Share of the runs that must still be driving for a quantile to be reported."""
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Results:
 
     Attributes:
         metrics: Their figures.
-        errors: Shape (R, S): the position's error after k * `STEP` metres of way truly driven,
+        errors: Shape (R, S): the position's error after k * `STEP` metres truly driven,
             metres. nan after a wall or the time limit ended a run; one that stopped at its goal
             keeps its last error.
         lost_at: Shape (R, 2): where the robot truly was when it was first lost; nan if it never
@@ -52,11 +52,11 @@ def results_of(drives: Drives, measured: Metrics, length: float) -> Results:
     stations = np.arange(int(np.ceil(length / STEP)) + 1) * STEP
     errors = drives.errors()
     size = np.hypot(errors[..., 0], errors[..., 1])
-    way = drives.travelled()
+    travelled = drives.travelled()
     rows = np.empty((len(drives), len(stations)))
     lost_at = np.full((len(drives), 2), np.nan)
     for run, count in enumerate(drives.samples.tolist()):
-        index = np.searchsorted(way[run, :count], stations - 1e-9)
+        index = np.searchsorted(travelled[run, :count], stations - 1e-9)
         rows[run] = size[run, np.minimum(index, count - 1)]
         if not drives.reached[run] and not drives.open_loop:
             rows[run, index >= count] = np.nan

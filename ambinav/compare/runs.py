@@ -91,7 +91,7 @@ def items_of(setup: Setup, plan: Plan) -> list[Item]:
 def _driver_digest(driver: Driver) -> str:
     """What the drives of a policy depend on besides."""
     here = Provenance.here(*POLICIES).digest
-    return digest_of(driver.told, driver.checksum, driver.start, driver.goal, here)
+    return digest_of(driver.source, driver.checksum, driver.start, driver.goal, here)
 
 
 PARTS = ("robot", "follower", "odometry", "people")

@@ -100,7 +100,7 @@ class PairPart(ConfigModel):
     @model_validator(mode="after")
     def _apart(self) -> PairPart:
         if self.start[:2] == self.goal[:2]:
-            raise InputError("start and goal are one place; give two")
+            raise InputError("start and goal are the same point; give two")
         return self
 
 
@@ -146,10 +146,10 @@ class DrivePart(ConfigModel):
     @classmethod
     def _two(cls, plain: Any) -> Any:
         """Earlier versions took the heading's, in radians, as a third number."""
-        told = plain.get("start_std") if isinstance(plain, Mapping) else None
-        if isinstance(told, list | tuple) and len(told) == 3:
+        given = plain.get("start_std") if isinstance(plain, Mapping) else None
+        if isinstance(given, list | tuple) and len(given) == 3:
             raise InputError(
-                f"start_std is {list(told)}; give those of x and y in metres alone, and that of "
+                f"start_std is {list(given)}; give those of x and y in metres alone, and that of "
                 "the heading in degrees as start_heading_std_deg"
             )
         return plain

@@ -32,7 +32,7 @@ class RouteFigure(Figure):
         source: Field of `Metrics`.
         scale: The field times this is what is shown.
         statistic: Over the runs.
-        has_ratio: Whether the ratio to the baseline is told as well.
+        has_ratio: Whether the ratio to the baseline is given as well.
     """
 
     source: str

@@ -1,4 +1,4 @@
-"""Verdicts in words: what a reader of a report is told first."""
+"""Verdicts in words: what a report says first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTCOMES: Final[dict[Outcome, str]] = {
     "not met": "not met",
     "easy": "nothing to gain",
 }
-"""What readers are told of the verdicts."""
+"""What a report says of its verdicts."""
 
 
 def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
@@ -32,7 +32,7 @@ def criterion_text(criterion: AcceptanceCriterion = CRITERION) -> str:
     return (
         f"Criterion against the shortest route, all at once: robots are lost at most "
         f"{_percent(criterion.lost)} as often, the {ERROR} is at most "
-        f"{_percent(criterion.error)}, the way is planned at most {_percent(criterion.extra)} "
+        f"{_percent(criterion.error)}, the route is planned at most {_percent(criterion.extra)} "
         f"longer, and robots are not shown to meet walls more often. Where on the shortest route "
         f"no robot was lost or collided and the {ERROR} is below {criterion.easy:g} m, there is "
         f"nothing to gain."
@@ -62,7 +62,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
         baseline: Name of the other.
     """
     if _same(verdict):
-        return f"{route} gives the very same runs as {baseline}: it is the same way."
+        return f"{route} gives the very same runs as {baseline}: it is the same path."
     opening = {
         "better": f"{route} is better than {baseline}",
         "worse": f"{route} is worse than {baseline}",
@@ -72,7 +72,7 @@ def sentence(verdict: Verdict, route: str, baseline: str) -> str:
     parts = [f"lost {_share(verdict.lost)}", f"{ERROR} {_metres(verdict.error)}"]
     if verdict.collided.ours.value or verdict.collided.theirs.value:
         parts.append(f"collided {_share(verdict.collided)}")
-    parts.append(f"the way is {length_text(verdict.length)}")
+    parts.append(f"the route is {length_text(verdict.length)}")
     return f"{opening}: {'; '.join(parts)}. {_judged(verdict, baseline)}"
 
 
@@ -139,7 +139,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
         ("mixed", "is", "are", f"better than {baseline} in one respect and worse in the other"),
         ("none", "makes", "make", "no difference"),
         ("worse", "is", "are", f"worse than {baseline}"),
-        ("same", "is", "are", f"the same way as {baseline}"),
+        ("same", "is", "are", f"the same path as {baseline}"),
     ):
         if named.get(kind):
             said.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
@@ -148,7 +148,7 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
 
 
 def length_text(ratio: float) -> str:
-    """A ratio of lengths, as what the way is."""
+    """A ratio of lengths, as the length of the route."""
     extra = 100.0 * (ratio - 1.0)
     if abs(extra) < 0.05:
         return "as long"
@@ -163,14 +163,14 @@ def _same(verdict: Verdict) -> bool:
 
 
 def _share(change: Change) -> str:
-    told = _interval(change.difference, 100.0, 0)
+    spread = _interval(change.difference, 100.0, 0)
     ours, theirs = (100.0 * one.value for one in (change.ours, change.theirs))
-    return f"{ours:.0f} instead of {theirs:.0f} % ({told} points)"
+    return f"{ours:.0f} instead of {theirs:.0f} % ({spread} points)"
 
 
 def _metres(change: Change) -> str:
-    told = _interval(change.difference, 1.0, 2)
-    return f"{change.ours.value:.2f} instead of {change.theirs.value:.2f} m ({told})"
+    spread = _interval(change.difference, 1.0, 2)
+    return f"{change.ours.value:.2f} instead of {change.theirs.value:.2f} m ({spread})"
 
 
 def _interval(interval: Interval, scale: float, digits: int) -> str:

@@ -19,7 +19,7 @@ from ambinav.routes.files import trace
 def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Environment]:
     """The building with its obstacles, for each pair by name.
 
-    All routes of a pair are driven in the same world, and no box is in the way of any of them.
+    All routes of a pair are driven in the same world, and no box is on any of them.
 
     Args:
         loaded: The scenario.
@@ -40,7 +40,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
                     asked.count,
                     rng,
                     sizes=asked.sizes,
-                    route=_all_ways([plan for plan in plans if plan.pair == pair]),
+                    route=_all_poses([plan for plan in plans if plan.pair == pair]),
                     margin=loaded.scenario.robot.radius + asked.margin,
                 )
             except InputError as error:
@@ -49,7 +49,7 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
     return worlds
 
 
-def _all_ways(plans: Sequence[Plan]) -> NDArray[np.float64]:
+def _all_poses(plans: Sequence[Plan]) -> NDArray[np.float64]:
     """One line along all routes of a pair: to the goal, back to the start along the next, and on.
 
     Between two routes there are at most the few centimetres by which given ones may end apart.

@@ -1,4 +1,4 @@
-"""Reading YAML files: what cannot be read is told with file, line and remedy."""
+"""Reading YAML files: what cannot be read is reported with file, line and remedy."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def parse_yaml(text: str, where: str, example: str) -> object:
     Args:
         text: The text.
         where: Names it in messages.
-        example: Where to find one, told if it is empty.
+        example: Where to find one, named if it is empty.
 
     Raises:
         InputError: the text is not YAML, or holds nothing.

@@ -24,7 +24,7 @@ LONGEST = 60
 
 
 class FaultError(ValueError):
-    """What is wrong with a value, told without its name: "is 3; give 0 to 1"."""
+    """What is wrong with a value, without its name: "is 3; give 0 to 1"."""
 
 
 def fault(value: object, wish: str) -> FaultError:

@@ -24,8 +24,8 @@ class Course:
     Attributes:
         points: float64, shape (M, 2), metres, map frame; no two in a row are equal.
         along: Shape (M,): metres travelled up to each point.
-        way: Shape (M - 1,): 1 where the piece from a point to the next is driven forwards, -1
-            where backwards.
+        directions: Shape (M - 1,): 1 where the piece from a point to the next is driven forwards,
+            -1 where backwards.
         end: int64, shape (M - 1,): of each piece the point where its stretch ends: the next cusp,
             or the last point.
         goal: x, y and heading at the end.
@@ -35,7 +35,7 @@ class Course:
 
     points: Floats
     along: Floats
-    way: Floats
+    directions: Floats
     end: NDArray[np.int64]
     goal: tuple[float, float, float]
     turns: bool
@@ -44,7 +44,7 @@ class Course:
     def of(cls, poses: NDArray[np.float64], steering: Steering, step: float = SPACING) -> Course:
         """Lay out the route through poses, shape (N, 3).
 
-        In the space se2 the robot, which cannot move sideways, looks along the travel on the way
+        In the space se2 the robot, which cannot move sideways, looks along the travel on the path
         and along the goal's heading at its end.
 
         Raises:
@@ -58,19 +58,19 @@ class Course:
         keep = np.concatenate([[True], np.diff(dense[:, :2], axis=0).any(axis=1)])
         dense, along = dense[keep], along[keep]
         if len(dense) < 2:
-            raise InputError("poses all lie in one place; a route needs some way to go.")
+            raise InputError("poses all lie at one point; a route needs some length.")
         steps = np.diff(dense[:, :2], axis=0)
-        way = np.ones(len(steps))
+        directions = np.ones(len(steps))
         if steering.kind == REEDS_SHEPP:
             ahead = 0.5 * np.diff(np.unwrap(dense[:, 2])) + dense[:-1, 2]
-            way[np.cos(ahead) * steps[:, 0] + np.sin(ahead) * steps[:, 1] < 0.0] = -1.0
-        last = np.append(np.flatnonzero(np.diff(way)) + 1, len(steps))
+            directions[np.cos(ahead) * steps[:, 0] + np.sin(ahead) * steps[:, 1] < 0.0] = -1.0
+        last = np.append(np.flatnonzero(np.diff(directions)) + 1, len(steps))
         end = last[np.searchsorted(last, np.arange(len(steps)), side="right")]
         x, y, theta = steering.oriented(route)[-1].tolist()
         return cls(
             np.ascontiguousarray(dense[:, :2]),
             along,
-            way,
+            directions,
             end.astype(np.int64),
             (x, y, theta),
             steering.space != "r2",
@@ -83,5 +83,5 @@ class Course:
 
     @property
     def arrays(self) -> Arrays:
-        """What the kernels of the follower take: points, along, way, end."""
-        return self.points, self.along, self.way, self.end
+        """What the kernels of the follower take: points, along, directions, end."""
+        return self.points, self.along, self.directions, self.end

@@ -96,7 +96,7 @@ def drive(
         environment: The map that the localizer has.
         scanner: What the robot sees with.
         robot: What drives.
-        route: The way.
+        route: The route.
         localizer: A name of `LOCALIZERS`, with parameters that suit scanner and odometry; one that
             is chosen with its parameters; parameters of Monte Carlo localization; or a localizer
             made for this number of runs, such as an `ExtendedKalmanFilter`.
@@ -108,8 +108,8 @@ def drive(
         people: Who walks about.
         open_loop: Keep the truth on the route, whatever the robot believes; it ends at the goal.
         rate: Time steps a second.
-        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate, which
-            the localizer is told.
+        start_std: Deviations of x, y (metres) and heading (radians) of the first estimate; the
+            localizer knows them.
         max_time: Seconds after which a run is given up; by default three times what the route's
             length and turns need at full speed, and 10 s.
         keep_ranges: Keep all readings.
@@ -136,37 +136,41 @@ def drive(
         )
     # Streams of their own, so that what one part draws changes nothing for the others.
     *streams, own = rng.spawn(5)
-    wheels, eyes, walkers, begin = (random_states(stream, runs) for stream in streams)
-    dt, way = 1.0 / rate, None
+    odometry_states, reading_states, walkers, start_states = (
+        random_states(stream, runs) for stream in streams
+    )
+    dt, path = 1.0 / rate, None
     if open_loop:
-        way = scheduled(route.poses, route.steering, robot, follower.desired_linear_vel, dt)
-        steps = len(way)
+        path = scheduled(route.poses, route.steering, robot, follower.desired_linear_vel, dt)
+        steps = len(path)
     else:
         steps = 1 + math.ceil(_patience(route, course, robot, follower, max_time) * rate)
-    robots = Robots(start, robot, course, follower, noise, checker, wheels, dt, way)
+    robots = Robots(start, robot, course, follower, noise, checker, odometry_states, dt, path)
     sight = Readings(world, scanner)
     crowd, size = None, 0.0
     if people is not None and people.count:
         crowd, size = Crowd(world, people, robot.radius, robots.truth, walkers), people.radius
     context = LocalizerContext(environment, scanner, noise, runs, own)
-    guide = _localizer(localizer, context, robot, rate)
+    estimator = _localizer(localizer, context, robot, rate)
     covariance = np.zeros((runs, 3, 3))
-    if guide is not None:
-        guide.start(robots.truth + deviations * standard_normals(begin, 3), np.diag(deviations**2))
+    if estimator is not None:
+        estimator.start(
+            robots.truth + deviations * standard_normals(start_states, 3), np.diag(deviations**2)
+        )
     record = Recorder(runs, steps, scanner.beams if keep_ranges else None)
     ranges = np.empty((runs, 0), dtype=np.float32)
     fresh = np.zeros(runs, dtype=np.bool_)
     going = np.ones(runs, dtype=np.bool_)
     steered = None if open_loop else controller
-    looks = keep_ranges or guide is not None or steered is not None
+    looks = keep_ranges or estimator is not None or steered is not None
     for k in range(steps):
         if looks:
             places = None if crowd is None else crowd.places
-            ranges = sight.capture(sight.true_ranges(robots.truth, places, size), eyes)
+            ranges = sight.capture(sight.true_ranges(robots.truth, places, size), reading_states)
         belief = robots.truth.copy()
-        if guide is not None:
-            fresh = np.asarray(guide.update(robots.odometry.copy(), ranges), dtype=np.bool_)
-            belief, covariance = guide.mean, guide.covariance
+        if estimator is not None:
+            fresh = np.asarray(estimator.update(robots.odometry.copy(), ranges), dtype=np.bool_)
+            belief, covariance = estimator.mean, estimator.covariance
         record.add(going, (robots.truth, robots.odometry, belief), covariance, fresh, ranges)
         if k + 1 == steps and not open_loop:
             robots.outcome[robots.outcome == DRIVING] = TIMED_OUT

@@ -15,7 +15,7 @@ from ambinav.kernels import kernel
 
 # What a robot on its course is doing.
 FOLLOWING, TURNING, ARRIVED = 0, 1, 2
-# A carrot nearer than this, in metres squared, says nothing about the way.
+# A carrot nearer than this, in metres squared, says nothing about the direction.
 AT_CARROT = 1e-3
 # A command slower than this, in metres per second, is one to stand or to turn on the spot.
 STILL = 1e-6
@@ -23,7 +23,7 @@ STILL = 1e-6
 
 @kernel
 def _project(x, y, piece, points, along, end, reach):
-    """The nearest place ahead on the present stretch: its piece, and its share of that piece."""
+    """The nearest point ahead on the present stretch: its piece, and its share of that piece."""
     best, at, share = math.inf, piece, 0.0
     i = piece
     while i < end[piece] and along[i] <= along[piece] + reach:
@@ -39,9 +39,9 @@ def _project(x, y, piece, points, along, end, reach):
 
 @kernel
 def _carrot(x, y, piece, share, points, end, lookahead):
-    """The first point from a place on to the stretch's end that is `lookahead` metres away.
+    """The first point from a point on to the stretch's end that is `lookahead` metres away.
 
-    If the place itself is farther away, that; if none is so far away, the end.
+    If that point itself is farther away, that; if none is so far away, the end.
     """
     last = end[piece]
     px = points[piece, 0] + share * (points[piece + 1, 0] - points[piece, 0])
@@ -74,16 +74,16 @@ def _turn(angle, rate, p, limits, dt):
 
 @kernel
 def limited(speed, rate, want_speed, want_rate, limits, dt):
-    """The speeds that a robot has a time step later if it is told the wanted ones.
+    """The speeds that a robot has a time step after it is commanded others.
 
-    Limits of speed, turn rate and acceleration leave it on the arc that it is told; that of turn
+    Limits of speed, turn rate and acceleration leave it on the commanded arc; that of turn
     acceleration need not.
 
     Args:
         speed: Now, metres per second.
         rate: Now, radians per second.
-        want_speed: Told.
-        want_rate: Told.
+        want_speed: Commanded.
+        want_rate: Commanded.
         limits: `Robot.limits`.
         dt: The time step, seconds.
     """
@@ -121,21 +121,21 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
         dt: The time step, seconds.
 
     Returns:
-        Speed and turn rate that are wanted, the piece, the stage. One who has arrived is told to
+        Speed and turn rate that are wanted, the piece, the stage. A robot that has arrived is to
         stop.
     """
-    points, along, way, end = course
+    points, along, directions, end = course
     if stage == ARRIVED:
         return 0.0, 0.0, piece, stage
     piece, share = _project(x, y, piece, points, along, end, p.max_robot_pose_search_dist)
-    last = len(way)
+    last = len(directions)
     left = along[end[piece]] - along[piece] - share * (along[piece + 1] - along[piece])
     if end[piece] < last and left <= p.inversion_xy_tolerance:
         piece, share = end[piece], 0.0
         left = along[end[piece]] - along[piece]
     gx, gy = goal[0] - x, goal[1] - y
     near = p.xy_goal_tolerance
-    # A route may pass by its goal on the way: that does not count.
+    # A route may pass by its goal before its end: that does not count.
     at_end = end[piece] == last and left <= 2.0 * near
     if stage == FOLLOWING and at_end and gx * gx + gy * gy <= near * near:
         if not (turns and p.use_rotate_to_heading):
@@ -154,7 +154,7 @@ def pursue(x, y, t, speed, rate, piece, stage, course, goal, turns, p, limits, d
     dx, dy = cx - x, cy - y
     co, si = math.cos(t), math.sin(t)
     ahead, left_of = co * dx + si * dy, co * dy - si * dx
-    sign = way[piece]
+    sign = directions[piece]
     angle = math.atan2(sign * left_of, sign * ahead)
     if p.use_rotate_to_heading and abs(angle) > p.rotate_to_heading_min_angle:
         return 0.0, _turn(angle, rate, p, limits, dt), piece, stage

@@ -52,8 +52,8 @@ class Metrics:
         strong_rmse: Across it.
         nees: Mean of e' P^-1 e over x, y and heading; 3 is expected of a consistent estimate, nan
             where the covariance is singular throughout.
-        exposure: Integral of the map's layer over the way truly driven, metres; nan without.
-        length: Way truly driven, metres.
+        exposure: Integral of the map's layer over the path truly driven, metres; nan without.
+        length: Distance truly driven, metres.
         seconds: How long it took.
     """
 
@@ -175,7 +175,7 @@ def _along_and_across(errors: Floats, truth: Floats, amap: AmbiguityMap) -> tupl
 
 
 def _exposure(truth: Floats, field: Field) -> Floats:
-    """Integral of a field over the way of each run, shape (R,), metres."""
+    """Integral of a field over the path of each run, shape (R,), metres."""
     out = np.zeros(len(truth))
     a, b = truth[:, :-1], truth[:, 1:]
     driven = np.isfinite(b[..., 0])

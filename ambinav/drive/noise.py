@@ -1,8 +1,8 @@
-"""What odometry reports of a motion: the motion, and errors that grow with the way.
+"""What odometry reports of a motion: the motion, and errors that grow with the distance.
 
 AMCL's model (`ambinav.localization.odometry`) gives the errors of one update: their deviation is
 proportional to the motion, so it depends on how often one looks. A simulated robot moves in many
-small steps, and its errors must not depend on their size: here the variances grow with the way
+small steps, and its errors must not depend on their size: here the variances grow with the distance
 (a Wiener process), such that after one update of the localizer, `distance` metres straight on or
 `angle` radians on the spot, they are those of AMCL's model times the square of `scale`:
 
@@ -11,10 +11,10 @@ small steps, and its errors must not depend on their size: here the variances gr
 
 and on the spot, where all of the turn is rot2, scale^2 alpha1 |turn| angle for that alone. Driving
 straight on for L metres the heading's variance is 2 scale^2 alpha2 distance L, that of the
-position along the way scale^2 alpha3 distance L, and across it 2/3 scale^2 alpha2 distance L^3.
+position along the path scale^2 alpha3 distance L, and across it 2/3 scale^2 alpha2 distance L^3.
 
-This is the one model of how odometry errs. The belief planners predict with it; what a localizer is
-told of it are the alphas of AMCL's own model, an `OdometryModel`, which `modelled` makes of it.
+This is the one model of how odometry errs. The belief planners predict with it; a localizer gets
+the alphas of AMCL's own model, an `OdometryModel`, which `modelled` makes of it.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ class PackedNoise(NamedTuple):
 
     Attributes:
         turn_turn: Variance of a turn per radian, radians.
-        turn_way: Of one of the two turns of a motion per metre, square radians a metre.
-        way_way: Of the distance per metre, metres.
-        way_turn: Of the distance per radian, square metres a radian.
+        turn_trans: Of one of the two turns of a motion per metre, square radians a metre.
+        trans_trans: Of the distance per metre, metres.
+        trans_turn: Of the distance per radian, square metres a radian.
         bias_distance: As `OdometryNoise`.
         bias_turn: As `OdometryNoise`.
     """
 
     turn_turn: float
-    turn_way: float
-    way_way: float
-    way_turn: float
+    turn_trans: float
+    trans_trans: float
+    trans_turn: float
     bias_distance: float
     bias_turn: float
 
@@ -66,7 +66,7 @@ class OdometryNoise:
         scale: Deviation of the robot's errors by those that the alphas tell. AMCL's defaults are
             meant to be wide: at a scale of 1 the heading wanders by 18 degrees in one metre. The
             default, 0.25, gives 4.5 degrees and 6 cm in a metre, a mediocre odometry.
-        distance: Way in metres after which the variances are those of the alphas: AMCL's
+        distance: Metres after which the variances are those of the alphas: AMCL's
             update_min_d.
         angle: The same for turns on the spot, radians: AMCL's update_min_a.
         bias_distance: Share by which every distance is reported too long (worn wheels).
@@ -104,7 +104,7 @@ class OdometryNoise:
 
     @property
     def modelled(self) -> OdometryModel:
-        """What a localizer believes that is told the truth: AMCL's model with the same variances.
+        """The model of a localizer that knows the truth: AMCL's, with the same variances.
 
         They agree for updates every `distance` metres straight on, or `angle` radians on the spot;
         AMCL's alone depends on how often the localizer updates.
@@ -121,30 +121,30 @@ class OdometryNoise:
         """As `modelled`, for a localizer that updates at other intervals.
 
         The variances here grow with the distance, those of AMCL's model with its square: a
-        localizer that updates every 5 cm and is told the alphas of 25 cm believes in variances a
+        localizer that updates every 5 cm and is given the alphas of 25 cm assumes variances a
         fifth of the true ones.
 
         Args:
             distance: From one update to the next, straight on, metres, above 0.
             angle: The same on the spot, radians, above 0.
         """
-        told = self.modelled
+        model = self.modelled
         driving, turning = self.distance / distance, self.angle / angle
         return OdometryModel(
-            alpha1=turning * told.alpha1,
-            alpha2=driving * told.alpha2,
-            alpha3=driving * told.alpha3,
-            alpha4=turning * told.alpha4,
+            alpha1=turning * model.alpha1,
+            alpha2=driving * model.alpha2,
+            alpha3=driving * model.alpha3,
+            alpha4=turning * model.alpha4,
         )
 
     def growth(self, distance: float) -> float:
         """Variance a metre of the position in its worse direction, over so many metres ahead.
 
         For planners that know of one deviation alone: straight on from a pose that is known, the
-        larger of what adds up along the way and across it, m^2 / m.
+        larger of what adds up along the path and across it, m^2 / m.
         """
         noise = self.packed
-        return max(noise.way_way, 2.0 / 3.0 * noise.turn_way * distance * distance)
+        return max(noise.trans_trans, 2.0 / 3.0 * noise.turn_trans * distance * distance)
 
     def spread(self, poses: Floats, covariances: Floats, before: Floats, after: Floats) -> Floats:
         """Covariances of dead reckoning after a motion, to first order, shape (N, 3, 3).
@@ -162,11 +162,11 @@ class OdometryNoise:
         moving = trans > 0.0
         # Turning on the spot it slips along its heading, as `sample_odometry` has it.
         turned = np.where(moving, np.arctan2(move[:, 1], move[:, 0]) - before[:, 2], 0.0)
-        way = poses[:, 2] + turned
-        c, s = np.cos(way), np.sin(way)
-        one = noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_way * trans
-        both = noise.turn_turn * turn + 2.0 * noise.turn_way * trans
-        along = noise.way_way * trans + noise.way_turn * turn
+        bearing = poses[:, 2] + turned
+        c, s = np.cos(bearing), np.sin(bearing)
+        one = noise.turn_turn * turn * np.where(moving, 0.5, 0.0) + noise.turn_trans * trans
+        both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
+        along = noise.trans_trans * trans + noise.trans_turn * turn
         # Derivatives of the pose after by the pose before, by the first turn and the distance.
         G = np.tile(np.eye(3), (len(move), 1, 1))
         G[:, 0, 2], G[:, 1, 2] = -trans * s, trans * c
@@ -201,21 +201,21 @@ def sample_odometry(ox, oy, ot, x0, y0, t0, x1, y1, t1, noise, state):
     dx, dy, turn = x1 - x0, y1 - y0, wrapped(t1 - t0)
     trans = math.sqrt(dx * dx + dy * dy)
     # Standing still is no motion, and turning on the spot has no first turn.
-    one = noise.turn_turn * abs(turn) * (0.5 if trans > 0.0 else 0.0) + noise.turn_way * trans
-    both = noise.turn_turn * abs(turn) + 2.0 * noise.turn_way * trans
+    one = noise.turn_turn * abs(turn) * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    both = noise.turn_turn * abs(turn) + 2.0 * noise.turn_trans * trans
     first, second = math.sqrt(one) * a, math.sqrt(both - one) * b
-    along = math.sqrt(noise.way_way * trans + noise.way_turn * abs(turn)) * c
-    way = ot + (math.atan2(dy, dx) - t0 if trans > 0.0 else 0.0) + first
+    along = math.sqrt(noise.trans_trans * trans + noise.trans_turn * abs(turn)) * c
+    bearing = ot + (math.atan2(dy, dx) - t0 if trans > 0.0 else 0.0) + first
     gone = trans * (1.0 + noise.bias_distance) + along
     turned = turn + first + second + noise.bias_turn * trans
-    return ox + gone * math.cos(way), oy + gone * math.sin(way), wrapped(ot + turned)
+    return ox + gone * math.cos(bearing), oy + gone * math.sin(bearing), wrapped(ot + turned)
 
 
 @kernel
 def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     """Carry an estimate (3,) and its covariance (3, 3) along with odometry, in place.
 
-    `OdometryNoise.spread` for one pose; biases are not known to who reckons.
+    `OdometryNoise.spread` for one pose; biases are unknown to it.
 
     Args:
         mean: x, y, theta, written.
@@ -230,12 +230,12 @@ def propagate_covariance(mean, cov, ox0, oy0, ot0, ox1, oy1, ot1, noise):
     """
     dx, dy, turned = ox1 - ox0, oy1 - oy0, wrapped(ot1 - ot0)
     trans, turn = math.sqrt(dx * dx + dy * dy), abs(turned)
-    way = mean[2] + (math.atan2(dy, dx) - ot0 if trans > 0.0 else 0.0)
-    c, s = math.cos(way), math.sin(way)
-    one = noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_way * trans
-    both = noise.turn_turn * turn + 2.0 * noise.turn_way * trans
-    along = noise.way_way * trans + noise.way_turn * turn
-    # How the place moves with the heading; G adds the heading's row to x and y.
+    bearing = mean[2] + (math.atan2(dy, dx) - ot0 if trans > 0.0 else 0.0)
+    c, s = math.cos(bearing), math.sin(bearing)
+    one = noise.turn_turn * turn * (0.5 if trans > 0.0 else 0.0) + noise.turn_trans * trans
+    both = noise.turn_turn * turn + 2.0 * noise.turn_trans * trans
+    along = noise.trans_trans * trans + noise.trans_turn * turn
+    # How the position moves with the heading; G adds the heading's row to x and y.
     gx, gy = -trans * s, trans * c
     xt, yt, tt = cov[0, 2], cov[1, 2], cov[2, 2]
     cov[0, 0] += 2.0 * gx * xt + gx * gx * (tt + one) + along * c * c

@@ -37,7 +37,7 @@ class FollowerParameters:
     """Parameters of the follower, as in nav2's RegulatedPurePursuitController.
 
     Attributes:
-        desired_linear_vel: Speed on a free straight way, metres per second.
+        desired_linear_vel: Speed on a free straight path, metres per second.
         lookahead_dist: Distance of the point that is pursued, metres. Half of nav2's: at 0.6 m
             the robot cuts right-angled corners by more than 0.1 m, which the inflated costmap of
             nav2 leaves room for and a route planned with a small margin does not.
@@ -53,7 +53,7 @@ class FollowerParameters:
         approach_velocity_scaling_dist: From this far before the goal or a cusp on, in metres, the
             speed falls with the distance.
         min_approach_linear_velocity: But not below this, metres per second.
-        use_rotate_to_heading: Whether to turn on the spot where the way goes off sideways, and
+        use_rotate_to_heading: Whether to turn on the spot where the path goes off sideways, and
             at the goal where that has a heading.
         rotate_to_heading_min_angle: From this angle on, radians.
         rotate_to_heading_angular_vel: How fast, radians per second.
@@ -64,7 +64,7 @@ class FollowerParameters:
 
     Raises:
         InputError: a number is not finite or not above 0, or the limits of the lookahead distance
-            are the wrong way round.
+            are in the wrong order.
     """
 
     desired_linear_vel: Positive = 0.5

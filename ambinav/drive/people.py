@@ -33,9 +33,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class People:
-    """People in a building, each on a way of its own in every run.
+    """People in a building, each on a path of its own in every run.
 
-    They walk straight on until a wall stops them and then turn some other way. They do not collide
+    They walk straight on until a wall stops them and then turn elsewhere. They do not collide
     with the robot: where it comes near they walk away from it, aside where a wall is in the way,
     and where they cannot, they stay.
 

@@ -9,7 +9,7 @@ from ambinav.drive.course import Course
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.robot import Robot
-from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_told
+from ambinav.drive.world import DRIVING, REACHED, report_all, tick, tick_commanded
 from ambinav.geometry.collision.checker import CollisionChecker
 
 Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ class Robots:
         checker: Of the robot's disc in the world.
         states: Of the random numbers of odometry, shape (R, 4).
         dt: Time step, seconds.
-        way: Poses of an open-loop drive, shape (T, 3); None to steer by what they believe.
+        path: Poses of an open-loop drive, shape (T, 3); None to steer by what they believe.
 
     Attributes:
         truth: Where they are, shape (R, 3), map frame.
@@ -46,7 +46,7 @@ class Robots:
         checker: CollisionChecker,
         states: NDArray[np.uint64],
         dt: float,
-        way: Floats | None = None,
+        path: Floats | None = None,
     ) -> None:
         runs = len(states)
         self.truth = np.tile(np.asarray(start, dtype=np.float64), (runs, 1))
@@ -56,14 +56,14 @@ class Robots:
         self._piece = np.zeros(runs, dtype=np.int64)
         self._stage = np.zeros(runs, dtype=np.int64)
         self._states = states
-        self._way = way
+        self._path = path
         self._gone = 0
         self._noise = noise.packed
         self._fixed = (
             course.arrays, course.goal, course.turns, follower.packed, robot.limits, float(dt),
             self._noise,
         )  # fmt: skip
-        self._told = (
+        self._fixed_arguments = (
             course.goal, follower.xy_goal_tolerance, robot.limits, float(dt), self._noise,
         )  # fmt: skip
         self._walls = (robot.radius, *checker.arrays[:2])
@@ -73,27 +73,27 @@ class Robots:
 
         Args:
             belief: Poses by which they steer, shape (R, 3); not looked at open loop.
-            want: Speeds that they are told, shape (R, 2), metres and radians per second; None to
+            want: Commanded speeds, shape (R, 2), metres and radians per second; None to
                 follow the course.
         """
         driving = np.asarray(self.outcome == DRIVING, dtype=np.bool_)
-        if self._way is None and want is not None:
-            tick_told(
-                self.truth, self.odometry, belief, self.speeds, self.outcome, want, *self._told,
-                self._states, *self._walls,
+        if self._path is None and want is not None:
+            tick_commanded(
+                self.truth, self.odometry, belief, self.speeds, self.outcome, want,
+                *self._fixed_arguments, self._states, *self._walls,
             )  # fmt: skip
             return np.asarray(driving & (self.outcome != REACHED))
-        if self._way is None:
+        if self._path is None:
             tick(
                 self.truth, self.odometry, belief, self.speeds, self._piece, self._stage,
                 self.outcome, *self._fixed, self._states, *self._walls,
             )  # fmt: skip
             return np.asarray(driving & (self.outcome != REACHED))
         self._gone += 1
-        if self._gone >= len(self._way):
+        if self._gone >= len(self._path):
             self.outcome[:] = REACHED
             return np.zeros_like(driving)
         before = self.truth.copy()
-        self.truth[:] = self._way[self._gone]
+        self.truth[:] = self._path[self._gone]
         report_all(self.odometry, before, self.truth, self._noise, self._states)
         return driving

@@ -40,7 +40,7 @@ def scheduled(
         poses: The route, shape (N, 3).
         steering: The kind of motion.
         robot: The robot.
-        desired: Speed on a free straight way, metres per second.
+        desired: Speed on a free straight path, metres per second.
         dt: Seconds.
 
     Returns:
@@ -64,28 +64,28 @@ def scheduled(
     keep = np.concatenate([[True], ~drop])
     # The first of two points that stand for one place stays, with the heading between theirs.
     dense, along, heading = dense[keep], along[keep], heading[keep]
-    way, turn = np.diff(along), np.abs(np.diff(heading))
+    lengths, turn = np.diff(along), np.abs(np.diff(heading))
     fastest = np.full(len(dense), min(desired, robot.max_speed))
     fastest[[0, -1]] = 0.0
-    on_spot = way <= 0.0
+    on_spot = lengths <= 0.0
     fastest[:-1][on_spot] = 0.0
     fastest[1:][on_spot] = 0.0
     fastest[1:-1][_reverses(dense)] = 0.0
     # In a bend the speed is bounded by turn rate / curvature at both of a piece's ends.
-    bends = (way > 0.0) & (turn > 0.0)
-    bound = np.full(len(way), np.inf)
-    bound[bends] = robot.max_turn_rate * way[bends] / turn[bends]
+    bends = (lengths > 0.0) & (turn > 0.0)
+    bound = np.full(len(lengths), np.inf)
+    bound[bends] = robot.max_turn_rate * lengths[bends] / turn[bends]
     fastest[:-1] = np.minimum(fastest[:-1], bound)
     fastest[1:] = np.minimum(fastest[1:], bound)
-    speed = _reachable(fastest, way, robot.acceleration)
+    speed = _reachable(fastest, lengths, robot.acceleration)
     seconds = turn / robot.max_turn_rate
-    moving = way > 0.0
+    moving = lengths > 0.0
     both = speed[:-1] + speed[1:]
     hop = moving & (both <= 0.0)
     ride = moving & ~hop
-    seconds[ride] = 2.0 * way[ride] / both[ride]
+    seconds[ride] = 2.0 * lengths[ride] / both[ride]
     # From stop to stop: half of it gaining speed, half of it braking.
-    seconds[hop] = 2.0 * np.sqrt(way[hop] / robot.acceleration)
+    seconds[hop] = 2.0 * np.sqrt(lengths[hop] / robot.acceleration)
     when = np.concatenate([[0.0], np.cumsum(seconds)])
     count = int(np.ceil(when[-1] / dt - 1e-9)) + 1
     times = np.minimum(dt * np.arange(count), when[-1])
@@ -98,17 +98,17 @@ def scheduled(
 
 
 def _reverses(points: Floats) -> NDArray[np.bool_]:
-    """Which inner points are cusps, shape (M - 2,): the way goes back there."""
+    """Which inner points are cusps, shape (M - 2,): the path goes back there."""
     steps = np.diff(points[:, :2], axis=0)
     return np.asarray((steps[:-1] * steps[1:]).sum(axis=1) < 0.0)
 
 
-def _reachable(fastest: Floats, way: Floats, acceleration: float) -> Floats:
+def _reachable(fastest: Floats, lengths: Floats, acceleration: float) -> Floats:
     """Speed at each point: at most `fastest`, gained and lost at most at the acceleration."""
     speed = fastest.tolist()
-    gain = (2.0 * acceleration * way).tolist()
-    for i in range(len(way)):
+    gain = (2.0 * acceleration * lengths).tolist()
+    for i in range(len(lengths)):
         speed[i + 1] = min(speed[i + 1], (speed[i] * speed[i] + gain[i]) ** 0.5)
-    for i in range(len(way) - 1, -1, -1):
+    for i in range(len(lengths) - 1, -1, -1):
         speed[i] = min(speed[i], (speed[i + 1] * speed[i + 1] + gain[i]) ** 0.5)
     return np.array(speed)

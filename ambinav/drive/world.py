@@ -1,4 +1,4 @@
-"""What truly happens: the robot moves as it is told, until it meets a wall."""
+"""What truly happens: the robot moves as commanded, until it collides."""
 
 from __future__ import annotations
 
@@ -64,11 +64,11 @@ def path(t, speed, rate, dt):
     A motion counts as straight that strays from its chord by less than rounding.
     """
     length = abs(speed) * dt
-    way = 1.0 if speed > 0.0 else -1.0
+    sign = 1.0 if speed > 0.0 else -1.0
     if length < SHORT or abs(rate) * dt * length < 8.0 * STRAY:
         middle = t + 0.5 * rate * dt
-        return length, way * math.cos(middle), way * math.sin(middle), 0.0
-    return length, way * math.cos(t), way * math.sin(t), rate / abs(speed)
+        return length, sign * math.cos(middle), sign * math.sin(middle), 0.0
+    return length, sign * math.cos(t), sign * math.sin(t), rate / abs(speed)
 
 
 @kernel
@@ -136,11 +136,11 @@ def tick(
 
 
 @kernel
-def tick_told(
+def tick_commanded(
     truth, odometry, belief, speeds, outcome, want, goal, near, limits, dt, noise, states, reach,
     table, bound,
 ):  # fmt: skip
-    """As `tick`, of robots that are told their speeds.
+    """As `tick`, of robots whose speeds are commanded.
 
     Args:
         truth: See `tick`, as all that is not listed here.
@@ -148,7 +148,7 @@ def tick_told(
         belief: See there.
         speeds: See there.
         outcome: See there.
-        want: Speed (m/s) and turn rate (rad/s) that each is told, shape (R, 2).
+        want: Speed (m/s) and turn rate (rad/s) commanded of each, shape (R, 2).
         goal: See there.
         near: A robot that believes it is within this distance of the goal stops there, metres.
         limits: See there.

@@ -143,7 +143,7 @@ def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov
         mean: Written, shape (3,): metres and radians.
         cov: Written, shape (3, 3): second moment of all particles about `mean`, heading
             differences wrapped. AMCL too reports the spread of all particles beside the mean of
-            one cluster, but without the terms that couple the heading with the place.
+            one cluster, but without the terms that couple the heading with the position.
     """
     best = -1
     if not whole:

@@ -39,7 +39,7 @@ ROUNDS = 4
 class ExtendedKalmanFilter:
     """Pose tracking by an extended Kalman filter on the ranges, for any number of runs at once.
 
-    It needs to know about where it starts, and holds one place for true: a reference for what a
+    It needs to know about where it starts, and holds one pose for true: a reference for what a
     localizer can know, and a prediction of it, rather than a localizer for lost robots.
 
     Args:

@@ -43,10 +43,10 @@ def expected_covariance(
         place: A map of ambiguity, or an environment.
         poses: x, y, theta, shape (N, 3) or (3,).
         source: "ambiguity": the map's radii as deviations, major_radius along direction and
-            minor_radius across it; of the heading, taken for independent of the place,
+            minor_radius across it; of the heading, taken for independent of the position,
             heading_radius, but at most the map's sigma_theta, with which it takes headings to be
             known (turns by far, which heading_radius counts too, are no matter of tracking), and
-            sigma_theta where the map has no heading_radius. The place deviates by no more than
+            sigma_theta where the map has no heading_radius. The position deviates by no more than
             the map's neighbourhood allows: where nothing is in range by half of its radius, in a
             corridor by 1 / sqrt(3) of it, and a little more for the cells.
             "fisher": what one scan of all beams leaves of `prior`, as the layer `fisher` has it for
@@ -79,7 +79,7 @@ def expected_covariance(
         return np.where(inside[:, np.newaxis, np.newaxis], found, np.nan)
     if not isinstance(place, AmbiguityMap):
         raise InputError(
-            f"source is 'ambiguity', which environment {place.name!r} does not tell; give an "
+            f"source is 'ambiguity', which environment {place.name!r} does not give; give an "
             "AmbiguityMap, or source 'fisher'."
         )
     for name, value in (("scanner", scanner), ("prior", prior), ("map_std", map_std)):
@@ -104,7 +104,7 @@ def place_and_scanner(
         return place.environment, scanner
     if "scanner_yaml" not in place.dataset.attrs:
         raise InputError(
-            f"{place.source}: the map does not tell its scanner; give one, or make the map again "
+            f"{place.source}: the map does not name its scanner; give one, or make the map again "
             "with `ambinav map`."
         )
     text = place.dataset.attrs["scanner_yaml"]

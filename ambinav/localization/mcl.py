@@ -17,7 +17,7 @@ What follows AMCL is named in `MclParameters`. Four things are done otherwise, o
 averages of augmented recovery are of the mean likelihood of the particles that were not just put
 anywhere (AMCL takes all, and divides by their number once more, so that the averages jump when KLD
 changes that number); the covariance
-couples heading and place; between two updates the covariance grows with odometry; and recovery
+couples heading and position; between two updates the covariance grows with odometry; and recovery
 goes on until the likelihood is back (`MclParameters.recovery_reset`).
 """
 

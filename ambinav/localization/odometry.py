@@ -15,7 +15,7 @@ exact as driving forward.
 
 This is what a localizer believes of odometry, under AMCL's names for it. How the simulated robot's
 odometry truly errs, and what planners predict with, is `ambinav.drive.noise.OdometryNoise`; its
-`modelled` gives the model here of a localizer that is told the truth.
+`modelled` gives the model here of a localizer that knows the truth.
 """
 
 from __future__ import annotations
@@ -142,8 +142,8 @@ def deviations(rot1, trans, rot2, alpha):
 @kernel
 def apply_motion(x, y, t, rot1, trans, rot2):
     """The pose after a turn, a straight piece and a turn; heading in [-pi, pi)."""
-    way = t + rot1
-    return x + trans * math.cos(way), y + trans * math.sin(way), wrapped(way + rot2)
+    bearing = t + rot1
+    return x + trans * math.cos(bearing), y + trans * math.sin(bearing), wrapped(bearing + rot2)
 
 
 @kernel

@@ -72,7 +72,7 @@ class OnlineLocalizability:
 
     @property
     def radii(self) -> tuple[Floats, Floats, Floats]:
-        """Deviations of the place by `covariance`: largest, smallest, direction of the first.
+        """Deviations of the position by `covariance`: largest, smallest, direction of the first.
 
         Metres, metres, and radians in [0, pi), map frame; each of shape (N,).
         """

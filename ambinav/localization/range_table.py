@@ -1,4 +1,4 @@
-"""Expected ranges worked out beforehand: what each kind of sensor reads, by place and direction.
+"""Expected ranges worked out beforehand: what each kind of sensor reads, by position and direction.
 
 A cone is many rays, and casting them for each particle is most of what the ray model costs. Here
 they are cast once, from the points of a lattice in evenly spaced directions, and looked up at the

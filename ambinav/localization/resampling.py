@@ -17,7 +17,7 @@ CODES = {"multinomial": MULTINOMIAL, "systematic": SYSTEMATIC, "low_variance": L
 
 @kernel(inline="always")
 def van_der_corput(m):
-    """The m-th place of van der Corput's sequence in base 2: 0, 1/2, 1/4, 3/4, 1/8 ..."""
+    """The m-th term of van der Corput's sequence in base 2: 0, 1/2, 1/4, 3/4, 1/8 ..."""
     place, step = 0.0, 0.5
     while m > 0:
         if m & 1:
@@ -42,7 +42,7 @@ def first_above(value, cumulated, count):
 
 @kernel
 def random_pose(areas, corner, state):
-    """A pose anywhere in the free space, all places and headings alike.
+    """A pose anywhere in the free space, all positions and headings alike.
 
     Args:
         areas: Cumulated areas of the triangles of the free space, shape (T,), square metres.

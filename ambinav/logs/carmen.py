@@ -166,7 +166,7 @@ def _angles(path: Path, beams: int, start: float, step: float, given: ArrayLike 
 
 
 def _mount(lines: Lines, seat: Floats | None) -> Mount:
-    """The laser's place: as the lines show it, or else as the parameters say."""
+    """The laser's mount: as the lines show it, or else as the parameters say."""
     said = lines.mount or (0.0, 0.0, 0.0)
     if seat is None:
         return said

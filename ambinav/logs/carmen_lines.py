@@ -60,7 +60,7 @@ class Lines:
         scans: The sound scans.
         path: One entry for each line of odometry (its pose) and of a scan (its index in `scans`,
             -1 for a damaged one).
-        mount: Laser's place on the robot by the log's parameters; None if it has none.
+        mount: Laser's pose on the robot by the log's parameters; None if it has none.
         damaged: The lines that cannot be used.
         counts: Number of lines of scans, odometry and parameters, damaged ones included.
     """

@@ -25,10 +25,10 @@ SPARSE_SCANS: Final = MclParameters(
 )
 """Parameters for logs of lasers that were thinned to a scan every metre or two.
 
-With AMCL's defaults the way is lost on such logs: alphas of 0.2 spread the particles by 0.45 m for
-each metre between two scans, and the sum of cubes weighs the best of them only a few times as much
-as the worst. Where scans are 0.2 to 0.4 m apart, mending one of the two is enough; at 1 to 2 m it
-takes both (benchmarks/results/replay.md).
+With AMCL's defaults the robot gets lost on such logs: alphas of 0.2 spread the particles by 0.45 m
+for each metre between two scans, and the sum of cubes weighs the best of them only a few times as
+much as the worst. Where scans are 0.2 to 0.4 m apart, correcting one of the two is enough; at 1 to
+2 m it takes both (benchmarks/results/replay.md).
 """
 
 START_STD: Final = (0.1, 0.1, 0.05)

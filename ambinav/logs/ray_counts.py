@@ -45,7 +45,7 @@ def count_rays(poses, angles, ranges, reach, left, low, cell, hits, passes):
             last_row = int(math.floor(y0 + span * n))
             step_col = 1 if c > 0.0 else -1
             step_row = 1 if n > 0.0 else -1
-            # Way along the beam to the next border, and between two borders.
+            # Distance along the beam to the next border, and between two borders.
             per_col = 1.0 / abs(c) if c != 0.0 else np.inf
             per_row = 1.0 / abs(n) if n != 0.0 else np.inf
             edge_col = col + 1 - x0 if c > 0.0 else x0 - col

@@ -118,6 +118,8 @@ def _beam_ends(log: Log) -> Floats:
     chosen = slice(None, None, math.ceil(len(scan) / MOST_BEAMS))
     scan, beam = scan[chosen], beam[chosen]
     poses, length = log.laser_poses[scan], log.ranges[scan, beam].astype(np.float64)
-    way = poses[:, 2] + log.angles[beam]
-    ends: Floats = poses[:, :2] + length[:, None] * np.column_stack([np.cos(way), np.sin(way)])
+    bearing = poses[:, 2] + log.angles[beam]
+    ends: Floats = poses[:, :2] + length[:, None] * np.column_stack(
+        [np.cos(bearing), np.sin(bearing)]
+    )
     return ends

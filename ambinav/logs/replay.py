@@ -112,7 +112,7 @@ class Replay:
 
         Turned and shifted (not scaled) so that the squared distances are smallest (Umeyama 1991),
         as `evo_ape --align` does: for poses whose frame is not quite that of the map. No such
-        motion hides that a robot was lost on the way.
+        motion hides that a robot was lost in between.
 
         Raises:
             InputError: the log has no poses.

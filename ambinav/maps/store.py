@@ -50,7 +50,7 @@ def write(dataset: xr.Dataset, path: Path) -> None:
     with replacing(path) as scratch, warnings.catch_warnings():
         # Consolidated metadata is read by xarray and Zarr-Python but not yet in the Zarr 3 text.
         warnings.filterwarnings("ignore", message="Consolidated metadata")
-        # zarr writes in threads: left half-way, they would go on while the scratch is removed.
+        # zarr writes in threads: left running, they would go on while the scratch is removed.
         with holding_interrupts():
             fresh.to_zarr(
                 scratch,

@@ -31,7 +31,7 @@ class AliasedPair(Protocol):
 
     @property
     def letter(self) -> str:
-        """Links of one letter start at the same point."""
+        """Pairs of one letter start at the same point."""
 
     @property
     def ends(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -48,7 +48,7 @@ class AliasedPair(Protocol):
 
 def plot_aliasing(
     amap: AmbiguityMap,
-    links: Sequence[AliasedPair],
+    pairs: Sequence[AliasedPair],
     spacing: float,
     parts: FloorParts | None = None,
 ) -> Axes:
@@ -56,7 +56,7 @@ def plot_aliasing(
 
     Args:
         amap: The map.
-        links: The pairs; a colour and a letter for those that start at the same point.
+        pairs: The pairs; a colour and a letter for those that start at the same point.
         spacing: Of the poses that the regions are made of, metres.
         parts: Which floor counts; None: all that is explored.
     """
@@ -65,13 +65,13 @@ def plot_aliasing(
     picture = np.where(free, to_rgba(style.FLOOR), 0.0)
     parts = FloorParts.of(amap) if parts is None else parts
     floor.paint_parts(picture, parts)
-    letters = list(dict.fromkeys(link.letter for link in links))
+    letters = list(dict.fromkeys(pair.letter for pair in pairs))
     colour = dict(zip(letters, itertools.cycle(style.SERIES), strict=False))
     handles = []
     # Large places first: of these enough is left to be seen.
     for letter in letters:
-        own = [link for link in links if link.letter == letter]
-        everywhere = np.concatenate([part for link in own for part in (link.cells, link.images)])
+        own = [pair for pair in pairs if pair.letter == letter]
+        everywhere = np.concatenate([part for pair in own for part in (pair.cells, pair.images)])
         pale, dark = (_mixed(colour[letter], strength) for strength in (PALE, DARK))
         _paint(picture, amap, parts.counted, everywhere, spacing, pale)
         _paint(picture, amap, parts.counted, _around(own, spacing), spacing, dark)
@@ -79,15 +79,15 @@ def plot_aliasing(
         handles.append(Patch(facecolor=_mixed(colour[letter], DARK), label=label))
     floor.paint(picture)
     floor.legend(handles + floor.part_patches(parts) + floor.outside_patches())
-    for link in reversed(links):
-        first, other = link.ends
+    for pair in reversed(pairs):
+        first, other = pair.ends
         floor.axes.add_patch(
             FancyArrowPatch(
                 first,
                 other,
                 arrowstyle="-",
-                connectionstyle=f"arc3,rad={_bend(link, floor.bounds)}",
-                color=colour[link.letter],
+                connectionstyle=f"arc3,rad={_bend(pair, floor.bounds)}",
+                color=colour[pair.letter],
                 linewidth=2.2,
                 shrinkA=9,
                 shrinkB=9,
@@ -96,19 +96,19 @@ def plot_aliasing(
             )
         )
         label_points(
-            floor.axes, [(*first, link.letter), (*other, link.letter)], colour[link.letter]
+            floor.axes, [(*first, pair.letter), (*other, pair.letter)], colour[pair.letter]
         )
     return floor.finish()
 
 
-def _bend(link: AliasedPair, box: Bounds) -> float:
+def _bend(pair: AliasedPair, box: Bounds) -> float:
     """How far a line bends aside, as a share of its length: the first that stays in the picture.
 
     Args:
-        link: Its ends.
+        pair: Its ends.
         box: xmin, ymin, xmax, ymax of the picture, metres.
     """
-    ends = np.array(link.ends)
+    ends = np.array(pair.ends)
     aside = np.array([ends[1, 1] - ends[0, 1], ends[0, 0] - ends[1, 0]])
     low, high = np.reshape(box, (2, 2))
     margin = EDGE * (high - low).min()
@@ -128,15 +128,15 @@ def _mixed(colour: str, strength: float) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _around(links: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
-    """The points of the first link's region that stand for it.
+def _around(pairs: Sequence[AliasedPair], spacing: float) -> NDArray[np.float64]:
+    """The points of the first pair's region that stand for it.
 
     Where a building is turned or moved onto itself, the region is all of it and so are its
-    look-alikes: of these points, those nearer to the start than to any other end of the links.
+    aliased poses: of these points, those nearer to the start than to any other end of the pairs.
     """
-    first = links[0]
-    ends = [first.ends[0], *(link.ends[1] for link in links)]
-    images = np.concatenate([link.images for link in links])
+    first = pairs[0]
+    ends = [first.ends[0], *(pair.ends[1] for pair in pairs)]
+    images = np.concatenate([pair.images for pair in pairs])
     both = cKDTree(images).query(first.cells)[0] <= spacing
     own = cKDTree(ends).query(first.cells)[1] == 0
     return np.asarray(first.cells[~both | own])
@@ -154,6 +154,6 @@ def _paint(
     rows, columns = np.nonzero(counted)
     cells = np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
     near, _ = cKDTree(points).query(cells)
-    # Half the diagonal of a lattice's cell, and a little for look-alikes that lie farther apart.
+    # Half the diagonal of a lattice's cell, and a little for aliased poses that lie farther apart.
     held = near <= 0.75 * spacing
     picture[rows[held], columns[held], :3] = colour

@@ -252,8 +252,8 @@ def plot_errors(driven: Sequence[DrivenRoute], title: str) -> Figure:
         known = np.isfinite(high)
         top = max(top, 1.15 * float(high[known].max(initial=0.0)))
         # A tenth of the stations may reach below the scale; without errors none are on it.
-        told = np.sort(low[known & (low > 0.0)])
-        bottom = min(bottom, float(told[len(told) // 10])) if len(told) else bottom
+        positive = np.sort(low[known & (low > 0.0)])
+        bottom = min(bottom, float(positive[len(positive) // 10])) if len(positive) else bottom
     panels[0].set_yscale("log")
     panels[0].set_ylim(max(0.001, 0.8 * bottom), top)
     ticks = [tick for tick in TICKS if 0.8 * bottom <= tick <= top]

@@ -70,12 +70,12 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     corridor, longest_corridor, wide, longest_wide = np.array(
         [(f.corridor, f.longest_corridor, f.open, f.longest_open) for f in floors]
     ).T
-    told = (
+    panel_values = (
         (exposure, None, f"exposure: integral of {first.layer} along the route (m)"),
         (corridor, longest_corridor, "length in corridor zones (m)"),
         (wide, longest_wide, "length in open zones (m)"),
     )
-    for axes, (values, longest, label) in zip(panels, told, strict=True):
+    for axes, (values, longest, label) in zip(panels, panel_values, strict=True):
         _frame(axes, label)
         _draw(axes, extra, values, dominated)
         if longest is not None:
@@ -101,7 +101,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     # Positions are final only now; labels are laid by them.
     figure.draw_without_rendering()
     weights = [f"{point.weight:g}" for point in front.points]
-    for axes, (values, longest, _) in zip(panels, told, strict=True):
+    for axes, (values, longest, _) in zip(panels, panel_values, strict=True):
         _label(axes, extra, values, longest, ~dominated, weights)
     return figure
 
@@ -188,7 +188,7 @@ def _label(
             zorder=5,
             arrowprops={"arrowstyle": "-", "color": "#777777", "lw": 0.8} if far else None,
         )
-        label.set_in_layout(False)  # the places are reckoned for the axes as they are
+        label.set_in_layout(False)  # the positions are computed for the axes as they are
 
 
 def _free_spot(

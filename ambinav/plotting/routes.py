@@ -163,7 +163,7 @@ def describe(group: Mapping[str, Route]) -> str:
     """Text of an entry in the legend: names, length, cost, metres in corridor and in open zones.
 
     Args:
-        group: Routes by name that are one and the same path. Their cost is told if they were
+        group: Routes by name that are one and the same path. Their cost is given if they were
             planned with the same weight.
     """
     route = group[_first(group)]

@@ -1,7 +1,7 @@
 """The one table of colours and line styles: a colour means the same in all pictures.
 
 Blue, orange, red and a light tint are the scheme of Ruiz-Mayor, Crespo and Trivino (2017) for the
-zones; the paper's white is tinted, so that it is told from paper. The shades stay apart for every
+zones; the paper's white is tinted, so that it differs from paper. The shades stay apart for every
 common kind of colour blindness and, zones and greys, in grey print; tests/plotting/test_style.py
 says by how much. No drawing library is imported here, so that any can read the table.
 """
@@ -61,7 +61,7 @@ GOAL: Final = "G"
 SIGMAS: Final = 2.0
 """Radius of ellipses in standard deviations: 86 % of a plane normal distribution."""
 
-# Okabe and Ito's colours, told apart by the colour-blind too.
+# Okabe and Ito's colours, distinguished by the colour-blind too.
 BLUE: Final = "#0072B2"
 VERMILLION: Final = "#D55E00"
 GREEN: Final = "#009E73"

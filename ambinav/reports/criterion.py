@@ -16,7 +16,7 @@ class AcceptanceCriterion:
     Attributes:
         lost: Share of the baseline's lost rate that may be left.
         error: Share of its error that may be left.
-        extra: Share of its length that the way may be longer.
+        extra: Share of its length that a route may be longer.
         easy: Metres: below this error, with none lost or collided, there is nothing to gain.
     """
 
@@ -34,5 +34,5 @@ class AcceptanceCriterion:
         return ours <= self.error * baseline + ROUNDING
 
     def length_met(self, ratio: float) -> bool:
-        """Whether the way is short enough, by its length over the baseline's."""
+        """Whether the route is short enough, by its length over the baseline's."""
         return ratio <= 1.0 + self.extra + ROUNDING

@@ -11,7 +11,7 @@ from ambinav.drive.bootstrap import Interval
 
 @dataclass(frozen=True)
 class Figure:
-    """What is told of a route, a method or a policy.
+    """What is reported of a route, a method or a policy.
 
     Attributes:
         key: Name in files.

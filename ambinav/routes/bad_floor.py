@@ -1,6 +1,6 @@
 """Metres in the two zones where robots get lost, and the longest stretch of each, for readers.
 
-The two are told apart because they are not equally dangerous. In corridor a scan leaves one
+The two are kept apart because they are not equally dangerous. In corridor a scan leaves one
 direction free, and what is beside the robot or at the corridor's end fixes it again; in an open
 zone it says nothing, and the error grows in every direction.
 """

@@ -67,16 +67,16 @@ def load_route(path: str | Path) -> Route:
     except RecursionError as error:
         raise InputError(f"{path}: nested too deeply for a route; save it again.") from error
     member = "properties" if kind == ".geojson" else "ambinav"
-    told = whole.get(member) if isinstance(whole, dict) else None
-    if not isinstance(told, dict) or not isinstance(told.get("poses"), list):
+    content = whole.get(member) if isinstance(whole, dict) else None
+    if not isinstance(content, dict) or not isinstance(content.get("poses"), list):
         raise InputError(
             f"{path}: {member}.poses is missing, so this is no route of ambinav; "
             "save one with `ambinav plan`."
         )
-    rest = {name: value for name, value in told.items() if name != "poses"}
+    rest = {name: value for name, value in content.items() if name != "poses"}
     points = [
         checked(Waypoint, plain, f"{path}: {member}.poses[{i}]")
-        for i, plain in enumerate(told["poses"])
+        for i, plain in enumerate(content["poses"])
     ]
     return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
 

@@ -117,13 +117,13 @@ def as_curve(value: object, where: str) -> Curve:
 
 
 def _from_mapping(value: dict[object, object], where: str) -> Polynomial | Table:
-    told = checked(_CurveModel, value, where)
-    if told.polynomial is not None and told.table is None:
-        return Polynomial(told.polynomial)
-    if told.table is None or told.polynomial is not None:
+    model = checked(_CurveModel, value, where)
+    if model.polynomial is not None and model.table is None:
+        return Polynomial(model.polynomial)
+    if model.table is None or model.polynomial is not None:
         raise InputError(f"{where} is {value!r}; give either 'polynomial' or 'table'.")
     try:
-        return Table(told.table.range, told.table.value)
+        return Table(model.table.range, model.table.value)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 

@@ -68,13 +68,13 @@ class _RingModel(ConfigModel):
 
 
 def _planar(plain: object) -> Planar:
-    told = _PlanarModel.model_validate(plain)
-    return Planar(told.beams, told.aperture_deg, told.mount)
+    model = _PlanarModel.model_validate(plain)
+    return Planar(model.beams, model.aperture_deg, model.mount)
 
 
 def _ring(plain: object) -> Ring:
-    told = _RingModel.model_validate(plain)
-    return Ring(told.count, told.radius, told.start_deg)
+    model = _RingModel.model_validate(plain)
+    return Ring(model.count, model.radius, model.start_deg)
 
 
 def _mounts(plain: object) -> Mounts:
@@ -146,13 +146,13 @@ def parse_scanner(text: str, where: str, default_name: str) -> ScannerText:
     """
     plain = parse_yaml(text, where, EXAMPLE)
     refuse(where, kind_of(plain), "a scanner", SCANNER)
-    told = checked(_ScannerModel, plain, where)
+    model = checked(_ScannerModel, plain, where)
     return ScannerText(
-        told.name or default_name,
-        told.description,
-        told.source,
-        tuple(part.part for part in told.parts),
-        told.robot_radius,
+        model.name or default_name,
+        model.description,
+        model.source,
+        tuple(part.part for part in model.parts),
+        model.robot_radius,
     )
 
 

@@ -44,8 +44,8 @@ def parse_sensor(plain: object, where: str) -> dict[str, Any]:
     Raises:
         InputError: a field is unknown, missing or of the wrong type.
     """
-    told = checked(_SensorModel, plain, where)
-    return {key.removesuffix("_deg"): value for key, value in told}
+    model = checked(_SensorModel, plain, where)
+    return {key.removesuffix("_deg"): value for key, value in model}
 
 
 def render_sensor(fields: Mapping[str, Any]) -> dict[str, object]:

@@ -87,7 +87,7 @@ def _mean_on_floor(u0, v0, du, dv, values):
 
 @kernel(inline="always")
 def _first_line(u, du, cell):
-    """Share of the way to the next lattice line, share from line to line, and the cell's step."""
+    """Share of the motion to the next line, share from line to line, and the cell's step."""
     if du > 0.0:
         return (cell + 1.0 - u) / du, 1.0 / du, 1
     if du < 0.0:

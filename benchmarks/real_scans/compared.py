@@ -75,7 +75,7 @@ def compared(
     table = BeamTable.of(scanner, model.map_std, model.outlier_share)
     limit, width = float(table.limit[0]), len(table.limit)
     directions = scanner.mounts[:, 2]
-    told = evidence_of(table)
+    evidence = evidence_of(table)
     cell = (SPACING**2 / 4.0, model.sigma_theta**2)
     poses = log.required_poses()
     first, row = np.unique(pairs.first, return_inverse=True)
@@ -88,7 +88,7 @@ def compared(
         )  # fmt: skip
 
     def agreement(one: NDArray[np.float32], two: NDArray[np.float32]) -> Agreement:
-        return compare_pairs(one, two, row, table, told, model.tau, cell)
+        return compare_pairs(one, two, row, table, evidence, model.tau, cell)
 
     mine = real(first, np.zeros(len(first)), poses[first, 2])
     theirs = real(pairs.second, pairs.turn, poses[pairs.first, 2])
@@ -98,14 +98,14 @@ def compared(
     measured, predicted = agreement(mine, theirs), agreement(own, other)
     for scans, said in ((mine, own), (theirs, other)):
         scans[:, 4][said[:, 4] == BLIND] = BLIND
-    told_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
+    seen_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
     return Compared(
         pairs,
         measured,
         agreement(mine, theirs),
         predicted,
         common.mean(axis=1),
-        told_by_both[:, : len(directions)].sum(axis=1).astype(np.float64),
+        seen_by_both[:, : len(directions)].sum(axis=1).astype(np.float64),
     )
 
 

@@ -20,7 +20,7 @@ from ambinav.logs.frames import Floats
 from ambinav.threads import run_rows
 from real_scans.real_returns import STEEPEST, WINDOW, same_surface, surface_slopes
 
-# What lies so near to the displaced laser is not told from it, metres.
+# What lies so near to the displaced laser counts as the laser itself, metres.
 SKIN = 1e-3
 
 

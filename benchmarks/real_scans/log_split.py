@@ -63,7 +63,7 @@ def scanner_of(log: Log, max_range: float | None) -> RangeScanner:
 
 
 def model_of(scanner: RangeScanner, environment: Environment, radius: float) -> AmbiguityModel:
-    """The parameters that `build_map` takes if not told otherwise."""
+    """The parameters that `build_map` takes by default."""
     return AmbiguityModel(radius=radius, map_std=environment.map_std, tau=independent_tau(scanner))
 
 

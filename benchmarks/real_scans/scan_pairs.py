@@ -1,4 +1,4 @@
-"""Pairs of scans that a robot took near to each other, looking nearly the same way."""
+"""Pairs of scans that a robot took near to each other, looking in nearly the same direction."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ whoever trains keeps below."""
 CHUNK = 128
 """Robots at once. Always so many, though some may stand idle: what a neural network answers to one
 of them depends in its last bits on how many it is asked for. Who has no episode is shown what
-another one saw first, or what it saw last itself, and what it is told to do counts for nothing."""
+another one saw first, or what it saw last itself, and its commands count for nothing."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -154,7 +154,7 @@ def evaluate(
 ) -> Episodes:
     """Let a policy or a controller drive.
 
-    Episode k is the same for all that drive it: building, start, goal, noise of wheels and
+    Episode k is the same for all that drive it: building, start, goal, noise of odometry and
     readings, people and obstacles have seeds of their own.
 
     Args:

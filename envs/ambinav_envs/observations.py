@@ -33,7 +33,7 @@ class SizeParameters(Protocol):
 
     @property
     def waypoint(self) -> bool:
-        """Whether there is a place ahead."""
+        """Whether there is a waypoint."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,8 +103,8 @@ class NavigationVecEnv(VecEnv):
             chosen: Any = [seed if mask[i] else None for i, seed in enumerate(seeds)]
             extra = {} if mask.all() else {"reset_mask": mask}
             seen, info = self.envs.reset(seed=chosen, options={**own, **extra})
-            for i, told in zip(rows, infos_of(info, rows), strict=True):
-                self.reset_infos[i] = told
+            for i, entry in zip(rows, infos_of(info, rows), strict=True):
+                self.reset_infos[i] = entry
         self._reset_seeds()
         self._reset_options()
         return seen
@@ -126,17 +126,17 @@ class NavigationVecEnv(VecEnv):
             costs, lost = info["cost"].tolist(), info["lost"].tolist()
             infos = [{"cost": c, "lost": o} for c, o in zip(costs, lost, strict=True)]
         cut = (truncated & ~terminated).tolist()
-        for told, value in zip(infos, cut, strict=True):
-            told["TimeLimit.truncated"] = value
+        for entry, value in zip(infos, cut, strict=True):
+            entry["TimeLimit.truncated"] = value
         ended = np.flatnonzero(done).tolist()
         if ended:
-            for i, told, begun in zip(
+            for i, entry, begun in zip(
                 ended, infos_of(last, ended), infos_of(info, ended), strict=True
             ):
                 # What wrappers have added is of the episode that has ended.
-                added = {key: value for key, value in begun.items() if key not in told}
+                added = {key: value for key, value in begun.items() if key not in entry}
                 infos[i] = {
-                    **added, **told,
+                    **added, **entry,
                     "TimeLimit.truncated": cut[i], "terminal_observation": final[i],
                 }  # fmt: skip
                 self.reset_infos[i] = begun
@@ -233,9 +233,9 @@ def infos_of(info: dict[str, Any], rows: Iterable[int]) -> Infos:
             parts = value[chosen]
         given = info.get(f"_{key}")
         there = [True] * len(infos) if given is None else given[chosen].tolist()
-        for told, part, has in zip(infos, parts, there, strict=True):
+        for entry, part, has in zip(infos, parts, there, strict=True):
             if has:
-                told[key] = part
+                entry[key] = part
     return infos
 
 

@@ -105,7 +105,7 @@ class AmbiguityObjective(ob.PathLengthOptimizationObjective):
         return self._with_heading or self._any is not None or not self.service.has_headings
 
     def stateCost(self, state: Any) -> ob.Cost:  # noqa: N802 (OMPL's name)
-        """Cost per metre at a state; in walls that of the nearest free place."""
+        """Cost per metre at a state; in walls that of the nearest free point."""
         x, y, theta = self._pose(state)
         return Cost(self.service.density.near(x, y, theta))
 

@@ -34,7 +34,7 @@ class Problem:
         start: x, y, theta in the map frame; metres, radians.
         goal: As `start`.
         limit: How many metres in a row may be bad, or None.
-        belief: For planners that look at what the robot will know of its place.
+        belief: For planners that look at what the robot will know of its position.
         odometry: As `belief`.
     """
 
@@ -99,7 +99,7 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
 
     Raises:
         InputError: not two or three finite numbers, or the robot does not fit there; the message
-            says why not and where the nearest free place is.
+            says why not and where the nearest free point is.
     """
     try:
         values = [float(value) for value in pose]
@@ -117,12 +117,12 @@ def check_pose(name: str, pose: Sequence[float], checker: CollisionChecker) -> P
     nearest = checker.nearest_free(x, y, theta)
     where = "no place in this building is wide enough for the robot"
     if nearest is not None:
-        where = f"the nearest free place is {_to_digits(nearest, checker)}, {nearest[3]:.2f} m away"
+        where = f"the nearest free point is {_to_digits(nearest, checker)}, {nearest[3]:.2f} m away"
     raise InputError(f"{name} ({x:g}, {y:g}) is {reason}; {where}.")
 
 
 def _to_digits(place: tuple[float, float, float, float], checker: CollisionChecker) -> str:
-    """A place near by to as many digits as it takes for it to be free when it is typed."""
+    """A point near by to as many digits as it takes for it to be free when it is typed."""
     x, y, theta, _ = place
     for digits in (2, 3, 4, 6):
         step = 10.0**-digits

@@ -18,7 +18,7 @@ from ambinav_planners.problem import Problem
 
 SPACES = ("r2", "se2", "dubins", "reeds-shepp")
 SYMMETRIC_SPACES = ("r2", "se2", "reeds-shepp")
-"""Those in which the way back is as long as the way there, as some of OMPL's planners need."""
+"""Those in which the path back is as long as the path there, as some of OMPL's planners need."""
 
 
 SEEDS = 2**32 - 1

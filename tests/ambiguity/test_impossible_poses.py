@@ -114,18 +114,18 @@ def test_sample_and_cost(amap: AmbiguityMap, possible: np.ndarray) -> None:
 
 
 def test_aliases_are_possible_poses(amap: AmbiguityMap) -> None:
-    ground = LayerContext.of(amap)
-    found = aliased_poses(ground, 3, least=1e-4).found
-    x, y = ground.points
-    for k, heading in enumerate(ground.headings):
-        assert np.isnan(found[~ground.possible[:, k], k]).all()
+    context = LayerContext.of(amap)
+    found = aliased_poses(context, 3, least=1e-4).found
+    x, y = context.points
+    for k, heading in enumerate(context.headings):
+        assert np.isnan(found[~context.possible[:, k], k]).all()
         cell, rank = np.nonzero(np.isfinite(found[:, k, :, 3]))
         for ax, ay, turn, _ in found[cell, k, rank]:
             # The search moves a look-alike within its cell: the cell's own pose is possible.
             near = np.argmin(np.hypot(x - ax, y - ay))
             there = round((heading + turn) / (TURN / 8)) % 8
             around = np.hypot(x - ax, y - ay) < 0.3
-            assert ground.possible[near, there] or ground.possible[around, there].any()
+            assert context.possible[near, there] or context.possible[around, there].any()
 
 
 def test_layers_do_not_read_what_is_impossible(

@@ -56,7 +56,7 @@ def test_a_scanner_that_looks_all_around_has_the_trace_of_the_tensor() -> None:
 
 
 @pytest.mark.parametrize("views", [1.0, 2.0, 8.0])
-def test_where_nothing_is_told_the_neighbourhood_is_left(views: float) -> None:
+def test_without_information_the_neighbourhood_is_left(views: float) -> None:
     amap = made(4, major=1.0, minor=1.0, major_radius=0.25, minor_radius=0.2)
     still = made(4, major=1.0, minor=1.0, major_radius=0.25, minor_radius=0.2, direction=0.3)
     assert free(still, position_radius(still, views)) == pytest.approx(math.hypot(0.25, 0.2))
@@ -127,6 +127,6 @@ def test_a_scanner_with_headings_has_one_value_a_place(fan: RangeScanner) -> Non
 
 def test_ground_without_a_map_has_no_position(laser: RangeScanner) -> None:
     amap = build_map(scenes.room(4.0, 3.0), laser, 0.5)
-    ground = replace(LayerContext.of(amap), amap=None)
+    context = replace(LayerContext.of(amap), amap=None)
     with pytest.raises(InputError, match="build the map first"):
-        LAYERS.get("position").compute(ground)
+        LAYERS.get("position").compute(context)

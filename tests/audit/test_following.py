@@ -1,4 +1,4 @@
-"""Look-alikes scanned and followed: every pose of a building that repeats has all of its twins."""
+"""Aliased poses scanned and followed: in a building that repeats each pose has all its twins."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.audit import symmetric
 SPACING = 0.25
 
 
-def ground(environment: an.Environment, scanner: an.RangeScanner) -> LayerContext:
+def context(environment: an.Environment, scanner: an.RangeScanner) -> LayerContext:
     return LayerContext.of(an.build_map(environment, scanner, spacing=SPACING), environment)
 
 
@@ -32,7 +32,7 @@ def ground(environment: an.Environment, scanner: an.RangeScanner) -> LayerContex
 )
 def test_every_pose_has_its_twins(laser, make, twins, every):
     """However coarse the lattice, and though most were not searched for."""
-    here = ground(make(), laser)
+    here = context(make(), laser)
     x, y = here.points
     row, column = squares(x, y, SPACING)
     sought = (row % every == 0) & (column % every == 0)
@@ -51,7 +51,7 @@ def test_every_pose_has_its_twins(laser, make, twins, every):
 
 
 def test_less_alike_is_left_out_and_the_rest_kept(laser):
-    here = ground(symmetric.crossing(), laser)
+    here = context(symmetric.crossing(), laser)
     settled = settle(here, aliased_poses(here, count=5).found)
     full = follow(here, settled)
     told = settled[..., 3] >= LEAST_LIKENESS
@@ -70,7 +70,7 @@ def test_a_step_is_turned_as_the_robot_is():
 
 def test_what_moves_along_is_joined(laser):
     """One region of all cells that are moved alike; a cell twice in it counts once."""
-    here = ground(symmetric.rooms(1), laser)
+    here = context(symmetric.rooms(1), laser)
     x, y = here.points
     entries = np.full((len(x), 1, 3, 4), np.nan)[:, 0]
     entries[:, 1] = np.column_stack([x + 9.0, y, np.zeros(len(x)), np.full(len(x), 0.8)])

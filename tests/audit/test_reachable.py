@@ -1,4 +1,4 @@
-"""Audits count explored floor that the robot reaches, in figures, places, links and words."""
+"""Audits count explored floor that the robot reaches, in figures, regions, pairs and words."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def amap(place) -> AmbiguityMap:
 def found(place, amap) -> Audit:
     with pytest.warns(InputWarning):
         reach = find_reach(place, 0.25)
-    alikes = find_aliasing(amap, place, True, reach=reach)
-    return audit(amap, place, LASER, reach=reach, alikes=alikes)
+    aliasing = find_aliasing(amap, place, True, reach=reach)
+    return audit(amap, place, LASER, reach=reach, aliasing=aliasing)
 
 
 def cells(amap: AmbiguityMap, mask: np.ndarray) -> np.ndarray:
@@ -136,14 +136,14 @@ def test_places_lie_on_floor_that_counts(amap, found):
 
 
 def test_look_alikes_are_sought_where_the_robot_goes(place, amap, found):
-    assert found.alikes is not None and found.alikes.sought
-    assert found.alikes.poses == pytest.approx(found.area / found.alikes.spacing**2, rel=0.15)
-    assert 0.0 <= found.alikes.share <= 1.0
-    assert found.alikes.area <= 1.15 * found.area
-    for link in found.alikes.links:
-        assert found.reach.reaches(*link.cells.T).all()
+    assert found.aliasing is not None and found.aliasing.sought
+    assert found.aliasing.poses == pytest.approx(found.area / found.aliasing.spacing**2, rel=0.15)
+    assert 0.0 <= found.aliasing.share <= 1.0
+    assert found.aliasing.area <= 1.15 * found.area
+    for pair in found.aliasing.pairs:
+        assert found.reach.reaches(*pair.cells.T).all()
     everywhere = find_aliasing(amap, place, False)
-    assert everywhere.poses > 2 * found.alikes.poses
+    assert everywhere.poses > 2 * found.aliasing.poses
 
 
 def test_words_say_of_what(found):
@@ -190,8 +190,8 @@ def test_nothing_explored_at_all():
     assert "all of it unexplored" in found.summary and "nothing to hold on to" not in found.summary
     assert [share.share for share in found.shares] == [0.0] * 4
     assert document(found).floor.counted_share == 0.0
-    alikes = find_aliasing(amap, environment, True, reach=found.reach)
-    assert (alikes.poses, alikes.sought) == (0, False)
+    aliasing = find_aliasing(amap, environment, True, reach=found.reach)
+    assert (aliasing.poses, aliasing.sought) == (0, False)
 
 
 def test_a_scanner_with_headings_counts_the_same_floor(building, laser):

@@ -113,7 +113,7 @@ def test_markdown_points_at_files_that_exist(folder):
 def test_json_follows_its_schema_and_is_rounded(folder, examined):
     data = json.loads((folder / "report.json").read_text())
     assert Document.model_validate(data) == document(examined)
-    assert data["format"] == "ambinav-audit/2"
+    assert data["format"] == "ambinav-audit/3"
     assert data["places_in_all"] == 6
     assert len(data["places"]) == 4
     worst = data["places"][0]
@@ -171,7 +171,7 @@ def test_a_direction_has_no_sense(axis, text):
     assert axis_degrees(axis) == text
 
 
-def test_headings_are_told(building, laser, tmp_path):
+def test_headings_are_reported(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
     report = write_report(found, tmp_path / "out")
     assert report.headings == "mean over all headings"
@@ -219,7 +219,7 @@ def test_a_failed_report_leaves_the_earlier_one(examined, tmp_path, monkeypatch)
 def test_a_report_of_an_older_version_is_replaced(examined, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')
-    assert write_report(examined, tmp_path / "out").format == "ambinav-audit/2"
+    assert write_report(examined, tmp_path / "out").format == "ambinav-audit/3"
 
 
 def test_other_folders_are_never_replaced(tmp_path):

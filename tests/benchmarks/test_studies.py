@@ -74,7 +74,7 @@ def test_localizers_are_compared_on_what_all_have_driven() -> None:
 
 
 @pytest.mark.parametrize("rate", [5.0, 10.0])
-def test_kalman_filter_is_told_how_odometry_errs_between_scans(rate: float) -> None:
+def test_kalman_filter_knows_how_odometry_errs_between_scans(rate: float) -> None:
     noise = OdometryNoise(scale=0.5)
     model = between_scans(noise, rate)
     metres = 6.0

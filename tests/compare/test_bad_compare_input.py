@@ -65,7 +65,7 @@ BAD: dict[str, tuple[Callable[[Plain], object], str]] = {
     "no pair": (lambda p: p.update(pairs=[]), "pairs is []; it should have at least 1 item."),
     "nowhere to go": (
         lambda p: p["pairs"][0].update(goal=p["pairs"][0]["start"]),
-        "pairs[0]: start and goal are one place; give two",
+        "pairs[0]: start and goal are the same point; give two",
     ),
     "no route file": (
         lambda p: p["routes"].append({"kind": "file", "file": "no.csv"}),

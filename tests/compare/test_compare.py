@@ -182,7 +182,7 @@ def test_a_saved_route_is_driven(done: Path, tmp_path: Path) -> None:
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [plan["route"] for plan in report["plans"]] == ["shortest", "saved.csv"]
     difference = report["rows"][1]["figures"]["error_p95"]["difference"]
-    # The same way and the same seeds.
+    # The same path and the same seeds.
     assert difference["value"] == 0.0
 
 

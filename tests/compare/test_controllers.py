@@ -85,7 +85,7 @@ def test_one_that_does_not_get_there_is_refused(scenario: dict[str, Any], folder
     scenario["routes"] = ["shortest", {"kind": "policy", "policy": "drives.py:stay"}]
     done = compare(write(folder, scenario), folder / "out")
     assert done.exit_code == 2
-    assert "route 'drives.py:stay': policy drives.py:stay does not get to the goal" in done.stderr
+    assert "route 'drives.py:stay': policy drives.py:stay does not reach the goal" in done.stderr
 
 
 @pytest.mark.parametrize(

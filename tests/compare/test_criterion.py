@@ -113,7 +113,7 @@ def test_sides_can_be_changed(lost: int, other: int, error: float, wrong: float)
     assert swapped.get(there.effect, there.effect) == back.effect
     itself = judged(ours, ours, 0.0)
     assert itself.effect == "none" and itself.outcome != "met"
-    assert sentence(itself, "a", "b") == "a gives the very same runs as b: it is the same way."
+    assert sentence(itself, "a", "b") == "a gives the very same runs as b: it is the same path."
 
 
 def test_bad_input() -> None:
@@ -130,7 +130,7 @@ def test_sentences() -> None:
     better = sentence(judged(measured(5, 0.3), measured(15, 0.6)), "detour", "shortest")
     assert better.startswith("detour is better than shortest: lost 17 instead of 50 % (-33 [")
     assert "95th percentile of the error 0.30 instead of 0.60 m (-0.30 [-0.30, -0.30])" in better
-    assert better.endswith("the way is 5.0 % longer. The criterion is met.")
+    assert better.endswith("the route is 5.0 % longer. The criterion is met.")
     none = sentence(judged(measured(0, 0.1), measured(1, 0.1)), "detour", "shortest")
     assert none.startswith("detour makes no difference to shortest that 30 runs show: lost 0 inst")
     easy = sentence(judged(measured(0, 0.1), measured(0, 0.12)), "detour", "shortest")
@@ -160,7 +160,7 @@ def test_headlines() -> None:
         "a and c meet the criterion; b is better than shortest but misses the criterion."
     )
     assert headline({"a": judged(hard, hard, 0.1)}, "shortest") == "a makes no difference."
-    assert headline({"a": judged(hard, hard, 0.0)}, "shortest") == "a is the same way as shortest."
+    assert headline({"a": judged(hard, hard, 0.0)}, "shortest") == "a is the same path as shortest."
     assert headline({"a": worse, "b": worse}, "shortest") == "a and b are worse than shortest."
     assert headline({"a": judged(easy, easy, 0.1)}, "shortest") == (
         "Nothing to gain, since on shortest no robot was lost and the 95th percentile of the error "

@@ -25,7 +25,7 @@ Plain = dict[str, Any]
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_localizer_is_told_how_odometry_errs(scenario: Plain) -> None:
+def test_the_localizer_knows_how_odometry_errs(scenario: Plain) -> None:
     scenario["odometry"] = {"alpha1": 0.4, "scale": 0.5}
     scenario["localizer"] = {"alpha2": 0.3}
     told = parse_scenario(scenario, "x.yaml", "x").chosen_localizer.parameters

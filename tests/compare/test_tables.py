@@ -122,7 +122,7 @@ def planned(case: tuple[Plan, Results], *floor: float) -> tuple[Plan, Results]:
     return replace(one, route=route), found
 
 
-def test_corridor_and_open_zones_are_told_apart() -> None:
+def test_corridor_and_open_zones_are_distinguished() -> None:
     floors = [
         (12.0, 8.0, 4.0, 3.5),
         (3.0, 2.0, 0.0, 0.0),

@@ -38,7 +38,7 @@ class Imitator:
 
 
 class Steady:
-    """Goes on as it is told."""
+    """Goes on as it is commanded."""
 
     def __init__(self, speed: float, rate: float) -> None:
         self._want = np.tile([speed, rate], (RUNS, 1))

@@ -26,7 +26,7 @@ LIMITS = Robot().limits
 
 
 def told(course: Course, pose: tuple[float, float, float], **changes: object) -> tuple:
-    """What a robot at a pose is told that stands at the start of the course."""
+    """The command to a robot at a pose, at the start of the course."""
     p = FollowerParameters(**changes).packed
     return pursue(
         *pose, 0.0, 0.0, 0, FOLLOWING, course.arrays, course.goal, course.turns, p, LIMITS, DT
@@ -50,8 +50,8 @@ def test_a_course_has_the_route_s_length_and_no_point_twice() -> None:
     course = Course.of(np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0]]), Steering())
     assert course.length == pytest.approx(7.0)
     assert np.hypot(*np.diff(course.points, axis=0).T).min() > 0.0
-    assert (course.way == 1.0).all()
-    assert (course.end == len(course.way)).all()
+    assert (course.directions == 1.0).all()
+    assert (course.end == len(course.directions)).all()
     assert course.goal == (3.0, 4.0, math.pi / 2)
     assert not course.turns
 
@@ -60,10 +60,10 @@ def test_a_course_is_cut_at_its_cusps() -> None:
     # Reverse straight back, then forwards: one cusp.
     steering = Steering("reeds-shepp", 0.5)
     course = Course.of(np.array([[3.0, 0.0, 0.0], [1.0, 0.0, 0.0], [4.0, 0.0, 0.0]]), steering)
-    cusp = int(np.flatnonzero(np.diff(course.way))[0]) + 1
+    cusp = int(np.flatnonzero(np.diff(course.directions))[0]) + 1
     assert course.points[cusp] == pytest.approx([1.0, 0.0], abs=1e-9)
     assert set(course.end[:cusp]) == {cusp}
-    assert set(course.end[cusp:]) == {len(course.way)}
+    assert set(course.end[cusp:]) == {len(course.directions)}
     assert course.turns
 
 
@@ -180,7 +180,7 @@ def test_a_route_that_ends_where_it_begins_is_driven_all_round() -> None:
     st.floats(-0.5, 0.5), st.floats(-2.0, 2.0), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0),
     st.floats(0.01, 0.5),
 )  # fmt: skip
-def test_limits_hold_whatever_is_told(
+def test_limits_hold_whatever_is_commanded(
     speed: float, rate: float, want_speed: float, want_rate: float, dt: float
 ) -> None:
     most, fastest, acceleration, turn_acceleration = LIMITS

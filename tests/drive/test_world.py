@@ -126,7 +126,7 @@ def test_dead_reckoning_drifts_as_the_model_says_whatever_the_step(step: float) 
 
 
 def _bend(per_metre: float, length: float) -> float:
-    """Second moment of the way lost to a wandering heading, E (int theta^2 / 2)^2."""
+    """Second moment of the distance lost to a wandering heading, E (int theta^2 / 2)^2."""
     return 0.25 * per_metre**2 * length**4 * 7.0 / 12.0
 
 
@@ -163,7 +163,7 @@ def test_without_noise_odometry_is_the_truth() -> None:
 def test_biases_bend_and_stretch_the_way() -> None:
     noise = OdometryNoise(scale=0.0, bias_distance=0.02, bias_turn=0.01)
     x, y, t = drifted(noise, 1, 0.01, 10.0)[0]
-    # Reported: 1.02 of the way, on an arc that turns by 0.01 a metre truly driven.
+    # Reported: 1.02 of the distance, on an arc that turns by 0.01 a metre truly driven.
     assert t == pytest.approx(0.1)
     assert (x, y) == pytest.approx(
         (10.2 * math.sin(0.1) / 0.1, 10.2 * (1 - math.cos(0.1)) / 0.1), abs=1e-3

@@ -1,4 +1,4 @@
-"""Environments with sonars: which localizer they have unless told otherwise."""
+"""Environments with sonars: which localizer they have by default."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.envs.cases import equal, room
 RING = RangeScanner.from_preset("hc-sr04")
 
 
-def test_particle_filters_suit_the_scanner_unless_told_otherwise() -> None:
+def test_particle_filters_suit_the_scanner_by_default() -> None:
     told = NavigationParameters(scanner=RING, localizer="mcl")
     alphas = {f"alpha{k}": 0.2 * told.odometry.scale**2 for k in range(1, 5)}
     assert told.particles == MclParameters.for_scanner(RING, **alphas)

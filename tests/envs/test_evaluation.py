@@ -114,7 +114,7 @@ def test_who_stands_idle_does_no_harm() -> None:
         ("left", "give numbers"),
     ],
 )
-def test_odd_actions_are_told_in_one_sentence(given: Any, said: str) -> None:
+def test_odd_actions_are_refused_in_one_sentence(given: Any, said: str) -> None:
     class Odd(Seeker):
         def act(self, observations: Any, starts: Any) -> Any:
             return given

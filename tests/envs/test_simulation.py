@@ -1,4 +1,4 @@
-"""The kernels against the slow way, and each way an episode can end."""
+"""The kernels against slow code, and each end that an episode can have."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_arrives_where_it_believes_and_is() -> None:
 
 
 def test_misses_a_goal_that_it_only_believes_to_be_at() -> None:
-    # Worn wheels tell twice the way, and nothing else is looked at.
+    # Worn wheels report twice the distance, and nothing else is looked at.
     env = NavigationEnv(
         map=room(), localizer="odometry", odometry={"scale": 0.01, "bias_distance": 1.0}
     )

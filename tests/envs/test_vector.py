@@ -128,7 +128,7 @@ def test_a_fresh_process_gives_the_same() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere forks are not the default")
-def test_who_asks_many_robots_for_new_buildings_is_told_what_that_takes(
+def test_many_robots_in_new_buildings_warn_of_what_that_takes(
     recwarn: pytest.WarningsRecorder,
 ) -> None:
     with pytest.warns(UserWarning, match="give a number of them, such as buildings=64"):

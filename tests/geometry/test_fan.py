@@ -50,7 +50,7 @@ def check(
     expected, which = env.cast_hits(px, py, theta[:, None] + angle, reach)
     seen = which >= 0
     assert (np.isnan(distance) == ~inside).all()
-    # A ray past a corner may be told apart either way: few, and only within float64's noise.
+    # A ray past a corner may come out either side: few, and only within float64's noise.
     near = inside & seen & np.isfinite(distance)
     assert (inside & (seen != np.isfinite(distance))).sum() <= 1e-4 * inside.sum()
     wrong = near & (np.abs(distance - expected) > 1e-5)

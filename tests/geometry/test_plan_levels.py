@@ -66,7 +66,7 @@ def test_one_level_needs_no_choice(tmp_path: Path) -> None:
 
 
 def test_floors_of_one_file_are_not_the_same_building(tmp_path: Path) -> None:
-    """Names and checksums are what stored maps are told apart by."""
+    """Stored maps are distinguished by names and checksums."""
     two = [load(tmp_path, *floors("EG", "OG"), level=level) for level in ("EG", "OG")]
     assert two[0].checksum != two[1].checksum and two[0].name != two[1].name
 

@@ -101,7 +101,7 @@ def rays_at(pose: Any, tables: Any, work: Any) -> None:
 
 
 @njit
-def told_at(pose: Any, reading: Any, tables: Any, work: Any, picked: Any) -> int:
+def counted_at(pose: Any, reading: Any, tables: Any, work: Any, picked: Any) -> int:
     return cast_observed(pose[0], pose[1], pose[2], reading, tables, work, picked)
 
 
@@ -110,12 +110,12 @@ def spread(count: int, work: Any, picked: Any) -> None:
     spread_observed(count, work, picked)
 
 
-def check_told(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> None:
+def check_counted(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> None:
     """The rays of beams with a reading meet what they do among all, and the others nothing."""
     size = tables.cosine.size
     every, some, picked = work_space(size), work_space(size), np.empty(size, np.int32)
     rays_at(pose, tables, every)
-    count = told_at(pose, reading, tables, some, picked)
+    count = counted_at(pose, reading, tables, some, picked)
     told = np.isfinite(reading)[tables.beam] | tables.anchor
     assert np.array_equal(picked[:count], np.flatnonzero(told))
     if not np.isnan(every[2]).any():
@@ -139,7 +139,7 @@ def test_beams_without_a_reading_need_not_be_cast(seed: int, name: str, share: f
     rng = np.random.default_rng(seed)
     lost = rng.choice([math.inf, -math.inf, math.nan], scanner.beams)
     reading = np.where(rng.random(scanner.beams) < share, 1.0, lost)
-    check_told(tables, poses[rng.integers(len(poses))], reading)
+    check_counted(tables, poses[rng.integers(len(poses))], reading)
 
 
 @pytest.mark.parametrize("name", SCANNERS)
@@ -162,4 +162,4 @@ def test_rays_that_begin_and_end_within_one_edge() -> None:
     reading[:5] = reading[-5:] = 1.0
     for theta in np.linspace(-math.pi, math.pi, 25):
         for x, y in ((3.0, 4.0), (0.5, 2.0), (5.9, 5.9)):
-            check_told(tables, np.array([x, y, theta]), reading)
+            check_counted(tables, np.array([x, y, theta]), reading)

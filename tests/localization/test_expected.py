@@ -98,5 +98,5 @@ def test_bad_input_is_refused(amap: AmbiguityMap) -> None:
     with pytest.raises(InputError, match=r"bare\.zarr: its parameters lack sigma_theta"):
         expected_covariance(bare, POSES)
     del bare.dataset.attrs["scanner_yaml"]
-    with pytest.raises(InputError, match="does not tell its scanner"):
+    with pytest.raises(InputError, match="does not name its scanner"):
         expected_covariance(bare, POSES, source="fisher")

@@ -98,7 +98,7 @@ def test_one_scan_by_sampling() -> None:
 
 
 def test_closed_forms() -> None:
-    # One beam square to a wall: only y is told, 1/2 ln(1 + prior / variance).
+    # One beam square to a wall: only y is gained, 1/2 ln(1 + prior / variance).
     sensor = RangeSensor(max_range=5.0, std=0.03, resolution=0.001, random_share=0.0)
     scanner = RangeScanner.planar(sensor, 1, 0.0)
     pose, prior = [20.0, 2.0, -math.pi / 2], np.diag([0.5, 0.04, 0.01])
@@ -126,7 +126,7 @@ def test_more_scans_tell_more(seed: int, number: int) -> None:
     all_of = information_gain(worlds.room(), LASER, poses, PRIOR, ODOMETRY)
     assert (fewer.gain[~some] == 0.0).all() and (all_of.gain >= 0.0).all()
     assert all_of.total >= fewer.total - 1e-9 and all_of.at_goal >= fewer.at_goal - 1e-9
-    # What is known beforehand need not be told.
+    # What is known beforehand is no gain.
     known = information_gain(worlds.room(), LASER, poses, 0.25 * PRIOR, ODOMETRY)
     assert known.total <= all_of.total + 1e-9
 

@@ -214,7 +214,7 @@ def test_kidnapped_robot_is_recovered_only_with_recovery() -> None:
         # Sure of being somewhere else: in the right arm, looking back.
         loc.start([7.5, 2.0, truth[0, 2] + 2.5], np.diag([0.01, 0.01, 0.01]))
         rng, odometry = np.random.default_rng(6), odometry_of(np.tile(truth, (3, 1)), 6, 6)
-        # First a while with scans that agree with where it believes to be.
+        # First a while with scans that agree with where it believes it is.
         for k in range(3):
             mean = loc.mean
             inside = np.asarray(env.is_free(mean[:, 0], mean[:, 1]))

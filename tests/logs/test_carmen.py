@@ -144,7 +144,7 @@ def test_time_stamps(tmp_path, stamps, useful):
     np.testing.assert_array_equal(time, stamps if useful else np.full(len(stamps), np.nan))
 
 
-def test_gzip_is_told_by_its_content(tmp_path):
+def test_gzip_is_recognised_by_its_content(tmp_path):
     path = write(tmp_path, *many(5))
     plain = read_carmen(path)
     path.write_bytes(gzip.compress(path.read_bytes()))

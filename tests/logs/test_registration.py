@@ -1,4 +1,4 @@
-"""Frames of a log and of a map told apart by the scans: motions that are known beforehand."""
+"""Frames of a log and of a map distinguished by the scans: motions that are known beforehand."""
 
 from __future__ import annotations
 

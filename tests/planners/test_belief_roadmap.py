@@ -117,7 +117,7 @@ def test_equals_the_form_of_prentice_and_roy(seed: int) -> None:
 
 
 def test_thousands_of_scans_overflow_nothing() -> None:
-    """Along a corridor: much is told across, nothing along, so the forms grow far apart."""
+    """Along a corridor: much information across, none along, so the forms grow far apart."""
     turn = 0.3
     c, s = math.cos(turn), math.sin(turn)
     across = np.array([[s * s, -c * s, 0.0], [-c * s, c * c, 0.0], [0.0, 0.0, 0.5]])

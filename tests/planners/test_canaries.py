@@ -174,7 +174,7 @@ def test_is_symmetric_cannot_be_overridden() -> None:
     )
 
 
-def test_an_approximate_solution_is_told_apart() -> None:
+def test_an_approximate_solution_is_distinguished() -> None:
     simple = square(lambda state: state[0] < 8.0 or state[0] > 8.5)
     simple.setPlanner(og.RRTstar(simple.getSpaceInformation()))
     simple.getSpaceInformation().setStateValidityCheckingResolution(0.005)

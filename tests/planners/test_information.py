@@ -214,7 +214,7 @@ def replace_beams(laser: RangeScanner, beams: int) -> RangeScanner:
 
 
 @pytest.mark.parametrize("radius", [0.5, 1e-5])
-def test_the_heading_is_told_no_better_than_the_map_tells_it(radius: float) -> None:
+def test_the_heading_is_no_better_known_than_by_the_map(radius: float) -> None:
     data = dataset()
     plain = Information.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
     for name, value in (("heading_radius", radius), ("heading", radius / 1.8)):
@@ -223,7 +223,7 @@ def test_the_heading_is_told_no_better_than_the_map_tells_it(radius: float) -> N
     found = Information.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
     told = min(plain[0, 2, 2], 1.0 / radius**2 - 1.0 / 1.8**2)
     assert found[0, 2, 2] == pytest.approx(told, rel=1e-5)
-    # A turn looks like the same shift, and the position is told as before.
+    # A turn looks like the same shift, and the position is known as before.
     np.testing.assert_allclose(found[0, :2, 2] / told, plain[0, :2, 2] / plain[0, 2, 2], atol=1e-6)
     np.testing.assert_allclose(of_position(found), of_position(plain), rtol=1e-4, atol=0.05)
 

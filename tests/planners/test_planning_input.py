@@ -128,7 +128,7 @@ def test_bad_ends(robot: RoutePlanner, place: tuple[float, ...], message: str) -
 
 def test_ends_in_walls_and_behind_them(two_rooms: AmbiguityMap) -> None:
     for place, message in (
-        ((4.05, 0.5), r"is in a wall; the nearest free place is \(3\.80, 0\.50\), 0\.25 m away"),
+        ((4.05, 0.5), r"is in a wall; the nearest free point is \(3\.80, 0\.50\), 0\.25 m away"),
         ((5.0, 0.5), r"is behind a wall, 1\.00 m from the free space"),
         ((3.9, 0.5), r"is 0\.10 m from a wall, the footprint needs 0\.2 m; .*, 0\.10 m away"),
     ):
@@ -136,12 +136,12 @@ def test_ends_in_walls_and_behind_them(two_rooms: AmbiguityMap) -> None:
             plan(two_rooms, LEFT, place)
 
 
-def test_where_a_place_is_free_is_told_in_round_numbers(two_rooms: AmbiguityMap) -> None:
+def test_the_nearest_free_point_is_named_in_round_numbers(two_rooms: AmbiguityMap) -> None:
     # The nearest place stands a robot's radius from both walls, and so does no rounded one.
     robot = RoutePlanner(two_rooms, footprint=0.2 + 1e-9)
-    with pytest.raises(InputError, match=r"the nearest free place is \(0\.2\d, 0\.2\d\),") as told:
+    with pytest.raises(InputError, match=r"the nearest free point is \(0\.2\d, 0\.2\d\),") as told:
         robot.plan((0.0, 0.0), (3.0, 3.0))
-    found = re.search(r"place is \(([\d.]+), ([\d.]+)\)", str(told.value))
+    found = re.search(r"point is \(([\d.]+), ([\d.]+)\)", str(told.value))
     assert found is not None
     assert robot.plan((float(found[1]), float(found[2])), (3.0, 3.0), planner_name="reference")
 

@@ -47,7 +47,7 @@ def test_a_door_that_the_lattice_misses_is_no_wall(thin: bool) -> None:
 
 
 @pytest.mark.parametrize("thin", [False, True])
-def test_a_door_too_narrow_is_told_by_every_planner(thin: bool) -> None:
+def test_a_door_too_narrow_is_reported_by_every_planner(thin: bool) -> None:
     robot = building(0.87, thin)
     for name in ("reference", "prmstar", "rrtstar"):
         with pytest.raises(NoPathError, match="no path leads") as caught:
@@ -63,7 +63,7 @@ def test_a_door_too_narrow_is_told_by_every_planner(thin: bool) -> None:
 
 def test_the_place_that_is_offered_is_free() -> None:
     robot = building(1.0)
-    with pytest.raises(InputError, match="nearest free place") as caught:
+    with pytest.raises(InputError, match="nearest free point") as caught:
         robot.plan((0.1231, 1.0), (7, 2))
     x, y = (
         float(part) for part in str(caught.value).split("place is (")[1].split(")")[0].split(",")

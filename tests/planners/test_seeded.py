@@ -92,7 +92,7 @@ def test_seeded_calls_take_arguments_and_return_results() -> None:
     assert call_seeded(7, os.getpid) != os.getpid()  # since 7 is taken here
 
 
-def test_what_fails_in_a_fresh_process_is_told() -> None:
+def test_what_fails_in_a_fresh_process_is_reported() -> None:
     call_seeded(7, os.getpid)
     with pytest.raises(RuntimeError, match=r"(?s)failed: .*ValueError"):
         call_seeded(8, math.sqrt, -1.0)

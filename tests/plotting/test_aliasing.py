@@ -1,4 +1,4 @@
-"""Lines between places that look alike stay in their picture."""
+"""Lines between aliased regions stay in their picture."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ BOX = (0.0, 0.0, 30.0, 4.0)
 inside = st.tuples(st.floats(0.5, 29.5), st.floats(0.3, 3.7))
 
 
-def link(first: tuple[float, float], second: tuple[float, float]) -> AliasedPair:
+def pair(first: tuple[float, float], second: tuple[float, float]) -> AliasedPair:
     nothing = np.empty((0, 2))
     return AliasedPair("A", *first, *second, 0.0, 1.0, 1.0, nothing, nothing)
 
 
 @given(inside, inside)
 def test_lines_stay_in_the_picture(first: tuple[float, float], second: tuple[float, float]) -> None:
-    bend = _bend(link(first, second), BOX)
+    bend = _bend(pair(first, second), BOX)
     drawn: Path = ConnectionStyle.Arc3(rad=bend)(first, second, shrinkA=0.0, shrinkB=0.0)
     points = drawn.interpolated(1).to_polygons(closed_only=False)[0]
     assert points[:, 0].min() > 0.0 and points[:, 0].max() < 30.0
@@ -41,4 +41,4 @@ def test_lines_stay_in_the_picture(first: tuple[float, float], second: tuple[flo
 def test_lines_bend_as_far_as_there_is_room(
     ends: tuple[tuple[float, float], tuple[float, float]], bend: float
 ) -> None:
-    assert _bend(link(*ends), BOX) == bend
+    assert _bend(pair(*ends), BOX) == bend

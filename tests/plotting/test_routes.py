@@ -171,7 +171,7 @@ def test_nothing_overlaps(amap, part, count):
     assert len(boxes) == 4
     for i, box in enumerate(boxes):
         assert box.padded(-2).count_overlaps([b for j, b in enumerate(boxes) if j != i]) == 0
-    # The floor is not squeezed by what is told about it.
+    # The floor is not squeezed by what is written about it.
     assert axes.get_window_extent().height > 0.5 * figure.bbox.height
 
 
@@ -185,7 +185,7 @@ def test_draws_into_given_axes_and_saves(amap, routes, tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
-def test_headings_are_told_where_they_matter(routes):
+def test_headings_are_named_where_they_matter(routes):
     turning = AmbiguityMap(synthetic.dataset(headings=4))
     figure = plot_routes(turning, routes, heading="worst")
     assert "worst heading" in figure.axes[0].get_title(loc="left")

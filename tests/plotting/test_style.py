@@ -87,7 +87,7 @@ def test_every_route_stands_out_on_every_zone(name):
         assert max(contrast(look.colour, zone), contrast(look.casing, zone)) >= 3.0
 
 
-def test_kinds_of_routes_are_told_apart():
+def test_kinds_of_routes_are_distinguished():
     for a, b in combinations(ROUTE_COLOURS, 2):
         first, second = route_style(a), route_style(b)
         same_pattern = first.dashes == second.dashes

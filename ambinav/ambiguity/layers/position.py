@@ -1,4 +1,4 @@
-"""How far off a robot is at a place, all its headings taken together, as a cost in [0, 1].
+"""Position error to expect at a point, all headings taken together, as a cost in [0, 1].
 
 Source: our own; `ambinav.ambiguity.radius` has the formula, docs/truth.md how it fares against
 measured errors. The layer `level` is the share of its neighbourhood that a robot can slide in

@@ -132,7 +132,7 @@ def motion_free(kind, radius, x0, y0, t0, x1, y1, t1, table, bound, forbidden):
             signed, curvature = pieces[k], pieces[k + 5]
             if signed == 0.0:
                 continue
-            # In reverse the robot travels the other way, and what was left is right.
+            # In reverse the robot travels in the other direction, and what was left is right.
             sign = 1.0 if signed > 0.0 else -1.0
             ux, uy, bend = sign * math.cos(t), sign * math.sin(t), sign * curvature
             length, turn = sign * signed, signed * curvature

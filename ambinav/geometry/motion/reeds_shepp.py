@@ -190,7 +190,7 @@ def _shorter(best, length, word, side, flip, t, u, v):
 
     L+R-L+ and R-L+R- both have the length phi, and rounding should not choose between them. Of
     equally long words the one that begins to the left is taken, then the one that begins
-    forwards, so that the way back is the same curve.
+    forwards, so that the path back is the same curve.
     """
     if length < best[0] - TIE:
         return length, word, side, flip, t, u, v

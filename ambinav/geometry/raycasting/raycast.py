@@ -145,7 +145,7 @@ def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item
         column = min(max(int(math.floor((x[i] - x0) / cell)), 0), columns - 1)
         row = min(max(int(math.floor((y[i] - y0) / cell)), 0), rows - 1)
         best = limit * limit
-        # From a point outside the grid the way to a ring is the hypotenuse, not the sum.
+        # From a point outside the grid the distance to a ring is the hypotenuse, not the sum.
         outside_x = max(x0 - x[i], x[i] - x0 - columns * cell, 0.0)
         outside_y = max(y0 - y[i], y[i] - y0 - rows * cell, 0.0)
         outside = outside_x * outside_x + outside_y * outside_y

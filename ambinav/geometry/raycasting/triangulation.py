@@ -1,7 +1,7 @@
 """Constrained Delaunay triangulation of the free space, as half-edges that a ray walks through.
 
 From inside a triangle a ray leaves through one of its edges; which one, one cross product tells.
-A beam of neighbouring rays takes the same way until a corner splits it, so a whole scan costs
+A beam of neighbouring rays takes the same path until a corner splits it, so a whole scan costs
 little more than the triangles that it sees (triangular expansion: Bungiu et al. 2014,
 "Efficient computation of visibility polygons").
 """

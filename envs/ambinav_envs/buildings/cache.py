@@ -41,9 +41,9 @@ def cache_folder() -> Path | None:
     Returns:
         None if the variable is set and empty. The folder need not exist.
     """
-    told = os.environ.get(VARIABLE)
-    if told is not None:
-        return Path(told) if told else None
+    chosen = os.environ.get(VARIABLE)
+    if chosen is not None:
+        return Path(chosen) if chosen else None
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "ambinav"
 

@@ -46,7 +46,7 @@ def hall(sampler: PlanSampler) -> Plan:
 def corridor(sampler: PlanSampler) -> Plan:
     """A long bare corridor beside a row of furnished rooms with doors from one to the next.
 
-    From the lobby to the store lead two ways of about the same length.
+    From the lobby to the store lead two paths of about the same length.
     """
     plan = Plan()
     length, width = sampler.between(16.0, 21.0), sampler.between(1.7, 2.3)

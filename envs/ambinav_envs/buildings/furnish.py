@@ -108,7 +108,7 @@ def racks(
         depth: Of a rack, metres.
         aisle: Between two rows, metres.
         border: Between the rows and the walls, metres.
-        gaps: Share of the rows that have a way through.
+        gaps: Share of the rows that have a passage.
     """
     longest = max(sides(room), key=lambda side: float(side.length))
     a, b = shapely.get_coordinates(longest)

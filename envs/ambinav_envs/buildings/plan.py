@@ -16,7 +16,7 @@ WALL = 0.2
 """Thickness of the walls between rooms, metres."""
 AISLE = 0.8
 """Room left between things that do not touch, metres: for a robot of up to 0.4 m of radius."""
-# How far a door's way on both sides of its wall is kept clear, metres, and beyond its posts.
+# How far a door's passage on both sides of its wall is kept clear, metres, and beyond its posts.
 THRESHOLD, BESIDE = 1.0, 0.1
 # A wall or a thing nearer than this is touched, metres.
 TOUCHING = 1e-6
@@ -60,7 +60,7 @@ class Plan:
 
         It may reach into the walls. It keeps off doors, and `AISLE` from other
         things and from walls, but for one wall or two neighbouring ones that it may touch. Round
-        any thing that does not touch there is then a way, and no two things close one.
+        any thing that does not touch there is then a passage, and no two things close one.
 
         Returns:
             Whether it now stands there.

@@ -56,7 +56,7 @@ class ProceduralParameters:
         tilted: Share of the walls and corridors that are at an odd angle.
         tilt: Of these, degrees.
         furniture: Share of the rooms' walls that things stand at.
-        more_doors: Share of the walls that get a door although there is another way already.
+        more_doors: Share of the walls that get a door although there is another path already.
 
     Raises:
         InputError: a value makes no sense.

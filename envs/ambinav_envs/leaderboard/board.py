@@ -24,7 +24,7 @@ from ambinav_envs.policies.policy import Policy
 from ambinav_envs.spaces import action_space, observation_space
 
 SUITES: Final = ("procedural", "hall")
-"""Unless others are named. In halls a way around the open middle is what helps."""
+"""Unless others are named. In halls a path around the open middle is what helps."""
 BASELINE: Final = SHORTEST
 """The method that all others are compared with."""
 
@@ -33,7 +33,7 @@ CONDITIONS: Final[Mapping[str, Mapping[str, Any]]] = {
     "disturbed": {"obstacles": 6, "people": 3, "odometry_scale": 2.0},
 }
 """Arguments of the environment beside the common ones. Disturbed: boxes that the map lacks, people
-who walk about, and odometry that errs twice as much as the localizer is told."""
+who walk about, and odometry that errs twice as much as the localizer assumes."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -105,8 +105,8 @@ class Board:
         Raises:
             InputError: an option is unknown or of no use.
         """
-        told = {**CONDITIONS[setting.condition], **self.options, **method.seeing}
-        return NavigationParameters.of(told)
+        arguments = {**CONDITIONS[setting.condition], **self.options, **method.seeing}
+        return NavigationParameters.of(arguments)
 
     def key(self, setting: Setting, method: Method) -> str:
         """Everything that the episodes of a method depend on, as a short name."""
@@ -257,11 +257,11 @@ def _drive(
     parameters = board.parameters(setting, method)
     routes = None
     if isinstance(driver, RouteFollower):
-        told: dict[str, Any] = {"method": method.identity, "place": setting.place.identity}
-        told |= {"scanner": parameters.scanner.to_yaml(), "robot": repr(parameters.robot)}
-        told |= {"layer": parameters.cost_layer, "odometry": repr(parameters.odometry)}
-        told |= {"start_std": list(parameters.start_std)}
-        routes = work / f"routes-{key_of(told)}.npz"
+        identity: dict[str, Any] = {"method": method.identity, "place": setting.place.identity}
+        identity |= {"scanner": parameters.scanner.to_yaml(), "robot": repr(parameters.robot)}
+        identity |= {"layer": parameters.cost_layer, "odometry": repr(parameters.odometry)}
+        identity |= {"start_std": list(parameters.start_std)}
+        routes = work / f"routes-{key_of(identity)}.npz"
         driver.routes.load(routes)
     try:
         return evaluate(driver, source, parameters, board.episodes, board.seed, progress=progress)

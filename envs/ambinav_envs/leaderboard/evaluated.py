@@ -54,7 +54,7 @@ class Evaluation:
 
     def to_json(self) -> str:
         """For programs: figures with intervals, and how they came about."""
-        told = {
+        record = {
             "policy": self.row.method,
             "environment": {name: plain_value(v) for name, v in self.environment.items()},
             "differs": self.differs,
@@ -66,7 +66,7 @@ class Evaluation:
                 for key, value in self.episodes.summary().items()
             },
         }
-        return json.dumps(told, indent=2, default=str)
+        return json.dumps(record, indent=2, default=str)
 
     def to_csv(self) -> str:
         """One line an episode; `NavigationEnv(...).reset(seed=seed)` is the same one."""
@@ -74,9 +74,9 @@ class Evaluation:
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(("episode", *EPISODE_COLUMNS))
         for k in range(len(self.episodes)):
-            told = [getattr(self.episodes, name)[k] for name in EPISODE_COLUMNS]
-            told[EPISODE_COLUMNS.index("outcome")] = OUTCOMES[self.episodes.outcome[k]]
-            writer.writerow((k, *(f"{v:.6g}" if isinstance(v, np.floating) else v for v in told)))
+            values = [getattr(self.episodes, name)[k] for name in EPISODE_COLUMNS]
+            values[EPISODE_COLUMNS.index("outcome")] = OUTCOMES[self.episodes.outcome[k]]
+            writer.writerow((k, *(f"{v:.6g}" if isinstance(v, np.floating) else v for v in values)))
         return out.getvalue()
 
 
@@ -110,7 +110,7 @@ def environment_for(policy: Policy, changed: Mapping[str, Any]) -> dict[str, Any
 
 
 def evaluate_policy(
-    told: str,
+    policy_source: str,
     changed: Mapping[str, Any],
     episodes: int,
     seed: int,
@@ -121,7 +121,7 @@ def evaluate_policy(
     """Let a policy drive.
 
     Args:
-        told: What `load_policy` takes.
+        policy_source: What `load_policy` takes.
         changed: See `environment_for`.
         episodes: How many.
         seed: Of the episodes.
@@ -131,7 +131,7 @@ def evaluate_policy(
     Raises:
         InputError: the policy cannot be loaded or does not fit, or an argument is of no use.
     """
-    policy = load_policy(told)
+    policy = load_policy(policy_source)
     arguments = environment_for(policy, changed)
     options = dict(arguments)
     source, parameters = scenario(

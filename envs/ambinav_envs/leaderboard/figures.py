@@ -163,10 +163,10 @@ def to_csv(rows: Sequence[Row]) -> str:
     writer.writerow(COLUMNS)
     for row in rows:
         for cell in row.cells:
-            told = [text for part in (cell.value, cell.difference) for text in csv_cells(part)]
+            texts = [text for part in (cell.value, cell.difference) for text in csv_cells(part)]
             writer.writerow(
                 [row.setting, row.method, cell.figure.key, cell.figure.unit, row.episodes,
-                 cell.value.count, *told]
+                 cell.value.count, *texts]
             )  # fmt: skip
     return out.getvalue()
 

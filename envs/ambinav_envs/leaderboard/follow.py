@@ -37,15 +37,18 @@ class Followers:
         sizes = [0 if course is None else len(course.points) for course in courses]
         self._first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         total = int(self._first[-1])
-        # `way` and `end` have one entry less than there are points; the last one stays unused.
+        # `directions` and `end` have one entry less than there are points; the last stays unused.
         self._points, self._along = np.zeros((total, 2)), np.zeros(total)
-        self._way, self._end = np.zeros(total), np.zeros(total, dtype=np.int64)
+        self._directions, self._end = np.zeros(total), np.zeros(total, dtype=np.int64)
         self._goal = np.zeros((count, 3))
         for i, course in enumerate(courses):
             if course is not None:
                 low, high = self._first[i : i + 2].tolist()
                 self._points[low:high], self._along[low:high] = course.points, course.along
-                self._way[low : high - 1], self._end[low : high - 1] = course.way, course.end
+                self._directions[low : high - 1], self._end[low : high - 1] = (
+                    course.directions,
+                    course.end,
+                )
                 self._goal[i] = course.goal
         self._turns = any(course.turns for course in courses if course is not None)
         self._piece, self._stage = np.zeros((2, count), dtype=np.int64)
@@ -60,7 +63,7 @@ class Followers:
         """
         want = np.zeros((len(self._goal), 2))
         _steer(
-            belief, speeds, self._first, self._points, self._along, self._way, self._end,
+            belief, speeds, self._first, self._points, self._along, self._directions, self._end,
             self._goal, self._turns, self._piece, self._stage, *self._fixed, want,
         )  # fmt: skip
         return want
@@ -76,13 +79,14 @@ def as_actions(want: Floats, robot: Robot, min_speed: float) -> Floats:
 
 @kernel
 def _steer(
-    belief, speeds, first, points, along, way, end, goal, turns, piece, stage, p, limits, dt, want
+    belief, speeds, first, points, along, directions, end, goal, turns, piece, stage, p, limits, dt,
+    want
 ):  # fmt: skip
     for i in range(len(goal)):
         low, high = first[i], first[i + 1]
         if high - low < 2:
             continue
-        course = points[low:high], along[low:high], way[low : high - 1], end[low : high - 1]
+        course = points[low:high], along[low:high], directions[low : high - 1], end[low : high - 1]
         want[i, 0], want[i, 1], piece[i], stage[i] = pursue(
             belief[i, 0], belief[i, 1], belief[i, 2], speeds[i, 0], speeds[i, 1], piece[i],
             stage[i], course, (goal[i, 0], goal[i, 1], goal[i, 2]), turns, p, limits, dt,

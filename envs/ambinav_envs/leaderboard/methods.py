@@ -129,10 +129,10 @@ def planner_method(name: str, choice: PlannerChoice) -> Method:
 
 def follower_method(ambiguity_weight: float) -> Method:
     """Who drives from waypoint to waypoint."""
-    way = f"cheapest way at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest way"
+    path = f"cheapest path at weight {ambiguity_weight:g}" if ambiguity_weight else "shortest path"
     name = follower_name(ambiguity_weight)
     return Method(
-        name, "policy", f"drives at the place {AHEAD:g} m ahead on the {way}", {"name": name},
+        name, "policy", f"drives at the point {AHEAD:g} m ahead on the {path}", {"name": name},
         {**SEES, **STEERS, "ambiguity_weight": ambiguity_weight},
     )  # fmt: skip
 
@@ -149,32 +149,34 @@ def planner_methods(asked: Sequence[str]) -> list[Method]:
     if not asked:
         return [planner_method(name, choice) for name, choice in PLANNERS.items()]
     methods = [planner_method(SHORTEST, PLANNERS[SHORTEST])]
-    for told in asked:
-        name, colon, number = told.partition(":")
+    for name_and_weight in asked:
+        name, colon, number = name_and_weight.partition(":")
         try:
             weight = float(number) if colon else 5.0
         except ValueError:
             weight = -1.0
         if not 0.0 <= weight < float("inf"):
-            raise InputError(f"--planner: the weight in {told!r} is none; write e.g. prmstar:5.")
+            raise InputError(
+                f"--planner: the weight in {name_and_weight!r} is none; give e.g. prmstar:5."
+            )
         choice = PlannerChoice(name, weight)
         Routes(choice)
         methods.append(planner_method(f"{name} {weight:g}", choice))
     return methods
 
 
-def policy_method(told: str, folder: Path | None = None, *, shipped: bool = False) -> Method:
+def policy_method(source: str, folder: Path | None = None, *, shipped: bool = False) -> Method:
     """A policy that a user names.
 
     Raises:
         InputError: see `load_policy`.
     """
-    policy = load_policy(told, folder)
+    policy = load_policy(source, folder)
     if isinstance(policy, CallablePolicy):
-        identity = {"callable": told, "code": checksum_of(told, policy, folder)}
-        text = f"policy {told}"
+        identity = {"callable": source, "code": checksum_of(source, policy, folder)}
+        text = f"policy {source}"
     else:
-        identity = {"file": checksum_of(told, policy, folder)}
+        identity = {"file": checksum_of(source, policy, folder)}
         text = f"policy {policy.name}.zip"
     return Method(
         policy.name, "policy", text, identity, policy.seeing, lambda parameters: policy, shipped

@@ -84,7 +84,7 @@ def rows_of(found: Mapping[str, Mapping[str, Episodes]], seed: int) -> tuple[Row
 
 def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Sequence[Row]) -> str:
     """All figures with intervals and differences, and how they came about."""
-    told = {
+    record = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "ambinav": __version__,
         "episodes": board.episodes,
@@ -116,7 +116,7 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
             for row in rows
         ],
     }
-    return json.dumps(told, indent=2, default=str)
+    return json.dumps(record, indent=2, default=str)
 
 
 def to_markdown(board: Board, rows: Sequence[Row], picture: str) -> str:
@@ -143,7 +143,7 @@ def to_markdown(board: Board, rows: Sequence[Row], picture: str) -> str:
 def criterion_text(row: Row, base: Row | None) -> str:
     """Whether a method is lost at most half as often as the baseline, and not much longer.
 
-    Told by the figures and the interval of their difference, so that it may be unclear.
+    Judged by the figures and the interval of their difference, so that it may be unclear.
     """
     if base is None or row is base or row["lost"].difference is None:
         return ""
@@ -161,7 +161,7 @@ def criterion_text(row: Row, base: Row | None) -> str:
     if not CRITERION.lost_met(after, before):
         return "lost less often, not halved"
     ratio = 1.0 + longer.value / base["length"].value.value
-    return "met" if CRITERION.length_met(ratio) else "halved, but too long a way"
+    return "met" if CRITERION.length_met(ratio) else "halved, but too long"
 
 
 def _base(row: Row, rows: Sequence[Row]) -> Row | None:

@@ -29,9 +29,9 @@ Floats = NDArray[np.float64]
 
 MARGINS = (0.1, 0.05, 0.0)
 """Metres that a route keeps off walls besides the robot's radius: as `ambinav compare` plans, and
-less where there is no way then."""
+less where there is no path then."""
 PATIENCE = (1, 8)
-"""So many times its iterations a planner gets, one after the other, until it finds a way."""
+"""So many times its iterations a planner gets, one after the other, until it finds a path."""
 GROUP = 16
 """Plans made at once; in one process, where a planner needs fresh ones (see
 `ambinav_planners.seeded`)."""
@@ -60,7 +60,7 @@ class Routes:
     Args:
         choice: The planner.
         layer: Of the ambiguity map that it reads.
-        odometry: What the localizer is told of it, for belief planners; None: their default.
+        odometry: What the localizer assumes of it, for belief planners; None: their default.
         start_std: Deviations of x, y (metres) and heading (radians) at the start, likewise.
 
     Raises:
@@ -83,7 +83,7 @@ class Routes:
         self._known: dict[str, Floats | None] = {}
 
     def plan(self, buildings: Sequence[Building], tasks: Sequence[Task]) -> list[Floats | None]:
-        """Way points from start to goal of each task, shape (M, 3); None where none was found."""
+        """Waypoints from start to goal of each task, shape (M, 3); None where none was found."""
         items = list(zip(buildings, tasks, strict=True))
         keys = [_key(*item) for item in items]
         both = zip(keys, items, strict=True)
@@ -160,7 +160,7 @@ def _key(building: Building, task: Task) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A problem between the places nearest to start and goal where there is room to plan.
+    """A problem between the points nearest to start and goal where there is room to plan.
 
     Attributes:
         problem: For the planner.
@@ -173,7 +173,7 @@ class _Asked:
     goal: Floats
 
     def whole(self, way: Floats) -> Floats:
-        """The way from the true start to the true goal."""
+        """The path from the true start to the true goal."""
         return np.vstack([self.start, way, self.goal])
 
 
@@ -186,7 +186,7 @@ def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None
         if near is None:
             return None
         end = np.array(near[:3])
-        # The nearest place may be beyond a wall.
+        # The nearest point may be beyond a wall.
         if near[3] > 0.0 and not building.checker.motions_free(pose[None], end[None])[0]:
             return None
         ends.append(end.tolist())
@@ -194,7 +194,7 @@ def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None
 
 
 def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats | None]:
-    """Way points of a route for each problem, or None; always the same ones.
+    """Waypoints of a route for each problem, or None; always the same ones.
 
     Args:
         choice: The planner. One that uses OMPL must be called by `call_seeded`.
@@ -212,7 +212,7 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
 
 
 def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:
-    """A free way; one that is there on the lattice is sought for longer before it is given up."""
+    """A free path; one that is there on the lattice is sought for longer before it is given up."""
     from ambinav_planners.improve.finishing import is_free
     from ambinav_planners.planning import run
     from ambinav_planners.registry import Budget, check_suits

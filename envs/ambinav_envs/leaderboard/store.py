@@ -21,9 +21,9 @@ def computed_by() -> Provenance:
     return Provenance.here(*PLANNING, *POLICIES)
 
 
-def key_of(told: Mapping[str, Any]) -> str:
+def key_of(identity: Mapping[str, Any]) -> str:
     """A short name for everything that some episodes depend on, what computes them among it."""
-    return digest_of(told, computed_by().digest)[:24]
+    return digest_of(identity, computed_by().digest)[:24]
 
 
 def save_episodes(episodes: Episodes, path: Path) -> None:

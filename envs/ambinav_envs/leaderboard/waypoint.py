@@ -1,4 +1,4 @@
-"""The simplest driver: straight at a place ahead on the way."""
+"""The simplest driver: straight at a waypoint ahead on the path."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def follower_name(ambiguity_weight: float) -> str:
 class WaypointFollower(Policy):
     """Drives at the observation's part `waypoint`, and looks at nothing else.
 
-    That place comes from the map and the estimated pose, so this is what a robot does that
+    That waypoint comes from the map and the estimated pose, so this is what a robot does that
     trusts both.
 
     Args:

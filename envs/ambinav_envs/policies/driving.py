@@ -23,12 +23,12 @@ Floats = NDArray[np.float64]
 
 
 def examine(
-    told: str, folder: Path, scanner: RangeScanner, robot: Robot, rate: float, force: bool
+    policy_source: str, folder: Path, scanner: RangeScanner, robot: Robot, rate: float, force: bool
 ) -> tuple[str, str]:
     """Load a policy to see whether it can drive.
 
     Args:
-        told: What a scenario names it by.
+        policy_source: What a scenario names it by.
         folder: What names of files are relative to.
         scanner: What the robots see with.
         robot: What they are.
@@ -41,16 +41,16 @@ def examine(
     Raises:
         InputError: see `load_policy`; or scanner or robot differ, and that is not forced.
     """
-    policy = load_policy(told, folder)
+    policy = load_policy(policy_source, folder)
     found = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
-    return checksum_of(told, policy, folder), difference_text(found)
+    return checksum_of(policy_source, policy, folder), difference_text(found)
 
 
 class PolicyController:
     """A policy that steers the robots of a drive; see `ambinav.drive.drive.Controller`.
 
     Args:
-        told: What a scenario names the policy by.
+        policy_source: What a scenario names the policy by.
         folder: What names of files are relative to.
         start: x, y of its pair, and any heading.
         goal: x and y.
@@ -66,7 +66,7 @@ class PolicyController:
 
     def __init__(
         self,
-        told: str,
+        policy_source: str,
         folder: Path,
         start: tuple[float, float, float],
         goal: tuple[float, float],
@@ -76,7 +76,7 @@ class PolicyController:
         rate: float,
         runs: int,
     ) -> None:
-        self._policy = load_policy(told, folder)
+        self._policy = load_policy(policy_source, folder)
         parameters = _parameters(self._policy, scanner, robot, rate)
         self._policy.prepare(observation_space(parameters), action_space(parameters))
         source = BuildingSource(
@@ -88,7 +88,7 @@ class PolicyController:
 
     @property
     def distance(self) -> float:
-        """Length of the shortest way from start to goal, metres."""
+        """Length of the shortest path from start to goal, metres."""
         return self._observer.distance
 
     def command(

@@ -22,7 +22,7 @@ from ambinav_envs.policies.normalization import Normalization
 from ambinav_envs.policies.policy import seen_in
 from ambinav_envs.policies.shapes import Plain, described
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 CARD: Final = "ambinav.json"
 """Member of a policy file that says what it is."""
 MOMENTS: Final = "normalization.npz"
@@ -58,7 +58,7 @@ class Card:
         steps: How many steps it was trained for.
         seed: Of the training.
         versions: Of packages, when it was saved.
-        told: Whatever else the one who saved it says: checksum of the buildings, a note.
+        notes: What else was noted when it was saved: checksum of the buildings, a note.
         code: `ambinav.provenance.code_digest` of what saved it; empty in files of earlier versions.
     """
 
@@ -69,7 +69,7 @@ class Card:
     steps: int
     seed: int | None
     versions: dict[str, str] = field(default_factory=dict)
-    told: dict[str, Any] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)
     code: str = ""
 
 
@@ -79,7 +79,7 @@ def save_policy(
     *,
     environment: Mapping[str, Any],
     normalization: Any = None,
-    told: Mapping[str, Any] | None = None,
+    notes: Mapping[str, Any] | None = None,
     slim: bool = False,
 ) -> None:
     """Write a policy file, whole or not at all.
@@ -89,7 +89,7 @@ def save_policy(
         path: The file, NAME.zip.
         environment: Arguments that the environment was made with, and its `id`.
         normalization: `VecNormalize` or `Normalization` of the observations, if there was one.
-        told: Further plain values for the card.
+        notes: Further plain values for the card.
         slim: Leave out what the optimizer remembers, most of a file. `PPO.load` reads it all the
             same; training on begins with a fresh optimizer.
 
@@ -109,7 +109,7 @@ def save_policy(
         int(model.num_timesteps),
         None if model.seed is None else int(model.seed),
         _versions(name),
-        dict(told or {}),
+        dict(notes or {}),
         code_digest(),
     )
     try:
@@ -205,7 +205,7 @@ def _card(content: bytes) -> Card:
     return card
 
 
-def complete_card(path: str | Path, told: Mapping[str, Any] | None = None) -> bool:
+def complete_card(path: str | Path, notes: Mapping[str, Any] | None = None) -> bool:
     """Write out in a policy file's card what files of earlier versions left to the defaults.
 
     All other members stay as they are, byte for byte, with their times; doing it twice changes
@@ -214,7 +214,7 @@ def complete_card(path: str | Path, told: Mapping[str, Any] | None = None) -> bo
 
     Args:
         path: The file.
-        told: Further plain values for the card's `told`.
+        notes: Further plain values for the card's `notes`.
 
     Returns:
         Whether something was to be done.
@@ -226,7 +226,7 @@ def complete_card(path: str | Path, told: Mapping[str, Any] | None = None) -> bo
     card = read_card(path)
     environment = {"id": card.environment["id"]} if "id" in card.environment else {}
     environment = plain_environment(arguments_of(card)) | environment
-    whole = replace(card, environment=environment, told={**card.told, **(told or {})})
+    whole = replace(card, environment=environment, notes={**card.notes, **(notes or {})})
     if whole == card:
         return False
     with (
@@ -265,13 +265,13 @@ def arguments_of(card: Card) -> dict[str, Any]:
     Raises:
         InputError: an argument that says what the policy sees is of no use.
     """
-    told = {name: value for name, value in card.environment.items() if name != "id"}
-    scanner = told.get("scanner")
+    arguments = {name: value for name, value in card.environment.items() if name != "id"}
+    scanner = arguments.get("scanner")
     if isinstance(scanner, Mapping):
         if not isinstance(scanner.get("yaml"), str):
             raise InputError(f"{CARD}: scanner has no text under yaml; train the policy again.")
-        told["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
-    return seen_in(told) | told
+        arguments["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
+    return seen_in(arguments) | arguments
 
 
 def plain_value(value: Any) -> Any:

@@ -104,14 +104,14 @@ def check_fit(
         InputWarning: there are differences, and it is forced; or other code trained the policy.
     """
     found = differences(policy, parameters)
-    told = f"policy {policy.name!r} was trained with {difference_text(found)}"
+    reason = f"policy {policy.name!r} was trained with {difference_text(found)}"
     if found and not force:
         raise InputError(
-            f"{told}; give what it was trained with, train another policy, or add --force "
+            f"{reason}; give what it was trained with, train another policy, or add --force "
             "(force=True in Python) to let it drive all the same."
         )
     if found:
-        warnings.warn(f"{told}; it drives all the same.", InputWarning, stacklevel=2)
+        warnings.warn(f"{reason}; it drives all the same.", InputWarning, stacklevel=2)
     if policy.other_code is not None:
         warnings.warn(f"policy {policy.name!r} {policy.other_code}.", InputWarning, stacklevel=2)
     return found
@@ -177,7 +177,7 @@ def _value_text(value: Value, unit: str) -> str:
         return "any"
     if isinstance(value, int | float):
         return f"{value:.4g}{unit}"
-    # A polynomial or a table over the true range: enough of it to be told from another.
+    # A polynomial or a table over the true range: enough of it to distinguish it from another.
     return f"curve {digest_of(value)[:6]}"
 
 

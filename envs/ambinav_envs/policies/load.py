@@ -36,13 +36,13 @@ def baselines() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in BASELINES.glob("*.zip")))
 
 
-def load_policy(told: str | Path, folder: Path | None = None) -> Policy:
+def load_policy(source: str | Path, folder: Path | None = None) -> Policy:
     """The policy that a user names.
 
     A file holds pickled objects, and a callable is code: load what you trust alone.
 
     Args:
-        told: A policy file (`save_policy`), the name of a baseline, `module:callable` or
+        source: A policy file (`save_policy`), the name of a baseline, `module:callable` or
             `file.py:callable`. The callable is called with the observation and the action space
             and gives something with `act(observations, starts)`, see `Policy.act`.
         folder: What names of files are relative to; None: the working folder.
@@ -51,7 +51,7 @@ def load_policy(told: str | Path, folder: Path | None = None) -> Policy:
         InputError: there is none, or it cannot be loaded; one sentence says why.
     """
     folder = Path() if folder is None else folder
-    name = str(told)
+    name = str(source)
     if name in baselines():
         policy = policy_of(BASELINES / f"{name}.zip", name)
         # What code trained it is said where it is shipped: in its card's text.
@@ -85,21 +85,21 @@ def policy_of(path: Path, name: str) -> ModelPolicy:
     return ModelPolicy(model, normalization, name=name, environment=arguments, code=str(card.code))
 
 
-def checksum_of(told: str | Path, policy: Policy, folder: Path | None = None) -> str:
+def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) -> str:
     """Checksum of what a policy was loaded from, to know its results again by.
 
     Of a callable it is that of the file where its code stands, or that of its type. One whose code
     is in no file gets another text every time, so that its results are never taken for known.
 
     Args:
-        told: What `load_policy` was given.
+        source: What `load_policy` was given.
         policy: What it gave.
         folder: As it was given.
     """
     if isinstance(policy, CallablePolicy):
         code = _code_file(policy.make)
         return secrets.token_hex() if code is None else sha256(code)
-    name = str(told)
+    name = str(source)
     return sha256(BASELINES / f"{name}.zip" if name in baselines() else (folder or Path()) / name)
 
 
@@ -116,9 +116,9 @@ def _code_file(make: Any) -> Path | None:
     return None
 
 
-def _callable(told: str, folder: Path) -> Any:
+def _callable(source: str, folder: Path) -> Any:
     try:
-        return load_callable(told, folder)
+        return load_callable(source, folder)
     except InputError as error:
         raise InputError(f"{str(error).rstrip('.')}.") from error
 

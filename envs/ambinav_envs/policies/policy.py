@@ -49,8 +49,8 @@ def seen_in(environment: Mapping[str, Any]) -> dict[str, Any]:
         InputError: one of them is of no use.
     """
     names = (*SEEING, "layer", "robot", "scanner")
-    told = {name: environment[name] for name in names if name in environment}
-    parameters = NavigationParameters.of(told)
+    arguments = {name: environment[name] for name in names if name in environment}
+    parameters = NavigationParameters.of(arguments)
     seen = {name: getattr(parameters, name) for name in SEEING}
     used = {"scanner": parameters.scanner, "robot": parameters.robot}
     return seen | used | {"layer": parameters.cost_layer}
@@ -210,27 +210,27 @@ class CallablePolicy(Policy):
     Args:
         make: Called with the spaces of a single environment, gives something with `act`; it may
             say in an attribute `environment` what arguments it wants the environment made with.
-        told: What the user named it by.
+        source: What the user named it by.
 
     Raises:
         InputError: that attribute is no mapping, or has an unknown key.
     """
 
-    def __init__(self, make: Callable[..., Any], told: str) -> None:
+    def __init__(self, make: Callable[..., Any], source: str) -> None:
         wanted = getattr(make, "environment", {})
         if not isinstance(wanted, Mapping):
             raise InputError(
-                f"policy {told}: its environment is a {type(wanted).__name__}; give a mapping of "
+                f"policy {source}: its environment is a {type(wanted).__name__}; give a mapping of "
                 "arguments."
             )
         known = (*(item.name for item in fields(NavigationParameters)), *BUILDINGS)
         for key in wanted:
             if key not in known:
                 raise InputError(
-                    f"policy {told}: its environment has the key {key!r}, which is unknown; "
+                    f"policy {source}: its environment has the key {key!r}, which is unknown; "
                     f"{nearest(str(key), known)}."
                 )
-        super().__init__(told, dict(wanted))
+        super().__init__(source, dict(wanted))
         self.make = make
         self._made: Any = None
 

@@ -1,4 +1,4 @@
-"""What part of a building a picture shows, and where places of the map lie in it."""
+"""What part of a building a picture shows, and where points of the map lie in it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Camera:
         Args:
             environment: The building.
             view: One of `VIEWS`.
-            place: The robot, x and y, metres.
+            place: Position of the robot, x and y, metres.
             size: Width and height of the picture, pixels.
         """
         left, low, right, high = environment.bounds
@@ -68,7 +68,7 @@ class Camera:
         return self.x - half[0], self.y - half[1], self.x + half[0], self.y + half[1]
 
     def pixels(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Places of the map, metres, shape (..., 2), as pixels of the picture."""
+        """Points of the map, metres, shape (..., 2), as pixels of the picture."""
         x, y = np.moveaxis(np.asarray(points, dtype=np.float64)[..., :2], -1, 0)
         across = 0.5 * self.size[0] + (x - self.x) * self.scale
         return np.stack([across, 0.5 * self.size[1] - (y - self.y) * self.scale], axis=-1)

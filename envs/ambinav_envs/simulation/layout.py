@@ -54,7 +54,7 @@ def record(**columns: object) -> np.dtype[np.void]:
 
 
 NOISE = record(
-    turn_turn=_REAL, turn_way=_REAL, way_way=_REAL, way_turn=_REAL, bias_distance=_REAL,
+    turn_turn=_REAL, turn_trans=_REAL, trans_trans=_REAL, trans_turn=_REAL, bias_distance=_REAL,
     bias_turn=_REAL,
 )  # fmt: skip
 """`ambinav.drive.noise.PackedNoise`."""

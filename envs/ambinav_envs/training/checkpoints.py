@@ -90,7 +90,7 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
             model._last_lstm_states = memory["lstm"]
         python, numpy, torch_state = memory["random"]
     except (InputError, MemoryError, PermissionError):
-        # No damage: what is told is what there is to do.
+        # No damage: the message says what to do.
         raise
     except Exception as error:
         # What is inside was pickled, and may fail in any way.

@@ -77,7 +77,7 @@ class StagePart(ConfigModel):
     """A stage of the curriculum, which ends at a share of the training or at a rate of arrival.
 
     Attributes:
-        longest: Greatest length of the shortest way from start to goal in this stage, metres.
+        longest: Greatest length of the shortest path from start to goal in this stage, metres.
         share: Share of the whole training at which it ends.
         arrival: Share of training episodes that arrive at which it ends.
     """
@@ -150,8 +150,8 @@ class Training(ConfigModel):
     @property
     def arguments(self) -> dict[str, Any]:
         """Of the environment trained in, with what its id stands for."""
-        told = {key: value for key, value in self.environment.items() if key != "id"}
-        return IDS[self.environment["id"]] | told
+        plain = {key: value for key, value in self.environment.items() if key != "id"}
+        return IDS[self.environment["id"]] | plain
 
     @property
     def judged(self) -> dict[str, Any]:
@@ -160,6 +160,6 @@ class Training(ConfigModel):
 
     @property
     def judged_apart(self) -> dict[str, Any]:
-        """What of it is told apart from that of training."""
+        """What of it differs from that of training."""
         own = self.evaluation.environment or {}
         return ({} if "map" in self.arguments | own else DRAWN_APART) | own

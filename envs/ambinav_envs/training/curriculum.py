@@ -1,4 +1,4 @@
-"""The curriculum: ways to the goal that grow longer."""
+"""The curriculum: paths to the goal that grow longer."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Curriculum:
             longest: After the last stage.
 
         Returns:
-            Greatest length of the shortest way from start to goal, metres.
+            Greatest length of the shortest path from start to goal, metres.
         """
         if self.number < len(self.stages):
             longest = self.stages[self.number].longest

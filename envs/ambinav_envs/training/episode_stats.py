@@ -19,7 +19,7 @@ FIGURES: Final = {
     "collided": "share",
     "timeout": "share",
     "lost": "share of those in which the robot was ever lost",
-    "length": "way driven by shortest way, of those that arrived",
+    "length": "path driven by shortest path, of those that arrived",
     "exposure": "ambiguity per metre driven, of all episodes together",
     "reward": "mean sum of rewards",
 }
@@ -45,9 +45,9 @@ class EpisodeStatsCallback(BaseCallback):
 
     def _on_step(self) -> bool:
         for i in np.flatnonzero(self.locals["dones"]):
-            told = self.locals["infos"][i]["episode"]
-            self.fresh.append({key: _plain(told[key]) for key in KEPT})
-            self.stage.append(told["outcome"] == "arrived")
+            figures = self.locals["infos"][i]["episode"]
+            self.fresh.append({key: _plain(figures[key]) for key in KEPT})
+            self.stage.append(figures["outcome"] == "arrived")
         del self.stage[:-RECENT]
         return True
 

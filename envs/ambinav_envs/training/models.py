@@ -76,23 +76,23 @@ def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:
 
 def network(config: Training) -> dict[str, Any]:
     """`policy_kwargs` of Stable-Baselines3."""
-    told = config.policy
+    policy = config.policy
     _, parameters = source_of(config.arguments)
     chosen: dict[str, Any] = {
         "features_extractor_class": NavigationFeatures,
         "features_extractor_kwargs": {
-            "scan": told.scan,
-            "window": told.window,
-            "scan_features": told.scan_features,
-            "window_features": told.window_features,
+            "scan": policy.scan,
+            "window": policy.window,
+            "scan_features": policy.scan_features,
+            "window_features": policy.window_features,
             "circular": looks_around(parameters.scanner),
         },
-        "net_arch": list(told.net_arch),
+        "net_arch": list(policy.net_arch),
     }
     if config.algorithm != "sac":
-        chosen["log_std_init"] = told.log_std_init
+        chosen["log_std_init"] = policy.log_std_init
     if config.algorithm == "recurrent-ppo":
-        chosen["lstm_hidden_size"] = told.lstm_hidden_size
+        chosen["lstm_hidden_size"] = policy.lstm_hidden_size
     return chosen
 
 
@@ -105,15 +105,15 @@ def schedules(model: Any) -> list[LinearSchedule]:
 
 def round_steps(config: Training) -> int:
     """Steps of one call of `learn`: for on-policy algorithms one rollout and its update."""
-    told = config.hyperparameters
-    if "n_epochs" in told:
-        return int(told["n_steps"]) * config.envs
+    values = config.hyperparameters
+    if "n_epochs" in values:
+        return int(values["n_steps"]) * config.envs
     # Whole pieces of what the algorithm collects before it learns.
-    piece = int(told["train_freq"]) * config.envs
+    piece = int(values["train_freq"]) * config.envs
     return piece * max(SAC_ROUND // piece, 1)
 
 
 def _given(config: Training) -> dict[str, Any]:
     """The hyperparameters as the algorithm takes them."""
-    told = config.hyperparameters
-    return {name: schedule_of(value, name) for name, value in told.items()}
+    values = config.hyperparameters
+    return {name: schedule_of(value, name) for name, value in values.items()}

@@ -15,7 +15,7 @@ SHOWN = {
     "timeout": ("out of time", 100.0, "{:.1f} %"),
     "missed": ("stopped elsewhere", 100.0, "{:.1f} %"),
     "lost": ("ever lost", 100.0, "{:.1f} %"),
-    "length": ("way by shortest way, of those that arrived", 1.0, "{:.3f}"),
+    "length": ("path by shortest path, of those that arrived", 1.0, "{:.3f}"),
     "exposure": ("ambiguity per metre", 1.0, "{:.3f}"),
     "reward": ("sum of rewards", 1.0, "{:.2f}"),
 }
@@ -66,7 +66,7 @@ def report_text(config: Training, record: Mapping[str, Any], summary: Mapping[st
         lines += ["", f"{reached} of {len(config.curriculum)} stages of the curriculum were left."]
     if config.curriculum and reached < len(config.curriculum):
         longest = config.curriculum[reached].longest
-        lines += ["", f"It has never trained on ways longer than {longest:g} m."]
+        lines += ["", f"It has never trained on paths longer than {longest:g} m."]
     # The last session's command has the limits in force; earlier versions noted the first alone.
     words = record["sessions"][-1].get("command", record["command"])
     again = shlex.join(word for word in words if word != "--resume")

@@ -108,8 +108,8 @@ class Run:
     def _begin(self, command: Sequence[str]) -> None:
         """Write what is known before the first round."""
         folder, steps = self.folder, int(self.model.num_timesteps)
-        told = folder / files.ABOUT
-        record = files.read_json(told) if told.is_file() else files.about(self.config, command)
+        about = folder / files.ABOUT
+        record = files.read_json(about) if about.is_file() else files.about(self.config, command)
         session = files.session(steps, command)
         if record["sessions"] and record["sessions"][-1].get("code") != session["code"]:
             warnings.warn(
@@ -119,7 +119,7 @@ class Run:
             )
         record["sessions"].append(session)
         self.record = record
-        files.write_json(told, record)
+        files.write_json(about, record)
         write_config(self.config, folder / files.CONFIG)
         self.progress = Progress(folder / files.PROGRESS, steps)
         outputs: list[KVWriter] = []
@@ -246,9 +246,9 @@ class Run:
 
     def _evaluate(self) -> Figures:
         """Judge the policy on episodes that are always the same; keep it if it is the best."""
-        told = self.config.evaluation
+        chosen = self.config.evaluation
         policy = ModelPolicy(self.model, self._normalization)
-        episodes = evaluate(policy, self._source, self._judged, told.episodes, told.seed)
+        episodes = evaluate(policy, self._source, self._judged, chosen.episodes, chosen.seed)
         figures = figures_of_evaluation(episodes)
         if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
             self.best = {"steps": float(self.model.num_timesteps), **finite(figures)}
@@ -269,7 +269,7 @@ class Run:
             # The suite is named, for those who do not ask what the id stands for.
             environment=self.config.environment | self.config.arguments,
             normalization=self._normalization,
-            told={
+            notes={
                 "training": self.config.model_dump(mode="json"),
                 "trained_in": self.record["buildings"],
                 "judged_in": self.record["judged_in"],
@@ -332,7 +332,7 @@ def best_of(path: Path) -> dict[str, float | None]:
         InputError: the file is damaged.
     """
     card = read_card(path)
-    return {"steps": float(card.steps), **card.told["evaluation"]}
+    return {"steps": float(card.steps), **card.notes["evaluation"]}
 
 
 def finite(figures: Figures) -> dict[str, float | None]:

@@ -17,7 +17,7 @@ class LinearSchedule:
     """A number that changes linearly over a training.
 
     Stable-Baselines3 counts what remains by the steps of one call of `learn`; here the share of the
-    whole training is set from outside, since that may be told in minutes.
+    whole training is set from outside, since that may be given in minutes.
 
     Attributes:
         start: At the beginning.

@@ -28,7 +28,7 @@ def train(
 ) -> dict[str, Any]:
     """Train a policy, and write everything about it to a folder.
 
-    Ctrl-C and termination are heard between two rounds: a checkpoint is written and the exception
+    Ctrl-C and termination take effect between two rounds: a checkpoint is written and the exception
     goes on.
 
     Args:
@@ -52,7 +52,7 @@ def train(
     numba.set_num_threads(config.threads)
     try:
         with files.FOLDER.hold(folder):
-            run = Run(config, folder, resume, command, tell or (lambda told: None))
+            run = Run(config, folder, resume, command, tell or (lambda status: None))
             return run.go()
     finally:
         torch.set_num_threads(threads[0])

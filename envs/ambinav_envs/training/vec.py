@@ -10,7 +10,7 @@ from ambinav_envs.sb3 import NavigationVecEnv, make_sb3
 from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.training.config import Training
 
-TOLD: Final = ("outcome", "was_lost", "exposure", "travelled", "shortest")
+REPORTED: Final = ("outcome", "was_lost", "exposure", "travelled", "shortest")
 """What the info of an episode's end tells beside return and length."""
 
 
@@ -34,7 +34,7 @@ class TrainingEnvs:
         else:
             envs = NavigationVecEnv(state["envs"])
         self._envs = envs
-        self.monitor = VecMonitor(envs, info_keywords=TOLD)
+        self.monitor = VecMonitor(envs, info_keywords=REPORTED)
         self.normalize: VecNormalize | None = None
         wanted = config.normalize
         if wanted.observations or wanted.reward:

@@ -224,8 +224,10 @@ def _grow(
             half = 0.5 * length[e] / count
             for k in range(count):
                 x, y, theta = pose_along(kind, pieces, length[e], a, b, (k + 0.5) / count)
-                told = value_at((x - left) * inverse, (y - low) * inverse, theta * per_turn, weak)
-                rate = told / scan_distance
+                weak_rate = value_at(
+                    (x - left) * inverse, (y - low) * inverse, theta * per_turn, weak
+                )
+                rate = weak_rate / scan_distance
                 at = piece[e] + k
                 if q == 0.0 or rate <= 0.0:
                     add[at], shrink[at] = q * half, max(rate, 0.0) * half

@@ -1,4 +1,4 @@
-"""Belief-aware planners in the registry: over place and deviation, and the belief roadmap."""
+"""Belief-aware planners in the registry: over position and deviation, and the belief roadmap."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TOLERANCE = 0.02
 
 
 def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
-    """Search the lattice over place and standard deviation, whatever time it takes.
+    """Search the lattice over position and standard deviation, whatever time it takes.
 
     What is least is the integral of 1 + weight * deviation / 0.5 m over the length.
     """
@@ -52,7 +52,7 @@ def solve_belief(problem: Problem, budget: Budget) -> PlannerResult:
 def solve_belief_roadmap(problem: Problem, budget: Budget) -> PlannerResult:
     """Grow a PRM* for the time, then search it for a path that ends well known and is not long.
 
-    What is least is the length plus 10 * weight times the deviation of the place at the goal, in
+    What is least is the length plus 10 * weight times the deviation of the position at the goal, in
     its weak direction. Growing gets a third of the time; what the search takes is not limited.
     """
     # Which needs OMPL, as the other planner does not.

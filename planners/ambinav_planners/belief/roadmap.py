@@ -7,9 +7,10 @@ covariances from node to node in one step each (`ambinav_planners.belief.roadmap
 
 Motion model: the odometry of the robot that is driven, `ambinav.drive.noise.OdometryNoise`, whose
 errors are white along the path. In the frame of travel, over a stretch of ds metres and a turn of
-dt radians, with h = 2 turn_way ds + turn_turn |dt|,
+dt radians, with h = 2 turn_trans ds + turn_turn |dt|,
 
-    along: way_way ds + way_turn |dt|    across: h ds^2/3    heading: h    across-heading: h ds/2
+    along: trans_trans ds + trans_turn |dt|    across: h ds^2/3
+    heading: h                                 across-heading: h ds/2
 
 (`PackedNoise` names the four), the last terms being what a heading that errs evenly along the
 stretch does to its end, so that on a straight line it does not matter how finely it is cut. An
@@ -144,7 +145,7 @@ def _transfers(
     carry, noise, seen,
 ):  # fmt: skip
     first, target, length = graph
-    told = np.empty((3, 3))
+    gained = np.empty((3, 3))
     for node in range(begin, end):
         for e in range(first[node], first[node + 1]):
             a, b = poses[node], poses[target[e]]
@@ -158,8 +159,8 @@ def _transfers(
                 after = pose_along(kind, pieces, length[e], a, b, (k + 1) / count)
                 jacobian, added = motion_step(before, after, ds, odometry)
                 f, n, o = compose(f, n, o, jacobian, added, np.zeros((3, 3)))
-                information_at(after[0], after[1], after[2], fields, left, low, inverse, told)
-                f, n, o = compose(f, n, o, np.eye(3), np.zeros((3, 3)), told * (ds * scans))
+                information_at(after[0], after[1], after[2], fields, left, low, inverse, gained)
+                f, n, o = compose(f, n, o, np.eye(3), np.zeros((3, 3)), gained * (ds * scans))
                 before = after
             carry[e], noise[e], seen[e] = f, n, o
 
@@ -169,12 +170,12 @@ def motion_step(before, after, ds, odometry):
     """Jacobian and noise of a short stretch of ds metres between two poses."""
     dx, dy = after[0] - before[0], after[1] - before[1]
     turned = abs((after[2] - before[2] + math.pi) % (2.0 * math.pi) - math.pi)
-    heading = 2.0 * odometry.turn_way * ds + odometry.turn_turn * turned
+    heading = 2.0 * odometry.turn_trans * ds + odometry.turn_turn * turned
     jacobian = np.eye(3)
     jacobian[0, 2], jacobian[1, 2] = -dy, dx
     chord = math.hypot(dx, dy)
     c, s = (dx / chord, dy / chord) if chord > 0.0 else (1.0, 0.0)
-    forward = odometry.way_way * ds + odometry.way_turn * turned
+    forward = odometry.trans_trans * ds + odometry.trans_turn * turned
     sideways = heading * ds * ds / 3.0
     both = 0.5 * heading * ds
     noise = np.empty((3, 3))
@@ -192,7 +193,7 @@ def turn_on_the_spot(covariance, start, end, odometry):
     """Add to a covariance (3, 3), in place, what a turn adds from one heading to another.
 
     The short way round. The robot slips along the heading that it has meanwhile:
-    way_turn |integral of u u^T| with u = (cos, sin).
+    trans_turn |integral of u u^T| with u = (cos, sin).
     """
     turn = (end - start + math.pi) % (2.0 * math.pi) - math.pi
     if turn == 0.0:
@@ -201,8 +202,8 @@ def turn_on_the_spot(covariance, start, end, odometry):
     swing = 0.25 * (math.sin(2.0 * end) - math.sin(2.0 * start))
     sign = 1.0 if turn > 0.0 else -1.0
     xy = 0.5 * (math.sin(end) ** 2 - math.sin(start) ** 2)
-    covariance[0, 0] += odometry.way_turn * sign * (0.5 * turn + swing)
-    covariance[1, 1] += odometry.way_turn * sign * (0.5 * turn - swing)
-    covariance[0, 1] += odometry.way_turn * sign * xy
-    covariance[1, 0] += odometry.way_turn * sign * xy
+    covariance[0, 0] += odometry.trans_turn * sign * (0.5 * turn + swing)
+    covariance[1, 1] += odometry.trans_turn * sign * (0.5 * turn - swing)
+    covariance[0, 1] += odometry.trans_turn * sign * xy
+    covariance[1, 0] += odometry.trans_turn * sign * xy
     covariance[2, 2] += odometry.turn_turn * abs(turn)

@@ -98,7 +98,8 @@ def is_free(poses: NDArray[np.float64], problem: Problem) -> bool:
     """Whether every motion of a path is free.
 
     A motion that is called free is free, but a polygon that turns within a millimetre of a wall may
-    be called blocked one way and free the other; where the way back is the same, either will do.
+    be called blocked in one direction and free in the other; where the path back is the same,
+    either will do.
     """
     checker = problem.checker
     free = checker.motions_free(poses[:-1], poses[1:])

@@ -63,7 +63,7 @@ class MotionGraph:
         Args:
             poses: Shape (N, 3); each must be free.
             pairs: Nodes to join, shape (P, 2), no pair twice in any order. They are joined both
-                ways where the way back is the same; where it is not (cars that only drive
+                directions where the path back is the same; where it is not (cars that only drive
                 forwards, maps with headings in r2) each way is checked and measured apart.
             service: What a metre costs.
             checker: Where the robot fits and how it moves.

@@ -49,9 +49,9 @@ def sonars() -> RangeScanner:
     )
 
 
-def some(ground: LayerContext, count: int, seed: int) -> list[tuple[int, int]]:
+def some(context: LayerContext, count: int, seed: int) -> list[tuple[int, int]]:
     """Running numbers of free cells and headings that the robot can stand at."""
-    possible = np.argwhere(ground.possible)
+    possible = np.argwhere(context.possible)
     rng = np.random.default_rng(seed)
     return [(int(p), int(h)) for p, h in rng.permutation(possible)[:count]]
 

@@ -51,7 +51,7 @@ def floor() -> Environment:
     )
 
 
-def ground(env: Environment, scanner: RangeScanner, spacing: float, **more) -> LayerContext:
+def context(env: Environment, scanner: RangeScanner, spacing: float, **more) -> LayerContext:
     return LayerContext.of(build_map(env, scanner, spacing=spacing, **more))
 
 
@@ -90,7 +90,7 @@ def all_pairs(data, beams, xy, limit, icap, use, evidence, tau, c0, c2, near, mo
     ids=["laser", "sonar", "mixed", "fan"],
 )
 def test_search_equals_brute_force(scanner, headings, least):
-    here = ground(floor(), scanner, 0.4, headings=headings)
+    here = context(floor(), scanner, 0.4, headings=headings)
     found = aliased_poses(here, least=least)
     scans, table = Scans.of(here), here.table
     around = headings is None
@@ -117,7 +117,7 @@ def test_search_equals_brute_force(scanner, headings, least):
 
 
 def test_pairs_are_compared_as_the_reference_does():
-    here = ground(floor(), laser(), 0.4)
+    here = context(floor(), laser(), 0.4)
     scans = Scans.of(here)
     x, y = here.points
     cell = np.diag([scans.cell_variance[0]] * 2 + [scans.cell_variance[1]])
@@ -146,7 +146,7 @@ def test_pairs_are_compared_as_the_reference_does():
 
 
 def at(here: LayerContext, alike: AliasedPoses, x: float, y: float) -> tuple[float, np.ndarray]:
-    """Share and look-alikes of the cell nearest to a point."""
+    """Share and aliased poses of the cell nearest to a point."""
     px, py = here.points
     cell = int(np.argmin(np.hypot(px - x, py - y)))
     return float(alike.share[cell, 0]), alike.found[cell, 0]
@@ -162,7 +162,7 @@ def test_equal_rooms_in_a_row(rooms):
     env = environment_from_shapes(
         [shapely.affinity.translate(outline, i * period) for i in range(rooms)]
     )
-    here = ground(env, laser(60), 0.1)
+    here = context(env, laser(60), 0.1)
     alike = aliased_poses(here, count=rooms)
     # A twin between the lattice's points counts a little less than the pose itself.
     assert 1 - 1 / rooms - 0.05 < np.median(alike.share) < 1 - 1 / rooms + 0.01
@@ -183,7 +183,7 @@ def test_rotated_places_are_the_look_alikes(fold):
     arm = shapely.union_all([shapely.box(0, -0.6, 4.0, 0.6), shapely.box(3.0, 0.0, 3.5, 1.1)])
     turned = [shapely.affinity.rotate(arm, 360 / fold * i, origin=(0, 0)) for i in range(fold)]
     env = environment_from_shapes([shapely.union_all(turned)])
-    here = ground(env, laser(60, 8.0), 0.1)
+    here = context(env, laser(60, 8.0), 0.1)
     alike = aliased_poses(here, count=fold)
     share, twins = at(here, alike, 2.5, 0.3)
     assert 1 - 1 / fold - 0.13 < share < 1 - 1 / fold + 0.01
@@ -202,12 +202,12 @@ def test_rotated_places_are_the_look_alikes(fold):
 
 def test_a_room_without_symmetry_has_no_look_alikes():
     env = environment_from_shapes([shapely.Polygon([(0, 0), (3, 0), (3.5, 1.2), (1.2, 2.6)])])
-    alike = aliased_poses(ground(env, laser(60), 0.2))
+    alike = aliased_poses(context(env, laser(60), 0.2))
     assert np.median(alike.share) < 0.02
 
 
 def test_places_of_ones_own_are_not_listed_but_count():
-    here = ground(floor(), laser(), 0.4)
+    here = context(floor(), laser(), 0.4)
     free = aliased_poses(here)
     own = aliased_poses(here, place=np.ones(len(here.points[0]), dtype=np.int32))
     np.testing.assert_array_equal(own.share, free.share)
@@ -218,7 +218,7 @@ def test_places_of_ones_own_are_not_listed_but_count():
     ("scanner", "headings"), [(laser(), None), (laser(20, 4, 2.0), 4)], ids=["laser", "fan"]
 )
 def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
-    here = ground(floor(), scanner, 0.4, headings=headings)
+    here = context(floor(), scanner, 0.4, headings=headings)
     whole = aliased_poses(here, count=3)
     sought = np.arange(len(here.points[0])) % 3 == 1
     some = aliased_poses(here, count=3, sought=sought)
@@ -232,13 +232,13 @@ def test_those_that_are_sought_are_found_as_among_all(scanner, headings):
 
 
 def test_unexplored_floor_is_like_everything_and_nothing_is_like_it():
-    """A room open to unknown space all round: nothing is told there."""
+    """A room open to unknown space all round: scans carry no information there."""
     box = shapely.box(0, 0, 1.5, 1.5)
     env = environment_from_shapes(
         [box, shapely.box(3, 0, 5, 1.2)],
         openings=[box.exterior],
     )
-    here = ground(env, laser(), 0.3)
+    here = context(env, laser(), 0.3)
     layer = compute(here)
     x = here.lattice.x[np.nonzero(here.free)[1]]
     share = layer["aliasing"][here.free]
@@ -249,7 +249,7 @@ def test_unexplored_floor_is_like_everything_and_nothing_is_like_it():
 
 
 def test_layer_on_the_lattice():
-    here = ground(floor(), laser(20, 4, 2.0), 0.4, headings=4)
+    here = context(floor(), laser(20, 4, 2.0), 0.4, headings=4)
     layer = compute(here, least=0.05)
     for values in layer.values():
         assert values.shape == (*here.free.shape, 4)
@@ -264,5 +264,5 @@ def test_layer_on_the_lattice():
 @pytest.mark.parametrize("least", [0.0, 1.0, -0.1, math.nan])
 def test_bad_least(least):
     with pytest.raises(InputError, match="least"):
-        aliased_poses(ground(floor(), laser(), 0.5), least=least)
+        aliased_poses(context(floor(), laser(), 0.5), least=least)
     assert 0.0 < LEAST_LIKENESS < 1.0

@@ -1,4 +1,4 @@
-"""Look-alikes scanned where they are: exact twins are met exactly, and nothing else is claimed."""
+"""Aliased poses scanned where they are: exact twins are found exactly, and nothing else is."""
 
 from __future__ import annotations
 

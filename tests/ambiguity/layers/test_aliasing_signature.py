@@ -44,7 +44,7 @@ def scans(data: np.ndarray, turns: int) -> Scans:
         heading=np.zeros(n),
         cell=np.arange(n, dtype=np.int32),
         possible=np.ones(n, dtype=np.bool_),
-        told=data[:, 4] < BLIND / 2,
+        known=data[:, 4] < BLIND / 2,
         cell_variance=CELL,
         tau=TAU,
         spacing=0.2,
@@ -65,7 +65,7 @@ def sifted(both: Scans, sig: Signatures, bundle: list[int]) -> int:
     """How many blocks a bundle leaves of a tree that holds pose 1 alone."""
     tree = Tree.over(sig, np.array([1]), both.turns)
     return sift(
-        np.array(bundle, dtype=np.int32), both.told, SignatureArrays.of(sig, 1),
+        np.array(bundle, dtype=np.int32), both.known, SignatureArrays.of(sig, 1),
         TreeArrays.of(tree), np.empty(len(tree.pose), dtype=np.int32),
     )  # fmt: skip
 
@@ -113,7 +113,7 @@ def test_no_pair_that_is_alike_is_left_out(seed, shape, threshold, odd, pull):
     low, high = (
         np.roll(v[1].reshape(orbits, turns), -k, axis=1).ravel() for v in (sig.low, sig.high)
     )
-    outside = ((sig.code[0] < low) | (sig.code[0] > high)) & both.told[0]
+    outside = ((sig.code[0] < low) | (sig.code[0] > high)) & both.known[0]
     assert outside.sum() <= sig.odd
     rows, beams_of = orbit_rows(both)
     assert possible(rows, 0, 1, k, *beams_of, TAU, threshold)

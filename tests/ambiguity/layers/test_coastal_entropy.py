@@ -35,7 +35,7 @@ LASER = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.03, resolution=0.00
 MANY = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.05, resolution=0.001), 60, 2 * math.pi)
 
 
-def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> LayerContext:
+def context_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> LayerContext:
     return LayerContext.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
 
 
@@ -155,12 +155,12 @@ def sampled(
 def test_is_what_sampled_scans_leave(
     env: Environment, x: float, y: float, off: float, people: float
 ) -> None:
-    ground = ground_of(env, MANY, radius=0.3)
-    layer = coastal_entropy(ground, people=people)["coastal_entropy"]
-    i = np.abs(ground.lattice.y - y).argmin(), np.abs(ground.lattice.x - x).argmin()
+    context = context_of(env, MANY, radius=0.3)
+    layer = coastal_entropy(context, people=people)["coastal_entropy"]
+    i = np.abs(context.lattice.y - y).argmin(), np.abs(context.lattice.x - x).argmin()
     rng = np.random.default_rng(5)
     expected = sampled(
-        env, MANY, ground.model, ground.spacing, (x, y, 0.0), rng, people=people, poses=512
+        env, MANY, context.model, context.spacing, (x, y, 0.0), rng, people=people, poses=512
     )
     print(f"{layer[i]:.2f} {expected:.2f}")
     assert float(layer[i]) == pytest.approx(expected, abs=off)
@@ -179,11 +179,11 @@ def patches(
     at = rng.permutation(len(x))[:count]
     near, _ = cKDTree(np.column_stack([x[at], y[at]])).query(np.column_stack([x, y]))
     model = AmbiguityModel(radius=0.3, map_std=0.03, tau=independent_tau(scanner))
-    ground = LayerContext(
+    context = LayerContext(
         env, scanner, whole.among(near < 0.5), headings, not scanner.looks_all_around, model
     )
     poses = [(x[p], y[p], headings[k % len(headings)]) for k, p in enumerate(at)]
-    return ground, np.array(poses)
+    return context, np.array(poses)
 
 
 @pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
@@ -192,18 +192,18 @@ def test_against_brute_force(
     which: str, scanner: RangeScanner, request: pytest.FixtureRequest
 ) -> None:
     env = oracle_cases.building(which, request)
-    ground, poses = patches(env, scanner, 4, 12)
-    layer = coastal_entropy(ground, people=0.0)["coastal_entropy"]
+    context, poses = patches(env, scanner, 4, 12)
+    layer = coastal_entropy(context, people=0.0)["coastal_entropy"]
     layer = layer if layer.ndim == 3 else layer[..., None]
     rng = np.random.default_rng(2)
     found = []
     for x, y, heading in poses:
-        row = np.abs(ground.lattice.y - y).argmin()
-        column = np.abs(ground.lattice.x - x).argmin()
-        value = layer[row, column, np.abs(ground.headings - heading).argmin()]
+        row = np.abs(context.lattice.y - y).argmin()
+        column = np.abs(context.lattice.x - x).argmin()
+        value = layer[row, column, np.abs(context.headings - heading).argmin()]
         if not np.isnan(value):  # nan: a pose of the other heading, with a sensor in a wall
             expected = sampled(
-                env, scanner, ground.model, 0.1, (x, y, heading), rng, poses=64, scans=60
+                env, scanner, context.model, 0.1, (x, y, heading), rng, poses=64, scans=60
             )
             found.append((float(value), expected))
     told, expected = np.array(found).T
@@ -216,13 +216,13 @@ def test_against_brute_force(
     assert rank > 0.75
 
 
-def enumerated(ground: LayerContext, x: float, y: float, rng: np.random.Generator) -> float:
+def enumerated(context: LayerContext, x: float, y: float, rng: np.random.Generator) -> float:
     """Expected entropy in bits, by every scan that a scanner of wide bins can return."""
-    h, sensor = ground.spacing, ground.scanner.sensors[0]
-    cells = sorted(reachable(ground.environment, x, y, h, ground.radius))
+    h, sensor = context.spacing, context.scanner.sensors[0]
+    cells = sorted(reachable(context.environment, x, y, h, context.radius))
     place = rng.uniform(-h / 2, h / 2, (len(cells), 30, 2)) + h * np.array(cells)[:, None]
-    theta = rng.normal(0.0, ground.model.sigma_theta, (len(cells), 30))
-    there = ground.scanner.scan(ground.environment, x + place[..., 0], y + place[..., 1], theta)
+    theta = rng.normal(0.0, context.model.sigma_theta, (len(cells), 30))
+    there = context.scanner.scan(context.environment, x + place[..., 0], y + place[..., 1], theta)
     likely = np.moveaxis(sensor.reading_probabilities(there), (2, 3), (0, 1)).copy()
     # Beams, readings, cells, poses. The robot stands anywhere in its cell, so its ranges lie
     # anywhere in their bins; readings that it has next to never are left out.
@@ -241,16 +241,16 @@ def enumerated(ground: LayerContext, x: float, y: float, rng: np.random.Generato
 def test_wide_bins_leave_what_enumeration_says() -> None:
     sensor = RangeSensor(max_range=4.0, std=0.05, resolution=0.4)
     scanner = RangeScanner.planar(sensor, 4, 2 * math.pi)
-    ground = ground_of(
+    context = context_of(
         scenes.room(3.13, 2.37), scanner, radius=0.3, tau=1.0, map_std=0.0, outlier_share=1e-6,
         headings=1,
     )  # fmt: skip
-    layer = coastal_entropy(ground, people=0.0)["coastal_entropy"][ground.free][:, 0]
+    layer = coastal_entropy(context, people=0.0)["coastal_entropy"][context.free][:, 0]
     rng = np.random.default_rng(3)
-    x, y = ground.points
+    x, y = context.points
     inner = np.flatnonzero((np.abs(x - 1.56) < 1.1) & (np.abs(y - 1.18) < 0.7))
     chosen = rng.choice(inner, 20, replace=False)
-    expected = [enumerated(ground, x[p], y[p], rng) for p in chosen]
+    expected = [enumerated(context, x[p], y[p], rng) for p in chosen]
     # The layer averages over where ranges lie in their bins, so it is right in the mean.
     assert layer[chosen].mean() == pytest.approx(float(np.mean(expected)), abs=0.5)
 
@@ -258,13 +258,13 @@ def test_wide_bins_leave_what_enumeration_says() -> None:
 @pytest.mark.parametrize("degrees", [0.0, 45.0])
 def test_corridor_leaves_the_cells_along_it(degrees: float) -> None:
     angle = math.radians(degrees)
-    ground = ground_of(scenes.room(16.0, 2.0).transformed(angle))
-    found = coastal_entropy(ground, people=0.0)
-    x, y = ground.points
+    context = context_of(scenes.room(16.0, 2.0).transformed(angle))
+    found = coastal_entropy(context, people=0.0)
+    x, y = context.points
     along = math.cos(angle) * x + math.sin(angle) * y
     across = -math.sin(angle) * x + math.cos(angle) * y
     middle = (np.abs(along - 8.0) < 1.0) & (np.abs(across - 1.0) < 0.3)
-    bits = found["coastal_entropy"][ground.free][middle]
+    bits = found["coastal_entropy"][context.free][middle]
     # One cell in 0.1 m along an axis of the lattice, within 0.5 m to either side; on the diagonal
     # the line meets one in 0.14 m, less or more of the next rows.
     expected = math.log2(11.0) if degrees == 0.0 else math.log2(2 * 0.5 / (0.1 * math.sqrt(2)))
@@ -273,62 +273,62 @@ def test_corridor_leaves_the_cells_along_it(degrees: float) -> None:
 
 
 def test_where_nothing_is_in_range_every_cell_is_as_probable() -> None:
-    ground = ground_of(scenes.room(14.0, 14.0))
-    found = coastal_entropy(ground)
-    x, y = ground.points
+    context = context_of(scenes.room(14.0, 14.0))
+    found = coastal_entropy(context)
+    x, y = context.points
     middle = np.hypot(x - 7.0, y - 7.0) < 1.0
-    cells = len(reachable(ground.environment, 7.05, 7.05, 0.1, 0.5))
-    assert found["coastal_entropy"][ground.free][middle] == pytest.approx(math.log2(cells), 1e-6)
-    assert found["coastal_entropy_gain"][ground.free][middle] == pytest.approx(0.0, abs=1e-5)
+    cells = len(reachable(context.environment, 7.05, 7.05, 0.1, 0.5))
+    assert found["coastal_entropy"][context.free][middle] == pytest.approx(math.log2(cells), 1e-6)
+    assert found["coastal_entropy_gain"][context.free][middle] == pytest.approx(0.0, abs=1e-5)
 
 
 def test_a_crowd_of_no_end_leaves_nothing_to_see() -> None:
-    ground = ground_of(scenes.room(3.0, 2.0))
-    found = coastal_entropy(ground, people=1000.0)
+    context = context_of(scenes.room(3.0, 2.0))
+    found = coastal_entropy(context, people=1000.0)
     assert np.nanmax(found["coastal_entropy_gain"]) < 0.01
 
 
 @settings(max_examples=10, deadline=None)
 @given(width=st.floats(0.8, 6.0), depth=st.floats(0.8, 6.0), people=st.floats(0.0, 0.5))
 def test_bounds_and_what_people_take(width: float, depth: float, people: float) -> None:
-    ground = ground_of(scenes.room(width, depth), radius=0.3)
-    quiet, busy = coastal_entropy(ground, people=0.0), coastal_entropy(ground, people=people)
+    context = context_of(scenes.room(width, depth), radius=0.3)
+    quiet, busy = coastal_entropy(context, people=0.0), coastal_entropy(context, people=people)
     for found in (quiet, busy):
         for values in found.values():
-            assert (np.isnan(values) == ~ground.free).all()
+            assert (np.isnan(values) == ~context.free).all()
             assert np.nanmin(values) >= 0.0
     before = quiet["coastal_entropy"] + quiet["coastal_entropy_gain"]
     after = busy["coastal_entropy"] + busy["coastal_entropy_gain"]
     np.testing.assert_allclose(after, before, atol=1e-5)
-    assert (busy["coastal_entropy"] - quiet["coastal_entropy"])[ground.free].mean() > -1e-3
+    assert (busy["coastal_entropy"] - quiet["coastal_entropy"])[context.free].mean() > -1e-3
 
 
 def test_quarter_turn_turns_the_layer() -> None:
     env = scenes.environment(shapely.Polygon(
         [(-1.97, -0.97), (1.97, -0.97), (1.97, 0.43), (0.63, 0.43), (0.63, 1.77), (-1.97, 1.77)]
     ))  # fmt: skip
-    found = coastal_entropy(ground_of(env))["coastal_entropy"]
-    turned = coastal_entropy(ground_of(env.transformed(math.pi / 2)))["coastal_entropy"]
+    found = coastal_entropy(context_of(env))["coastal_entropy"]
+    turned = coastal_entropy(context_of(env.transformed(math.pi / 2)))["coastal_entropy"]
     np.testing.assert_allclose(turned, np.rot90(found, -1), atol=0.02)
 
 
 def test_headings_and_bands_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     env = scenes.room(3.0, 2.0)
-    ground = ground_of(env, headings=2)
-    whole = coastal_entropy(ground)["coastal_entropy"]
-    assert whole.shape == (*ground.free.shape, 2)
+    context = context_of(env, headings=2)
+    whole = coastal_entropy(context)["coastal_entropy"]
+    assert whole.shape == (*context.free.shape, 2)
     # Half a turn maps the beams onto themselves.
     np.testing.assert_allclose(whole[..., 0], whole[..., 1], atol=0.01)
     monkeypatch.setattr(banding, "BAND_BYTES", 200_000)
-    assert len(list(banding.bands(ground, 5))) > 2
-    np.testing.assert_array_equal(coastal_entropy(ground)["coastal_entropy"], whole)
+    assert len(list(banding.bands(context, 5))) > 2
+    np.testing.assert_array_equal(coastal_entropy(context)["coastal_entropy"], whole)
 
 
 @pytest.mark.parametrize("people", [-0.1, math.nan, math.inf, "many"])
 def test_refuses_what_is_no_number_of_people(people: float) -> None:
-    ground = ground_of(scenes.room(1.0, 1.0))
+    context = context_of(scenes.room(1.0, 1.0))
     with pytest.raises(InputError, match="people"):
-        coastal_entropy(ground, people=people)
+        coastal_entropy(context, people=people)
 
 
 @pytest.mark.parametrize("odd", [1e-6, 0.01, 0.05, 0.3, 0.99])

@@ -178,16 +178,16 @@ def test_the_layer_is_the_covariance_to_expect(
         RangeSensor(max_range=6.0, std=0.02, resolution=0.01), beams, 2 * math.pi, mount=mount
     )
     amap = build_map(ROOM, scanner, 0.5, map_std=0.05, layers="fisher")
-    ground = LayerContext.of(amap)
-    assert ground.scanner.beams == 60
-    poses = ground.poses()
-    prior = np.diag([0.25**2, 0.25**2, ground.model.sigma_theta**2])
+    context = LayerContext.of(amap)
+    assert context.scanner.beams == 60
+    poses = context.poses()
+    prior = np.diag([0.25**2, 0.25**2, context.model.sigma_theta**2])
     # A map without headings is of the scanner in the robot's centre.
     expected = expected_covariance(
         amap, poses, source="fisher", scanner=scanner.centred, prior=prior
     )
     values = np.linalg.eigvalsh(expected[:, :2, :2])
-    layers = [amap.dataset[name].values[ground.free] for name in ("fisher", "fisher_minor")]
+    layers = [amap.dataset[name].values[context.free] for name in ("fisher", "fisher_minor")]
     np.testing.assert_allclose(layers[0], np.sqrt(values[:, 1]), rtol=1e-5)
     np.testing.assert_allclose(layers[1], np.sqrt(values[:, 0]), rtol=1e-5)
     before = np.broadcast_to(np.linalg.inv(prior), (len(poses), 3, 3))
@@ -226,14 +226,14 @@ def to_point(pose: np.ndarray, point: np.ndarray, mx: float, my: float) -> float
 
 
 def brute_information(
-    ground: LayerContext, pose: np.ndarray, scanner: RangeScanner, heading: float
+    context: LayerContext, pose: np.ndarray, scanner: RangeScanner, heading: float
 ) -> np.ndarray:
     """Each beam, moved a little: (3, 3).
 
     A ray, and the edge of a cone, against the line that it ends on; within a cone what is nearest
     stays the point that it is.
     """
-    env, h = ground.environment, 1e-5
+    env, h = context.environment, 1e-5
     total = np.zeros((3, 3))
     for sensor, (mx, my, yaw) in zip(
         (scanner.sensors[i] for i in scanner.sensor_of_beam), scanner.mounts, strict=True
@@ -260,7 +260,7 @@ def brute_information(
         g = np.array([measure(here + d) - measure(here - d) for d in h * np.eye(3)]) / (2 * h)
         g *= min(abs(n @ u) / 0.05, 1.0)  # 1 / cos b is held at 20
         total += np.outer(g, g) / (
-            sensor.std_at(float(found)) ** 2 + sensor.resolution**2 / 12 + ground.map_std**2
+            sensor.std_at(float(found)) ** 2 + sensor.resolution**2 / 12 + context.map_std**2
         )
     return total
 
@@ -271,17 +271,17 @@ def test_against_brute_force(
     which: str, scanner: RangeScanner, request: pytest.FixtureRequest
 ) -> None:
     env = oracle_cases.building(which, request)
-    ground = LayerContext.of(build_map(env, scanner, 0.5, map_std=0.03), env)
-    found = fisher(ground)
-    x, y = ground.points
-    rows, columns = np.nonzero(ground.free)
+    context = LayerContext.of(build_map(env, scanner, 0.5, map_std=0.03), env)
+    found = fisher(context)
+    x, y = context.points
+    rows, columns = np.nonzero(context.free)
     off = []
-    for p, h in oracle_cases.some(ground, 40, 7):
-        heading = float(ground.headings[h])
-        told = brute_information(ground, np.array([x[p], y[p]]), scanner, heading)
-        prior = np.diag([0.25**-2, 0.25**-2, ground.model.sigma_theta**-2])
+    for p, h in oracle_cases.some(context, 40, 7):
+        heading = float(context.headings[h])
+        told = brute_information(context, np.array([x[p], y[p]]), scanner, heading)
+        prior = np.diag([0.25**-2, 0.25**-2, context.model.sigma_theta**-2])
         values = np.linalg.eigvalsh(np.linalg.inv(told + prior)[:2, :2])
-        at = (rows[p], columns[p], h) if ground.has_theta else (rows[p], columns[p])
+        at = (rows[p], columns[p], h) if context.has_theta else (rows[p], columns[p])
         layer = [float(found[name][at]) for name in ("fisher", "fisher_minor")]
         off.append(np.abs(np.log(layer) - 0.5 * np.log(values[::-1])).max())
     print(np.sort(off)[-5:])

@@ -30,24 +30,24 @@ SONAR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01, aperture=0.4)
 LASER = RangeScanner.planar(NEAR, 60, 2 * math.pi)
 
 
-def ground_of(env: Environment, scanner: RangeScanner = LASER) -> LayerContext:
+def context_of(env: Environment, scanner: RangeScanner = LASER) -> LayerContext:
     return LayerContext.of(build_map(env, scanner, spacing=0.2, max_beams=66), env)
 
 
 def test_between_straight_walls_no_ray_sees_more_than_its_wall() -> None:
-    ground = ground_of(scenes.room(20.0, 2.0).transformed(0.3))
-    layer = gfm(ground, step=0.2)["gfm"][ground.free]
-    x, y = ground.points
+    context = context_of(scenes.room(20.0, 2.0).transformed(0.3))
+    layer = gfm(context, step=0.2)["gfm"][context.free]
+    x, y = context.points
     along = math.cos(0.3) * x + math.sin(0.3) * y
     assert (layer[np.abs(along - 10.0) < 5.0] == 1.0).all()
     assert layer[along < 1.5].max() < 1.0
 
 
 def test_rays_about_the_corners_of_a_room_have_full_rank() -> None:
-    ground = ground_of(scenes.room(4.0, 4.0))
-    x, y = ground.points
+    context = context_of(scenes.room(4.0, 4.0))
+    x, y = context.points
     p = int(np.argmin(np.hypot(x - 1.3, y - 1.7)))
-    mask = int(rank_masks(ground, 4.0)[p])
+    mask = int(rank_masks(context, 4.0)[p])
     good = {k for k in range(DIRECTIONS) if not mask >> k & 1}
     corners = np.arctan2([4 - y[p], 4 - y[p], -y[p], -y[p]], [4 - x[p], -x[p], -x[p], 4 - x[p]])
     apart = np.subtract.outer([k * TURN for k in good], corners) + math.pi
@@ -57,12 +57,12 @@ def test_rays_about_the_corners_of_a_room_have_full_rank() -> None:
 
 
 def test_out_of_range_and_frontier_tell_nothing() -> None:
-    assert (gfm(ground_of(scenes.room(12.0, 12.0)))["gfm"] == 1.0).any()
+    assert (gfm(context_of(scenes.room(12.0, 12.0)))["gfm"] == 1.0).any()
     ring = shapely.box(0, 0, 3, 3)
     open_side = Environment(
         Segments(scenes.rings(ring), np.full(4, FRONTIER, dtype=np.uint8)), ring, name="unknown"
     )
-    layer = gfm(ground_of(open_side))["gfm"]
+    layer = gfm(context_of(open_side))["gfm"]
     assert (layer[~np.isnan(layer)] == 1.0).all()
 
 
@@ -91,33 +91,33 @@ def test_share_counts_the_bits_in_view(mask: int, heading: float, aperture: floa
 
 def test_headings_of_a_fan_are_windows_of_the_mask() -> None:
     fan = RangeScanner.planar(NEAR, 33, 32 * TURN)
-    ground = ground_of(scenes.room(5.0, 3.0), fan)
-    layer = gfm(ground)["gfm"]
-    assert layer.shape == (*ground.free.shape, 8)
-    masks = rank_masks(ground, 4.0)
-    for h, heading in enumerate(ground.headings):
-        np.testing.assert_allclose(layer[ground.free, h], share(masks, heading, 32 * TURN))
+    context = context_of(scenes.room(5.0, 3.0), fan)
+    layer = gfm(context)["gfm"]
+    assert layer.shape == (*context.free.shape, 8)
+    masks = rank_masks(context, 4.0)
+    for h, heading in enumerate(context.headings):
+        np.testing.assert_allclose(layer[context.free, h], share(masks, heading, 32 * TURN))
 
 
 def test_each_ray_sees_as_far_as_its_beam() -> None:
     front = RangeScanner.planar(FAR, 16, 15 * TURN)
     rear = RangeScanner.planar(NEAR, 16, 15 * TURN, (0.0, 0.0, math.pi))
-    ground = ground_of(scenes.room(14.0, 3.0), RangeScanner.mixed(front, rear))
-    layer = gfm(ground)["gfm"]
-    x, y = ground.points
+    context = context_of(scenes.room(14.0, 3.0), RangeScanner.mixed(front, rear))
+    layer = gfm(context)["gfm"]
+    x, y = context.points
     p = int(np.argmin(np.hypot(x - 7.1, y - 1.5)))
     # Ahead the end of the room is in range, behind it is not.
-    ahead = share(rank_masks(ground, 12.0), 0.0, 15 * TURN)[p]
-    behind = share(rank_masks(ground, 4.0), math.pi, 15 * TURN)[p]
+    ahead = share(rank_masks(context, 12.0), 0.0, 15 * TURN)[p]
+    behind = share(rank_masks(context, 4.0), math.pi, 15 * TURN)[p]
     assert ahead < behind == 1.0
-    assert layer[ground.free, 0][p] < layer[ground.free, 4][p] + 1e-6
+    assert layer[context.free, 0][p] < layer[context.free, 4][p] + 1e-6
 
 
 def test_batches_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    ground = ground_of(scenes.scene(4, size=12.0, blocks=9, thin=4))
-    whole = rank_masks(ground, 4.0)
+    context = context_of(scenes.scene(4, size=12.0, blocks=9, thin=4))
+    whole = rank_masks(context, 4.0)
     monkeypatch.setattr(module, "BATCH", 700)
-    np.testing.assert_array_equal(rank_masks(ground, 4.0), whole)
+    np.testing.assert_array_equal(rank_masks(context, 4.0), whole)
 
 
 def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
@@ -136,16 +136,16 @@ def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
 
 
 def test_a_wider_step_meets_more_features() -> None:
-    ground = ground_of(scenes.room(4.0, 4.0))
-    wide = rank_masks(ground, 4.0, 1.0)
-    narrow = rank_masks(ground, 4.0, 0.01)
+    context = context_of(scenes.room(4.0, 4.0))
+    wide = rank_masks(context, 4.0, 1.0)
+    narrow = rank_masks(context, 4.0, 0.01)
     assert np.bitwise_count(wide).mean() < np.bitwise_count(narrow).mean()
 
 
 @pytest.mark.parametrize("step", [0.0, -0.1, math.nan, math.inf])
 def test_bad_step(step: float) -> None:
     with pytest.raises(InputError, match="step"):
-        gfm(ground_of(scenes.room(1.0, 1.0)), step=step)
+        gfm(context_of(scenes.room(1.0, 1.0)), step=step)
 
 
 def test_a_scanner_of_cones_cannot_have_it() -> None:

@@ -160,7 +160,7 @@ def test_nothing_asked_for_changes_nothing(turning: AmbiguityMap) -> None:
     assert with_layers(turning, ()) is turning
 
 
-def test_bad_names_are_told_before_the_map_is_built(
+def test_bad_names_are_refused_before_the_map_is_built(
     laser: RangeScanner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(*arguments: object) -> None:

@@ -220,11 +220,11 @@ def test_the_radius_hardly_depends_on_how_a_corridor_lies() -> None:
     radius, index, off = [], [], []
     for degrees in (0.0, 7.0, 23.0, 45.0, 61.0, 77.0):
         angle = math.radians(degrees)
-        ground = LayerContext.of(
+        context = LayerContext.of(
             build_map(scenes.room(30.0, 2.0).transformed(angle), scanner, 0.25)
         )
-        found = {k: v[ground.free] for k, v in localizability(ground).items()}
-        x, y = ground.points
+        found = {k: v[context.free] for k, v in localizability(context).items()}
+        x, y = context.points
         along = math.cos(angle) * x + math.sin(angle) * y
         across = -math.sin(angle) * x + math.cos(angle) * y
         middle = (np.abs(along - 15.0) < 3.0) & (np.abs(across - 1.0) < 0.6)
@@ -232,13 +232,13 @@ def test_the_radius_hardly_depends_on_how_a_corridor_lies() -> None:
         index.append(np.log10(np.median(found["localizability_determinant"][middle]) + 1e-20))
         off.append(np.abs(np.sin(found["localizability_direction"][middle] - angle)).max())
     print(np.round(radius, 3), np.round(index, 1))
-    assert max(radius) == pytest.approx(0.25, rel=0.01)  # the prior: nothing is told along it
+    assert max(radius) == pytest.approx(0.25, rel=0.01)  # the prior: no information along it
     assert min(radius) > 0.6 * max(radius)
     assert max(off) < math.sin(math.radians(2.0))
     assert max(index) - min(index) > 10.0
 
 
-def test_where_nothing_is_in_range_nothing_is_told() -> None:
+def test_where_nothing_is_in_range_there_is_no_information() -> None:
     amap = build_map(scenes.room(12.0, 12.0), fan(), 0.5, layers="localizability")
     assert amap.sample("localizability_determinant", 6.0, 6.0) == 0.0
     assert amap.sample("localizability", 6.0, 6.0) == pytest.approx(0.25)
@@ -367,17 +367,17 @@ def test_against_brute_force(
     which: str, scanner: RangeScanner, request: pytest.FixtureRequest
 ) -> None:
     env = oracle_cases.building(which, request)
-    ground = LayerContext.of(build_map(env, scanner, 0.5, map_std=0.05), env)
-    found = localizability(ground, cell=0.05)
-    x, y = ground.points
-    rows, columns = np.nonzero(ground.free)
+    context = LayerContext.of(build_map(env, scanner, 0.5, map_std=0.05), env)
+    found = localizability(context, cell=0.05)
+    x, y = context.points
+    rows, columns = np.nonzero(context.free)
     told, grid = [], brute_grid(env, 0.05, 0.05)
-    for p, h in oracle_cases.some(ground, 20, 3):
-        pose = np.array([x[p], y[p], ground.headings[h]])
-        at = (rows[p], columns[p], h) if ground.has_theta else (rows[p], columns[p])
+    for p, h in oracle_cases.some(context, 20, 3):
+        pose = np.array([x[p], y[p], context.headings[h]])
+        at = (rows[p], columns[p], h) if context.has_theta else (rows[p], columns[p])
         names = ("localizability", "localizability_determinant")
         layer = [float(found[name][at]) for name in names]
-        told.append((*layer, *brute_radius(env, grid, scanner, ground.model, pose)))
+        told.append((*layer, *brute_radius(env, grid, scanner, context.model, pose)))
     radius, index, radius_by_brute, index_by_brute = np.array(told).T
     off = np.abs(np.log(radius / radius_by_brute))
     powers = np.abs(np.log10((index + 1.0) / (index_by_brute + 1.0)))

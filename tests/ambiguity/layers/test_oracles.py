@@ -47,30 +47,30 @@ def building(request: pytest.FixtureRequest) -> Environment:
     return env.transformed(0.3)
 
 
-def ground_of(env: Environment, scanner: RangeScanner) -> LayerContext:
+def context_of(env: Environment, scanner: RangeScanner) -> LayerContext:
     headings = None if scanner is not FAN else 4
     return LayerContext.of(build_map(env, scanner, spacing=0.5, headings=headings), env)
 
 
-def chosen(ground: LayerContext) -> tuple[np.ndarray, Floats]:
+def chosen(context: LayerContext) -> tuple[np.ndarray, Floats]:
     """Some of the possible poses: cell and heading, (N, 2), and x, y, theta, (N, 3)."""
     rng = np.random.default_rng(2)
-    which = rng.permutation(np.argwhere(ground.possible))[:POSES]
-    x, y = ground.points
-    return which, np.column_stack([x[which[:, 0]], y[which[:, 0]], ground.headings[which[:, 1]]])
+    which = rng.permutation(np.argwhere(context.possible))[:POSES]
+    x, y = context.points
+    return which, np.column_stack([x[which[:, 0]], y[which[:, 0]], context.headings[which[:, 1]]])
 
 
-def values_at(ground: LayerContext, layer: np.ndarray, which: np.ndarray) -> Floats:
-    values = layer[ground.free]
+def values_at(context: LayerContext, layer: np.ndarray, which: np.ndarray) -> Floats:
+    values = layer[context.free]
     return np.asarray(values[which[:, 0], which[:, 1]] if values.ndim == 2 else values[which[:, 0]])
 
 
-def matched(ground: LayerContext, pose: Floats, way: Floats, size: float) -> Floats:
+def matched(context: LayerContext, pose: Floats, way: Floats, size: float) -> Floats:
     """x and y where the match from `pose` + `way` ends, less those of `pose`."""
-    env, scanner, sigma = ground.environment, ground.scanner, ground.model.sigma_theta
+    env, scanner, sigma = context.environment, context.scanner, context.model.sigma_theta
     kind, sensor = env.segments.kind, scanner.sensors[0]
-    cap = -math.log(ground.model.outlier_share + sensor.random_share + sensor.lost_share)
-    variance = STD**2 + sensor.resolution**2 / 12 + ground.map_std**2
+    cap = -math.log(context.model.outlier_share + sensor.random_share + sensor.lost_share)
+    variance = STD**2 + sensor.resolution**2 / 12 + context.map_std**2
     prior = np.array([size**-2, size**-2, sigma**-2])
     here = brute.scan(env, scanner, pose[None])
     told = (here.segment[0] >= 0) & (kind[here.segment[0]] == brute.WALL)
@@ -110,18 +110,18 @@ def matched(ground: LayerContext, pose: Floats, way: Floats, size: float) -> Flo
 
 @pytest.mark.parametrize("scanner", [AROUND, FAN, RING], ids=lambda one: one.name)
 def test_perturbation(building: Environment, scanner: RangeScanner) -> None:
-    ground = ground_of(building, scanner)
-    found = perturbation(ground)
-    which, poses = chosen(ground)
-    size = ground.radius / 2
+    context = context_of(building, scanner)
+    found = perturbation(context)
+    which, poses = chosen(context)
+    size = context.radius / 2
     ways = size * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     expected = []
     for pose in poses:
-        errors = np.array([matched(ground, pose, way, size) for way in ways])
+        errors = np.array([matched(context, pose, way, size) for way in ways])
         expected.append(np.linalg.svd(errors, compute_uv=False) / math.sqrt(2))
     for name, values in zip(("perturbation", "perturbation_minor"), np.transpose(expected),
                             strict=True):  # fmt: skip
-        off = np.abs(values_at(ground, found[name], which) - values)
+        off = np.abs(values_at(context, found[name], which) - values)
         assert off.max() < 1e-5
         assert values.max() > 0.001
 
@@ -161,10 +161,10 @@ def ranks_of(env: Environment, x: float, y: float, limit: float, step: float, to
 @pytest.mark.parametrize("scanner", [AROUND, FAN], ids=lambda one: one.name)
 @pytest.mark.parametrize("step", [0.1, 0.3])
 def test_gfm(building: Environment, scanner: RangeScanner, step: float) -> None:
-    ground = ground_of(building, scanner)
-    layer = gfm(ground, step=step)["gfm"]
-    which, poses = chosen(ground)
-    limit, std = scanner.sensors[0].max_range, ground.map_std
+    context = context_of(building, scanner)
+    layer = gfm(context, step=step)["gfm"]
+    which, poses = chosen(context)
+    limit, std = scanner.sensors[0].max_range, context.map_std
     # A beam of the fan stands for half the way to the next, 17 of them over half a turn.
     half = math.pi / 2 + math.pi / 32 if scanner is FAN else math.pi
     expected = []
@@ -172,7 +172,7 @@ def test_gfm(building: Environment, scanner: RangeScanner, step: float) -> None:
         ranks = ranks_of(building, x, y, limit, step, std)
         off = np.mod(np.arange(64) * math.tau / 64 - theta + math.pi, math.tau) - math.pi
         expected.append((ranks[np.abs(off) <= half + 1e-6] < 2).mean())
-    found = values_at(ground, layer, which)
+    found = values_at(context, layer, which)
     # A ray that meets a corner exactly may take either side.
     assert np.abs(found - expected).max() < 1.5 / 32
     assert np.abs(found - expected).mean() < 0.001
@@ -184,21 +184,21 @@ def test_gfm(building: Environment, scanner: RangeScanner, step: float) -> None:
 def test_wall_normals(building: Environment, reach: float, beams: int) -> None:
     """The walls cut with the disc exactly; the layer takes pieces in cells."""
     sensor = RangeSensor(max_range=reach, std=STD, resolution=0.001)
-    ground = ground_of(building, RangeScanner.planar(sensor, beams, math.tau))
-    found = wall_normals(ground)
-    which, poses = chosen(ground)
+    context = context_of(building, RangeScanner.planar(sensor, beams, math.tau))
+    found = wall_normals(context)
+    which, poses = chosen(context)
     lines = building.segments.xy[building.segments.kind == brute.WALL]
     for pose, cell in zip(poses, which, strict=True):
         exact = normals_within(lines, pose[:2], reach)
         values = np.linalg.eigvalsh(exact)
         # A piece lies in the cell of its middle: half a diagonal off, and a quarter cell long.
-        edge = (math.sqrt(0.5) + 0.25) * ground.spacing
+        edge = (math.sqrt(0.5) + 0.25) * context.spacing
         most = np.trace(normals_within(lines, pose[:2], reach + edge)) - np.trace(
             normals_within(lines, pose[:2], max(reach - edge, 0.0))
         )
         for name, value in zip(("wall_normals", "wall_normals_strong"), values, strict=True):
             # Eigenvalues move by no more than what is added or taken (Weyl).
-            assert abs(values_at(ground, found[name], cell[None])[0] - value) <= most + 1e-4
+            assert abs(values_at(context, found[name], cell[None])[0] - value) <= most + 1e-4
 
 
 def normals_within(lines: Floats, at: Floats, reach: float) -> Floats:
@@ -215,7 +215,7 @@ def normals_within(lines: Floats, at: Floats, reach: float) -> Floats:
 
 @pytest.mark.parametrize("scanner", [AROUND, RING], ids=lambda one: one.name)
 def test_clearance(building: Environment, scanner: RangeScanner) -> None:
-    ground = ground_of(building, scanner)
-    x, y = ground.points
+    context = context_of(building, scanner)
+    x, y = context.points
     expected = shapely.distance(brute.lines_of(building), shapely.points(x, y))
-    np.testing.assert_allclose(clearance(ground)["clearance"][ground.free], expected, atol=1e-5)
+    np.testing.assert_allclose(clearance(context)["clearance"][context.free], expected, atol=1e-5)

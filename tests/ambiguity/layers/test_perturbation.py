@@ -26,27 +26,27 @@ SIZE = 0.25
 LASER = RangeScanner.planar(RangeSensor(max_range=4.0, std=0.03, resolution=0.001), 60, 2 * math.pi)
 
 
-def ground_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> LayerContext:
+def context_of(env: Environment, scanner: RangeScanner = LASER, **options: float) -> LayerContext:
     return LayerContext.of(build_map(env, scanner, **options), env)  # type: ignore[arg-type]
 
 
-def at(ground: LayerContext, values: NDArray[np.float32], x: float, y: float) -> float:
+def at(context: LayerContext, values: NDArray[np.float32], x: float, y: float) -> float:
     """The value of the cell nearest to (x, y)."""
-    px, py = ground.points
-    return float(values[ground.free][np.argmin(np.hypot(px - x, py - y))])
+    px, py = context.points
+    return float(values[context.free][np.argmin(np.hypot(px - x, py - y))])
 
 
-def linear(ground: LayerContext, x: float, y: float) -> tuple[float, float]:
+def linear(context: LayerContext, x: float, y: float) -> tuple[float, float]:
     """Errors of the worst and the best displacement where the match comes to its end.
 
     The residual is then nil, and what pulls the estimate off is only what was believed.
     """
     _, gradient, variance, _ = beams(
-        ground.environment, ground.scanner, ground.model, x, y, float(ground.headings[0])
+        context.environment, context.scanner, context.model, x, y, float(context.headings[0])
     )
-    ranges = ground.scanner.scan(ground.environment, x, y, 0.0)
+    ranges = context.scanner.scan(context.environment, x, y, 0.0)
     weight = np.isfinite(ranges) / variance
-    prior = np.diag([SIZE**-2, SIZE**-2, ground.model.sigma_theta**-2])
+    prior = np.diag([SIZE**-2, SIZE**-2, context.model.sigma_theta**-2])
     total = (gradient * weight[:, None]).T @ gradient + prior
     left = np.linalg.solve(total, prior)[:2, :2] * SIZE
     worst, best = np.linalg.svd(left, compute_uv=False)
@@ -56,13 +56,13 @@ def linear(ground: LayerContext, x: float, y: float) -> tuple[float, float]:
 @pytest.mark.parametrize("degrees", [0, 17, 45, 90, 130])
 def test_along_a_straight_corridor_nothing_is_recovered(degrees: float) -> None:
     angle = math.radians(degrees)
-    ground = ground_of(scenes.room(16.0, 2.4).transformed(angle))
-    found = perturbation(ground)
-    x, y = ground.points
+    context = context_of(scenes.room(16.0, 2.4).transformed(angle))
+    found = perturbation(context)
+    x, y = context.points
     along = math.cos(angle) * x + math.sin(angle) * y
     across = -math.sin(angle) * x + math.cos(angle) * y
     middle = (np.abs(along - 8.0) < 2.0) & (np.abs(across - 1.2) < 0.9)
-    values = {name: layer[ground.free][middle] for name, layer in found.items()}
+    values = {name: layer[context.free][middle] for name, layer in found.items()}
     assert values["perturbation"] == pytest.approx(SIZE, rel=0.01)
     assert values["perturbation_minor"].max() < 0.005
     apart = np.remainder(values["perturbation_direction"] - angle + math.pi / 2, math.pi)
@@ -70,17 +70,17 @@ def test_along_a_straight_corridor_nothing_is_recovered(degrees: float) -> None:
 
 
 def test_in_the_open_nothing_is_recovered_either_way() -> None:
-    ground = ground_of(scenes.room(14.0, 14.0))
+    context = context_of(scenes.room(14.0, 14.0))
     for name in ("perturbation", "perturbation_minor"):
-        assert at(ground, perturbation(ground)[name], 7.0, 7.0) == pytest.approx(SIZE, rel=1e-5)
+        assert at(context, perturbation(context)[name], 7.0, 7.0) == pytest.approx(SIZE, rel=1e-5)
 
 
 def test_in_a_square_room_it_is_recovered() -> None:
-    ground = ground_of(scenes.room(4.0, 4.0))
-    found = perturbation(ground, iterations=10)
-    x, y = ground.points
+    context = context_of(scenes.room(4.0, 4.0))
+    found = perturbation(context, iterations=10)
+    x, y = context.points
     inner = (np.abs(x - 2.0) < 1.5) & (np.abs(y - 2.0) < 1.5)
-    assert found["perturbation"][ground.free][inner].max() < 0.005
+    assert found["perturbation"][context.free][inner].max() < 0.005
 
 
 @pytest.mark.parametrize(
@@ -94,32 +94,34 @@ def test_in_a_square_room_it_is_recovered() -> None:
     ids=["room", "corridor", "turned corridor", "wall"],
 )
 def test_ends_where_only_what_was_believed_pulls(env: Environment, x: float, y: float) -> None:
-    ground = ground_of(env)
-    px, py = ground.points
+    context = context_of(env)
+    px, py = context.points
     near = np.argmin(np.hypot(px - x, py - y))
-    worst, best = linear(ground, float(px[near]), float(py[near]))
-    found = perturbation(ground, iterations=12)
-    assert at(ground, found["perturbation"], x, y) == pytest.approx(worst, rel=0.02)
-    assert at(ground, found["perturbation_minor"], x, y) == pytest.approx(best, rel=0.02)
+    worst, best = linear(context, float(px[near]), float(py[near]))
+    found = perturbation(context, iterations=12)
+    assert at(context, found["perturbation"], x, y) == pytest.approx(worst, rel=0.02)
+    assert at(context, found["perturbation_minor"], x, y) == pytest.approx(best, rel=0.02)
 
 
 def test_one_step_is_the_regularised_least_squares_step() -> None:
     """One step, without outliers: numpy's solution with exact casts."""
-    ground = ground_of(scenes.room(4.0, 3.0), outlier_share=1e-9)
+    context = context_of(scenes.room(4.0, 3.0), outlier_share=1e-9)
     x, y = 1.55, 1.35
-    here = beams(ground.environment, ground.scanner, ground.model, x, y, 0.0)
+    here = beams(context.environment, context.scanner, context.model, x, y, 0.0)
     errors = []
     for way in ((1, 0), (0, 1), (-1, 0), (0, -1)):
         step = SIZE * np.array(way)
-        there = beams(ground.environment, ground.scanner, ground.model, x + step[0], y + step[1], 0)
+        there = beams(
+            context.environment, context.scanner, context.model, x + step[0], y + step[1], 0
+        )
         weight = 1.0 / here[2]
-        prior = np.diag([SIZE**-2, SIZE**-2, ground.model.sigma_theta**-2])
+        prior = np.diag([SIZE**-2, SIZE**-2, context.model.sigma_theta**-2])
         total = (there[1] * weight[:, None]).T @ there[1] + prior
         pull = there[1].T @ (weight * (here[0] - there[0]))
         errors.append(np.linalg.solve(total, pull)[:2] + step)
     expected = np.linalg.svd(np.array(errors), compute_uv=False) / math.sqrt(2)
-    found = perturbation(ground, iterations=1)
-    values = [at(ground, found[name], x, y) for name in ("perturbation", "perturbation_minor")]
+    found = perturbation(context, iterations=1)
+    values = [at(context, found[name], x, y) for name in ("perturbation", "perturbation_minor")]
     # The caps are wide, not infinite.
     np.testing.assert_allclose(values, expected, rtol=0.25)
 
@@ -128,8 +130,8 @@ def test_quarter_turn_turns_the_layer() -> None:
     env = scenes.environment(shapely.Polygon(
         [(-1.97, -0.97), (1.97, -0.97), (1.97, 0.43), (0.63, 0.43), (0.63, 1.77), (-1.97, 1.77)]
     ))  # fmt: skip
-    found = perturbation(ground_of(env))["perturbation"]
-    turned = perturbation(ground_of(env.transformed(math.pi / 2)))["perturbation"]
+    found = perturbation(context_of(env))["perturbation"]
+    turned = perturbation(context_of(env.transformed(math.pi / 2)))["perturbation"]
     # Rays to a corner fall to either side, and a match that such a ray tips ends elsewhere.
     apart = np.abs(turned - np.rot90(found, -1))
     assert np.nanquantile(apart, 0.95) < 0.002
@@ -139,14 +141,14 @@ def test_quarter_turn_turns_the_layer() -> None:
 @settings(max_examples=10, deadline=None)
 @given(width=st.floats(0.5, 7.0), depth=st.floats(0.5, 7.0), displacement=st.floats(0.02, 0.4))
 def test_bounds(width: float, depth: float, displacement: float) -> None:
-    ground = ground_of(scenes.room(width, depth), spacing=0.2, radius=0.4)
-    found = perturbation(ground, displacement=displacement)
+    context = context_of(scenes.room(width, depth), spacing=0.2, radius=0.4)
+    found = perturbation(context, displacement=displacement)
     major, minor = found["perturbation"], found["perturbation_minor"]
     for values in found.values():
-        assert (np.isnan(values) == ~ground.free).all()
+        assert (np.isnan(values) == ~context.free).all()
     assert np.nanmin(minor) >= 0.0
-    assert (minor <= major)[ground.free].all()
-    # The window is two displacements about where the robot believes to be.
+    assert (minor <= major)[context.free].all()
+    # The window is two displacements about where the robot believes it is.
     assert np.nanmax(major) <= 3.0 * displacement * math.sqrt(2) + 1e-6
 
 
@@ -154,20 +156,20 @@ def test_a_fan_has_an_error_for_each_heading() -> None:
     fan = RangeScanner.planar(
         RangeSensor(max_range=4.0, std=0.03, resolution=0.001), 30, math.radians(120)
     )
-    ground = ground_of(scenes.room(9.0, 3.0), fan, headings=4)
-    layer = perturbation(ground, iterations=10)["perturbation"]
-    assert layer.shape == (*ground.free.shape, 4)
+    context = context_of(scenes.room(9.0, 3.0), fan, headings=4)
+    layer = perturbation(context, iterations=10)["perturbation"]
+    assert layer.shape == (*context.free.shape, 4)
     # Facing the near end both walls' ends are seen, facing along the corridor only the sides.
-    x, y = ground.points
+    x, y = context.points
     p = int(np.argmin(np.hypot(x - 1.5, y - 1.5)))
-    values = layer[ground.free][p]
+    values = layer[context.free][p]
     assert values[2] < 0.01
     assert values[0] == pytest.approx(SIZE, rel=0.02)
 
 
 def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
     """The poses of a lattice are among those of one three times as fine."""
-    fine, coarse = (ground_of(demo, spacing=spacing, radius=0.8) for spacing in (0.25, 0.75))
+    fine, coarse = (context_of(demo, spacing=spacing, radius=0.8) for spacing in (0.25, 0.75))
     here, there = perturbation(fine), perturbation(coarse)
     x, y = coarse.points
     column = np.rint((x - fine.lattice.x[0]) / 0.25).astype(int)
@@ -183,12 +185,12 @@ def test_no_start_behind_a_wall() -> None:
     env = scenes.environment(
         shapely.union_all([shapely.box(0, 0, 3, 3), shapely.box(3.04, 0, 7, 3)])
     )
-    alone = ground_of(scenes.room(3.0, 3.0))
-    found, expected = perturbation(ground_of(env)), perturbation(alone)
+    alone = context_of(scenes.room(3.0, 3.0))
+    found, expected = perturbation(context_of(env)), perturbation(alone)
     for x in (2.75, 2.85, 2.95):
         one, other = (
-            at(ground, layer["perturbation"], x, 1.45)
-            for ground, layer in ((ground_of(env), found), (alone, expected))
+            at(context, layer["perturbation"], x, 1.45)
+            for context, layer in ((context_of(env), found), (alone, expected))
         )
         assert one == pytest.approx(other, abs=1e-6)
 
@@ -203,6 +205,6 @@ def test_no_start_behind_a_wall() -> None:
     ],
 )
 def test_refuses_what_makes_no_sense(options: dict[str, float], message: str) -> None:
-    ground = ground_of(scenes.room(1.0, 1.0))
+    context = context_of(scenes.room(1.0, 1.0))
     with pytest.raises(InputError, match=message):
-        perturbation(ground, **options)  # type: ignore[arg-type]
+        perturbation(context, **options)  # type: ignore[arg-type]

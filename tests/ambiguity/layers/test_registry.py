@@ -19,9 +19,9 @@ from ambinav.sensing import RangeScanner, RangeSensor
 from tests.geometry import scenes
 
 
-def to_the_right(ground: LayerContext) -> dict[str, np.ndarray]:
-    x, _ = ground.points
-    return {"to_the_right": ground.spread(x)}
+def to_the_right(context: LayerContext) -> dict[str, np.ndarray]:
+    x, _ = context.points
+    return {"to_the_right": context.spread(x)}
 
 
 OWN = Layer(
@@ -67,7 +67,7 @@ def test_an_unknown_name_offers_the_nearest(name: str, offer: str) -> None:
         LAYERS.get(name)
 
 
-def test_a_scanner_that_cannot_have_a_layer_is_told_why(sonar: RangeScanner) -> None:
+def test_a_scanner_that_cannot_have_a_layer_is_refused_with_the_reason(sonar: RangeScanner) -> None:
     with pytest.raises(InputError, match=r"'eight sonars' cannot .*_normals: .* need a laser"):
         chosen_layers(["fisher", "wall_normals"], sonar)
 

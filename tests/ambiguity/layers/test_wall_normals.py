@@ -33,12 +33,12 @@ def sonar() -> RangeScanner:
     return RangeScanner.ring(sensor, 12, 0.2)
 
 
-def brute(ground: LayerContext, reach: float) -> np.ndarray:
+def brute(context: LayerContext, reach: float) -> np.ndarray:
     """Sum over all pieces of wall whose cell's centre is within reach, (P, 2, 2)."""
-    x, y = ground.points
+    x, y = context.points
     out = np.zeros((len(x), 2, 2))
     for (ax, ay, bx, by), kind in zip(
-        ground.environment.segments.xy, ground.environment.segments.kind, strict=True
+        context.environment.segments.xy, context.environment.segments.kind, strict=True
     ):
         if kind:
             continue
@@ -47,9 +47,9 @@ def brute(ground: LayerContext, reach: float) -> np.ndarray:
         pieces = max(math.ceil(2 * length / SPACING), 1)
         for k in range(pieces):
             share = (k + 0.5) / pieces
-            column = round((ax + share * (bx - ax) - ground.lattice.x[0]) / SPACING)
-            row = round((ay + share * (by - ay) - ground.lattice.y[0]) / SPACING)
-            cx, cy = ground.lattice.x[0] + column * SPACING, ground.lattice.y[0] + row * SPACING
+            column = round((ax + share * (bx - ax) - context.lattice.x[0]) / SPACING)
+            row = round((ay + share * (by - ay) - context.lattice.y[0]) / SPACING)
+            cx, cy = context.lattice.x[0] + column * SPACING, context.lattice.y[0] + row * SPACING
             near = (x - cx) ** 2 + (y - cy) ** 2 <= reach**2 * (1 + 1e-9)
             out[near] += length / pieces * np.outer(n, n)
     return out
@@ -58,9 +58,9 @@ def brute(ground: LayerContext, reach: float) -> np.ndarray:
 @pytest.mark.parametrize("reach", [1.0, 2.6, 12.0])
 def test_against_the_sum_over_all_pieces(reach: float) -> None:
     env = scenes.scene(7, size=8.0, blocks=4, thin=2)
-    ground = LayerContext.of(build_map(env, laser_of(reach), SPACING))
-    found = {name: values[ground.free] for name, values in wall_normals(ground).items()}
-    values, vectors = np.linalg.eigh(brute(ground, reach))
+    context = LayerContext.of(build_map(env, laser_of(reach), SPACING))
+    found = {name: values[context.free] for name, values in wall_normals(context).items()}
+    values, vectors = np.linalg.eigh(brute(context, reach))
     np.testing.assert_allclose(found["wall_normals"], values[:, 0], rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(found["wall_normals_strong"], values[:, 1], rtol=1e-4, atol=1e-6)
     axis = np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0])
@@ -103,9 +103,9 @@ def test_a_scanner_of_cones_alone_cannot_have_it(sonar: RangeScanner) -> None:
     with pytest.raises(InputError, match="wall normals need a laser beam"):
         build_map(scenes.room(2.0, 2.0), sonar, 0.5, layers=["wall_normals"])
     mixed = RangeScanner.mixed(sonar, laser_of(2.0))
-    ground = LayerContext.of(build_map(scenes.room(12.0, 12.0), mixed, 0.5, headings=1))
+    context = LayerContext.of(build_map(scenes.room(12.0, 12.0), mixed, 0.5, headings=1))
     # The range is the laser's, not the sonars'.
-    found = LAYERS.get("wall_normals").compute(ground)["wall_normals_strong"]
+    found = LAYERS.get("wall_normals").compute(context)["wall_normals_strong"]
     assert np.nanmin(found) == 0.0
 
 

@@ -132,7 +132,7 @@ def test_episodes_in_files(tmp_path: Path) -> None:
 def test_planners_read_the_layer_of_all_and_steer_by_speed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Options that all have in common reach the planners, and their routes are told apart."""
+    """Options that all have in common reach the planners, and their routes are distinguished."""
     layers: list[str] = []
 
     def plan(routes: Routes, buildings: Any, tasks: Any) -> list[None]:

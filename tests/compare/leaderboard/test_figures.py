@@ -18,7 +18,7 @@ from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 
 
 def episodes(outcome: Any, lost: Any = False, way: Any = 10.0) -> Episodes:
-    """Episodes with a shortest way of 10 m."""
+    """Episodes with a shortest path of 10 m."""
     codes = np.asarray(outcome)
     count = len(codes)
 
@@ -120,7 +120,7 @@ def test_csv() -> None:
         (0, 20, 10.0, "lost more often"),
         (0, 1, 10.0, "no difference shown"),
         (30, 5, 10.5, "met"),
-        (30, 5, 12.0, "halved, but too long a way"),
+        (30, 5, 12.0, "halved, but too long"),
         (30, 18, 10.0, "lost less often, not halved"),
         (5, 30, 10.0, "lost more often"),
         (5, 4, 10.0, "no difference shown"),

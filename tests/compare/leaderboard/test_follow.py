@@ -40,12 +40,12 @@ def test_all_arrive_who_know_where_they_are(choice: PlannerChoice) -> None:
     found = driven(RouteFollower(choice), room())
     assert found.ended(ARRIVED).all()
     if choice.weight == 0.0:
-        # The goal counts as reached 0.3 m before it, and lattice ways are up to 3 % too long.
+        # The goal counts as reached 0.3 m before it, and lattice paths are up to 3 % too long.
         assert ((found.length_ratio > 0.85) & (found.length_ratio < 1.05)).all()
 
 
-def test_planners_are_told_what_the_localizer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Odometry that errs more than the localizer is told is not known to planners either."""
+def test_planners_know_what_the_localizer_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Odometry that errs more than the localizer assumes is not known to planners either."""
     robots = []
     plain = Routes._robot
 
@@ -118,7 +118,7 @@ def test_routes_keep_off_walls_as_far_as_there_is_room() -> None:
     ],
 )
 def test_the_waypoint_follower_goes_by_the_robot_it_drives(options: dict[str, Any]) -> None:
-    """Far from the way point it drives at full speed, beside it it stands and turns."""
+    """Far from the waypoint it drives at full speed, beside it it stands and turns."""
     parameters = NavigationParameters(**options)
     follower = WaypointFollower(parameters)
     # Straight ahead, to the left, behind on the right.

@@ -1,4 +1,4 @@
-"""Small buildings whose ways are known, and what the tests do with them."""
+"""Small buildings whose paths are known, and what the tests do with them."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def from_cell(
 def slow(
     places: FreeSpaceLattice, cell: int, prices: NDArray[np.float32] | None = None
 ) -> NDArray[np.float64]:
-    """SciPy's costs of the ways to a cell over the same graph, shape (rows, columns)."""
+    """SciPy's costs of the paths to a cell over the same graph, shape (rows, columns)."""
     rows, columns = places.room.shape
     prices = places.table.prices if prices is None else prices
     each = prices.astype(np.float64).reshape(rows * columns, -1)
@@ -76,7 +76,7 @@ def test_equals_dijkstra(seed: int) -> None:
         wanted = slow(places, int(cell))
         known = np.isfinite(wanted)
         np.testing.assert_allclose(field[known], wanted[known], rtol=2e-6)
-        # Where no way leads to there may be a distance too: as the lattice is linked.
+        # Where no path leads to there may be a distance too: as the lattice is linked.
         linked = (places.links > 0) & ~known
         assert (field[linked] > 0.0).all()
 

@@ -41,5 +41,5 @@ def saved(path: Path, **options: Any) -> Path:
     """A policy file of such a model."""
     envs = normalized(**options)
     told = {**OPTIONS, **options, "id": NAME}
-    save_policy(model(envs), path, environment=told, normalization=envs, told={"note": "a test"})
+    save_policy(model(envs), path, environment=told, normalization=envs, notes={"note": "a test"})
     return path

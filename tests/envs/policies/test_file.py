@@ -1,4 +1,4 @@
-"""Policy files: what comes out is what went in, and bad ones are told apart in one sentence."""
+"""Policy files: what comes out is what went in, and bad ones are refused in one sentence."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_the_card(file: Path) -> None:
     assert card.code == code_digest()
     assert card.observation["parts"]["scan"] == {"size": 60, "low": 0.0, "high": 1.0}
     assert card.action == {"size": 2, "low": -1.0, "high": 1.0}
-    assert card.told == {"note": "a test"} and "torch" in card.versions
+    assert card.notes == {"note": "a test"} and "torch" in card.versions
 
 
 def test_stable_baselines_reads_it_whole_and_slim(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
     assert arguments["scanner"].to_yaml() == scanner.to_yaml()
 
 
-def test_what_it_saw_by_default_is_told_of_old_files_too(file: Path, tmp_path: Path) -> None:
+def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: Path) -> None:
     def older(name: str, content: bytes) -> bytes:
         if name != CARD:
             return content
@@ -149,13 +149,13 @@ def without_card(file: Path, out: Path) -> Path:
     return rewritten(file, out, lambda name, content: None if name == CARD else content)
 
 
-def of_the_future(file: Path, out: Path) -> Path:
+def of_format(number: int) -> Callable[[Path, Path], Path]:
     def change(name: str, content: bytes) -> bytes:
         if name != CARD:
             return content
-        return json.dumps({**json.loads(content), "format": FORMAT + 1}).encode()
+        return json.dumps({**json.loads(content), "format": number}).encode()
 
-    return rewritten(file, out, change)
+    return lambda file, out: rewritten(file, out, change)
 
 
 def without_weights(file: Path, out: Path) -> Path:
@@ -181,7 +181,8 @@ def with_bad_moments(file: Path, out: Path) -> Path:
         (broken, "damaged|no policy file|cannot be loaded"),
         (cut, "no policy file"),
         (without_card, "ambinav.json is missing"),
-        (of_the_future, "not of format 1"),
+        (of_format(FORMAT - 1), f"not of format {FORMAT}"),
+        (of_format(FORMAT + 1), f"not of format {FORMAT}"),
         (without_weights, "cannot be loaded"),
         (of_another_kind, "algorithm is 'A2C'"),
         (with_bad_moments, "normalisation cannot be read"),

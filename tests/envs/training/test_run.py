@@ -92,7 +92,7 @@ def test_policy_files_are_policies(whole: Path) -> None:
     card = read_card(whole / "final.zip")
     assert (card.algorithm, card.steps, card.seed) == ("PPO", 512, 3)
     assert card.environment["id"] == "ambinav/Hall-v0"
-    assert card.told["evaluation"]["episodes"] == 4
+    assert card.notes["evaluation"]["episodes"] == 4
     policy = load_policy(whole / "best.zip")
     assert policy.environment["suite"] == "hall" and "buildings" not in policy.environment
     envs = TrainingEnvs(tiny())
@@ -214,7 +214,7 @@ def test_the_best_one_is_that_of_the_file(whole: Path, tmp_path: Path) -> None:
     """It may be newer than the checkpoint that a killed training goes on from."""
     card = read_card(whole / "best.zip")
     best = best_of(whole / "best.zip")
-    assert best["steps"] == card.steps and best["reward"] == card.told["evaluation"]["reward"]
+    assert best["steps"] == card.steps and best["reward"] == card.notes["evaluation"]["reward"]
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         train(tiny(), out, tell=interrupted_at(0))
@@ -234,7 +234,7 @@ def broken(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("member", ["model.zip", "memory.pkl", "counters.json"])
-def test_a_damaged_checkpoint_is_told(broken: Path, tmp_path: Path, member: str) -> None:
+def test_a_damaged_checkpoint_is_reported(broken: Path, tmp_path: Path, member: str) -> None:
     out = tmp_path / "out"
     shutil.copytree(broken, out)
     path = out / "checkpoints" / "000000000512" / member

@@ -1,6 +1,6 @@
-"""The search for look-alikes: signature, count, gap, and then the scans themselves.
+"""The search for aliased poses: signature, count, gap, and then the scans themselves.
 
-`signature` beside this says what each step rests on, and that it loses no look-alike.
+`signature` beside this says what each step rests on, and that it loses no aliased pose.
 """
 
 from __future__ import annotations
@@ -170,15 +170,15 @@ def compare_fully(pair, limit, icap, use, evidence, tau, c0, c2):
 def approach(
     begin, end, first, cell, second, rest, limit, icap, use, evidence, tau, c0, c2, apart, moved
 ):  # fmt: skip
-    """Evidence per tau between scans and those of their look-alikes, and where these agree best.
+    """Evidence per tau between scans and those of their aliased poses, and where these agree best.
 
     Args:
         begin: First row.
         end: One past the last.
         first: Scans, shape (P, 5, padded).
         cell: Which of them is compared, shape (M,).
-        second: Scans of the look-alikes, shape (M, 5, padded).
-        rest: Radians by which each look-alike's heading exceeds the one it was cast at, shape (M,).
+        second: Scans of the aliased poses, shape (M, 5, padded).
+        rest: Radians by which each aliased heading exceeds the one it was cast at, shape (M,).
         limit: See `Scans`, in the beams' own order, as the next three.
         icap: See `Scans`.
         use: See `Scans`.
@@ -205,7 +205,7 @@ class ScanArrays(NamedTuple):
         wide: See `orbit_rows`.
         orbits: Limit, inverse cap and softness of the beams in orbits; see `orbit_rows`.
         beams: Limit, inverse cap, use and evidence of the beams; see `Scans`.
-        told: See `Scans`.
+        known: See `Scans`.
         x: See `Scans`, as are y and heading.
         region: Number of the region that each pose lies in, shape (N,); see `search`.
         turns: Beams of an orbit.
@@ -216,7 +216,7 @@ class ScanArrays(NamedTuple):
     wide: NDArray[np.float32]
     orbits: tuple[NDArray[np.float32], ...]
     beams: tuple[NDArray[np.float32] | None, ...]
-    told: NDArray[np.bool_]
+    known: NDArray[np.bool_]
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     heading: NDArray[np.float64]
@@ -229,13 +229,13 @@ class ScanArrays(NamedTuple):
 @kernel
 def search_one(p, blocks, scans, signatures, tree, threshold, radius, mass, found, left):
     """Look for what is aliased with pose p; write mass, `found` and how many each step left."""
-    wide, orbits, (limit, icap, use, evidence), told, x, y, heading, place, turns, tau, _ = scans
+    wide, orbits, (limit, icap, use, evidence), known, x, y, heading, place, turns, tau, _ = scans
     c0, c2 = scans.cell_variance
     codes, above, blind, odd, stride = signatures
     block_low, block_high, lows, widths = tree.block_low, tree.block_high, tree.lows, tree.widths
     offset, owner, filled, turn_of_lane = tree.offset, tree.owner, tree.filled, tree.turn
     lanes = owner.shape[1]
-    order = strides(told[p], stride)
+    order = strides(known[p], stride)
     pair = np.zeros((2, 5, limit.size), dtype=np.float32)
     pair[:, 4] = 1.0
     turned(wide, p, 0, turns, pair, 0)
@@ -300,7 +300,7 @@ def _search(
     passed = np.empty(len(tree.owner), dtype=np.int32)
     for g in range(low, high):
         begin, end = bundles[g], bundles[g + 1]
-        blocks = passed[: sift(poses[begin:end], scans.told, signatures, tree, passed)]
+        blocks = passed[: sift(poses[begin:end], scans.known, signatures, tree, passed)]
         for i in range(begin, end):
             search_one(
                 poses[i], blocks, scans, signatures, tree, threshold, radius,
@@ -330,13 +330,13 @@ def search(
         signatures: Of all scans.
         tree: The poses that are looked among.
         place: Number of the place that each pose lies in, shape (N,); two poses of one place
-            above 0 are not listed as look-alikes of each other.
+            above 0 are not listed as aliased with each other.
         radius: R, metres.
         threshold: T, see `signature` beside this.
-        count: Most look-alikes to list of each pose.
+        count: Most aliased poses to list of each pose.
 
     Returns:
-        Mass within and beyond R, shape (M, 2): sums of I over poses and turns. Look-alikes, shape
+        Mass within and beyond R, shape (M, 2): sums of I over poses and turns. Aliased poses, shape
         (M, count, 4): x, y (metres), turn from p's heading to theirs (radians), and likeness; NaN
         where there are no more. How many pairs and turns each
         step left, shape (M, 4): `SIFTED` for the bundle, `COUNTED`, `COMPARED` in full, `ALIKE`.
@@ -346,7 +346,7 @@ def search(
     left = np.zeros((len(poses), 4), dtype=np.int64)
     beams = scans.limit, scans.inverse_cap, scans.use, scans.evidence
     arrays = ScanArrays(
-        *rows, beams, scans.told, scans.x, scans.y, scans.heading, place, _orbit(scans), scans.tau,
+        *rows, beams, scans.known, scans.x, scans.y, scans.heading, place, _orbit(scans), scans.tau,
         scans.cell_variance,
     )  # fmt: skip
     run_rows(

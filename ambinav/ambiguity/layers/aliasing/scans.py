@@ -39,7 +39,7 @@ class Scans:
         cell: Running number of each pose's cell, int32, shape (N,).
         possible: bool, shape (N,): whether the robot can stand there; the scans of other poses
             mean nothing.
-        told: bool, shape (N, B): False where a beam ends in unknown space and so tells nothing.
+        known: bool, shape (N, B): False where a beam ends in unknown space: it is left out.
         cell_variance: Of the offset within a cell: x and y (square metres), theta (square
             radians).
         tau: Beams per independent piece of evidence.
@@ -59,7 +59,7 @@ class Scans:
     heading: NDArray[np.float64]
     cell: NDArray[np.int32]
     possible: NDArray[np.bool_]
-    told: NDArray[np.bool_]
+    known: NDArray[np.bool_]
     cell_variance: tuple[float, float]
     tau: float
     spacing: float
@@ -108,7 +108,7 @@ class Scans:
             heading=np.tile(headings, len(x)),
             cell=np.repeat(np.arange(len(x), dtype=np.int32), count),
             possible=context.possible[:, :count].ravel(),
-            told=scans[:, 4, : len(order)] < 0.5 * BLIND,
+            known=scans[:, 4, : len(order)] < 0.5 * BLIND,
             cell_variance=(context.spacing**2 / 4.0, theta),
             tau=context.model.tau,
             spacing=context.spacing,
@@ -122,7 +122,7 @@ class Scans:
     @property
     def explored(self) -> NDArray[np.bool_]:
         """Possible poses where fewer than half of the beams end in unknown space, shape (N,)."""
-        return np.asarray(self.possible & (1.0 - self.told.mean(axis=1) < UNEXPLORED))
+        return np.asarray(self.possible & (1.0 - self.known.mean(axis=1) < UNEXPLORED))
 
 
 def _orbits(around: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -1,9 +1,9 @@
-"""The first two steps of the search for look-alikes: signature and count, for bundles of poses.
+"""The first two steps of the search for aliased poses: signature and count, for bundles of poses.
 
 Arrays go with the number of a row instead of as a slice, for slices are counted references, and
 two threads that count one array's references wait for each other.
 
-`signature` beside this says what they rest on, and that they lose no look-alike.
+`signature` beside this says what they rest on, and that they lose no aliased pose.
 """
 
 from __future__ import annotations
@@ -137,19 +137,19 @@ def holds(low, high, box, least, most, p, blind, odd):
 
 
 @kernel
-def strides(told, stride):
+def strides(known, stride):
     """The beams that tell something, in strides, so that the first ones see to all sides."""
-    order = np.arange(told.size) * stride % told.size
-    return order[told[order]]
+    order = np.arange(known.size) * stride % known.size
+    return order[known[order]]
 
 
 @kernel
-def sift(poses, told, signatures, tree, passed):
+def sift(poses, known, signatures, tree, passed):
     """Write the blocks that may hold an aliased pose of any of the poses; return how many.
 
     Args:
         poses: A bundle, shape (M,).
-        told: See `Scans`.
+        known: See `Scans`.
         signatures: `SignatureArrays` of all scans.
         tree: `TreeArrays` of the poses that are looked among.
         passed: Written, int32, room for all blocks.
@@ -160,16 +160,16 @@ def sift(poses, told, signatures, tree, passed):
     offset = tree.offset
     bottom, least = codes[poses[:1]], above[poses[:1]]
     top, most = bottom.copy(), least.copy()
-    dark, tells = blind[poses[0]], told[poses[0]].copy()
+    dark, both_known = blind[poses[0]], known[poses[0]].copy()
     for p in poses[1:]:
-        for b in range(tells.size):
+        for b in range(both_known.size):
             bottom[0, b], top[0, b] = min(bottom[0, b], codes[p, b]), max(top[0, b], codes[p, b])
-            tells[b] &= told[p, b]
+            both_known[b] &= known[p, b]
         for level in range(least.shape[1]):
             least[0, level] = min(least[0, level], above[p, level])
             most[0, level] = max(most[0, level], above[p, level])
         dark = max(dark, blind[p])
-    order = strides(tells, stride)
+    order = strides(both_known, stride)
     acc = np.empty(tree.owner.shape[1], dtype=np.uint8)
     count, node = 0, 0
     while node < skip.size:

@@ -110,9 +110,9 @@ class Signatures:
         low = np.floor((np.minimum(centre - reach, limit) - margin) / unit)
         high = np.ceil((np.minimum(centre + reach, limit) + margin) / unit)
         code = np.floor(ranges / unit).astype(np.uint8)
-        low = np.where(scans.told, np.clip(low, 0, 255), 0).astype(np.uint8)
-        high = np.where(scans.told, np.clip(high, 0, 255), 255).astype(np.uint8)
-        inner = code[scans.told & (code < TOP)]
+        low = np.where(scans.known, np.clip(low, 0, 255), 0).astype(np.uint8)
+        high = np.where(scans.known, np.clip(high, 0, 255), 255).astype(np.uint8)
+        inner = code[scans.known & (code < TOP)]
         levels = np.unique(
             np.quantile(inner, (np.arange(LEVELS) + 0.5) / LEVELS).astype(int)
             if inner.size
@@ -127,10 +127,10 @@ class Signatures:
             code=code,
             low=low,
             high=high,
-            above=above(code, scans.told),
+            above=above(code, scans.known),
             low_above=above(low, True),
             high_above=above(high, True),
-            blind=(~scans.told).sum(axis=1).astype(np.int16),
+            blind=(~scans.known).sum(axis=1).astype(np.int16),
             odd=math.floor(scans.tau * threshold / (SURE * float(cap.min())) + 1e-6),
         )
 

@@ -1,4 +1,4 @@
-"""Look-alikes in an audit: linked where symmetry says, reported, and never slow unasked."""
+"""Aliased poses in an audit: paired where symmetry says, reported, and never slow unasked."""
 
 from __future__ import annotations
 
@@ -41,26 +41,28 @@ def found(rooms, laser) -> tuple[AmbiguityMap, AliasingFindings]:
     return amap, find_aliasing(amap, rooms)
 
 
-def test_equal_rooms_are_linked(found):
-    amap, alikes = found
-    assert alikes.sought
-    assert alikes.spacing == 0.25
-    assert 0.2 < alikes.share < 0.9
-    first = [link for link in alikes.links if link.letter == "A"]
+def test_equal_rooms_are_paired(found):
+    amap, aliasing = found
+    assert aliasing.sought
+    assert aliasing.spacing == 0.25
+    assert 0.2 < aliasing.share < 0.9
+    first = [pair for pair in aliasing.pairs if pair.letter == "A"]
     assert len(first) == 2
-    for link in first:
-        assert abs(link.turn) < 0.05
-        assert link.other_y == pytest.approx(link.y, abs=0.05)
-        shift = (link.other_x - link.x) / PERIOD
+    for pair in first:
+        assert abs(pair.turn) < 0.05
+        assert pair.other_y == pytest.approx(pair.y, abs=0.05)
+        shift = (pair.other_x - pair.x) / PERIOD
         assert shift == pytest.approx(round(shift), abs=0.02)
-        assert abs(link.distance - abs(shift) * PERIOD) < 0.05
-        assert link.area > 5.0
-        assert link.likeness > 0.3
-        offsets = link.images - link.cells
+        assert abs(pair.distance - abs(shift) * PERIOD) < 0.05
+        assert pair.area > 5.0
+        assert pair.likeness > 0.3
+        offsets = pair.images - pair.cells
         assert np.abs(offsets - offsets[0]).max() < 0.2
-    assert len({round(link.other_x / PERIOD, 1) for link in first}) == 2
-    assert [link.letter for link in alikes.links] == sorted(link.letter for link in alikes.links)
-    area = sum({link.letter: link.area for link in alikes.links}.values())
+    assert len({round(pair.other_x / PERIOD, 1) for pair in first}) == 2
+    assert [pair.letter for pair in aliasing.pairs] == sorted(
+        pair.letter for pair in aliasing.pairs
+    )
+    area = sum({pair.letter: pair.area for pair in aliasing.pairs}.values())
     assert area < amap.free_area
 
 
@@ -69,28 +71,28 @@ def test_equal_rooms_are_linked(found):
     [(symmetric.crossing, 4), (symmetric.hexagon, 6)],
     ids=["crossing", "hexagon"],
 )
-def test_turned_places_are_linked(make, fold, laser):
+def test_turned_places_are_paired(make, fold, laser):
     """Each arm with all the others, a place at its start's own turned by whole steps."""
     env = make()
-    alikes = find_aliasing(an.build_map(env, laser, spacing=0.1), env)
-    first = [link for link in alikes.links if link.letter == "A"]
-    steps = {round(link.turn / math.tau * fold) % fold: link for link in first}
+    aliasing = find_aliasing(an.build_map(env, laser, spacing=0.1), env)
+    first = [pair for pair in aliasing.pairs if pair.letter == "A"]
+    steps = {round(pair.turn / math.tau * fold) % fold: pair for pair in first}
     assert sorted(steps) == list(range(1, fold))
     assert len(first) == fold - 1
-    for step, link in steps.items():
+    for step, pair in steps.items():
         turn = math.tau * step / fold
-        assert math.remainder(link.turn - turn, math.tau) == pytest.approx(0.0, abs=0.01)
-        there = (link.x + 1j * link.y) * np.exp(1j * turn)
-        assert abs(complex(link.other_x, link.other_y) - there) < 0.02
-        assert link.likeness > 0.9
-        assert link.area > 1.0
+        assert math.remainder(pair.turn - turn, math.tau) == pytest.approx(0.0, abs=0.01)
+        there = (pair.x + 1j * pair.y) * np.exp(1j * turn)
+        assert abs(complex(pair.other_x, pair.other_y) - there) < 0.02
+        assert pair.likeness > 0.9
+        assert pair.area > 1.0
         # And so is every pose of the region with its own.
-        cells, images = (part @ [1.0, 1j] for part in (link.cells, link.images))
+        cells, images = (part @ [1.0, 1j] for part in (pair.cells, pair.images))
         assert np.median(np.abs(images - cells * np.exp(1j * turn))) < 0.01
 
 
 def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
-    amap, alikes = found
+    amap, aliasing = found
     here = LayerContext.of(amap, rooms)
     assert seek(amap, here)[1].all()
     monkeypatch.setattr(module, "MOST_POSES", len(here.points[0]) // 3)
@@ -101,37 +103,37 @@ def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
     assert np.isfinite(some.found[~sought, 0, 0, 3]).sum() > 100
     few = find_aliasing(amap, rooms, True)
     assert few.sought
-    assert few.share == pytest.approx(alikes.share, abs=0.1)
-    assert len([link for link in few.links if link.letter == "A"]) == 2
+    assert few.share == pytest.approx(aliasing.share, abs=0.1)
+    assert len([pair for pair in few.pairs if pair.letter == "A"]) == 2
 
 
 def test_report_shows_them(found, rooms, laser, tmp_path):
-    amap, alikes = found
-    report = write_report(audit(amap, rooms, laser, places=0, alikes=alikes), tmp_path / "out")
-    assert report.alikes is not None and report.alikes.picture == "floor-alikes.png"
-    with Image.open(tmp_path / "out" / "floor-alikes.png") as picture:
+    amap, aliasing = found
+    report = write_report(audit(amap, rooms, laser, places=0, aliasing=aliasing), tmp_path / "out")
+    assert report.aliasing is not None and report.aliasing.picture == "floor-aliasing.png"
+    with Image.open(tmp_path / "out" / "floor-aliasing.png") as picture:
         assert min(picture.size) > 500
     data = json.loads((tmp_path / "out" / "report.json").read_text())
     assert Document.model_validate(data) == report
-    link = data["alikes"]["links"][0]
-    assert (link["letter"], link["turn_deg"] % 360) == ("A", pytest.approx(0.0, abs=3.0))
+    pair = data["aliasing"]["pairs"][0]
+    assert (pair["letter"], pair["turn_deg"] % 360) == ("A", pytest.approx(0.0, abs=3.0))
     for name in ("report.md", "report.html"):
         text = (tmp_path / "out" / name).read_text()
-        assert "Look-alikes" in text
-        assert f"{link['other_x_m']:.1f}, {link['other_y_m']:.1f}" in text
+        assert "Perceptual aliasing" in text
+        assert f"{pair['other_x_m']:.1f}, {pair['other_y_m']:.1f}" in text
     # A second report replaces the first, picture and all.
     write_report(audit(amap, rooms, laser, places=0), tmp_path / "out")
-    assert not (tmp_path / "out" / "floor-alikes.png").exists()
+    assert not (tmp_path / "out" / "floor-aliasing.png").exists()
 
 
 def test_not_sought_unasked_in_a_large_building(found, rooms, laser, tmp_path, monkeypatch):
-    amap, alikes = found
-    monkeypatch.setattr(module, "MOST_POSES", alikes.poses - 1)
+    amap, aliasing = found
+    monkeypatch.setattr(module, "MOST_POSES", aliasing.poses - 1)
     left = find_aliasing(amap, rooms)
-    assert (left.sought, left.links, left.poses) == (False, (), alikes.poses)
+    assert (left.sought, left.pairs, left.poses) == (False, (), aliasing.poses)
     assert math.isnan(left.share)
-    report = write_report(audit(amap, rooms, laser, places=0, alikes=left), tmp_path / "out")
-    assert report.alikes is not None and report.alikes.share is None
+    report = write_report(audit(amap, rooms, laser, places=0, aliasing=left), tmp_path / "out")
+    assert report.aliasing is not None and report.aliasing.share is None
     assert "--aliasing" in (tmp_path / "out" / "report.md").read_text()
     assert "--aliasing" in (tmp_path / "out" / "report.html").read_text()
     assert not find_aliasing(amap, rooms, False).sought
@@ -147,11 +149,11 @@ def test_own_places_are_corridors_and_halls():
     assert hall != left
 
 
-def test_a_building_without_look_alikes_says_so(laser, tmp_path):
+def test_a_building_without_aliased_pairs_says_so(laser, tmp_path):
     env = an.environment_from_shapes([shapely.Polygon([(0, 0), (3, 0), (3.5, 1.2), (1.2, 2.6)])])
     amap = an.build_map(env, laser, spacing=0.2)
-    alikes = find_aliasing(amap, env)
-    assert alikes.sought and alikes.links == ()
-    report = write_report(audit(amap, env, laser, places=0, alikes=alikes), tmp_path / "out")
-    assert "floor-alikes.png" not in report.pictures
-    assert "No region looks like another." in (tmp_path / "out" / "report.md").read_text()
+    aliasing = find_aliasing(amap, env)
+    assert aliasing.sought and aliasing.pairs == ()
+    report = write_report(audit(amap, env, laser, places=0, aliasing=aliasing), tmp_path / "out")
+    assert "floor-aliasing.png" not in report.pictures
+    assert "No two regions are aliased." in (tmp_path / "out" / "report.md").read_text()
