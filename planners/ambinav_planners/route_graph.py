@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.export.options import MapExport
 from ambinav.export.registry import Exporter
 from ambinav.geometry.footprint import Footprint
@@ -67,7 +68,15 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
             f"--milestones: {milestones} of them have no free motion between them; give more."
         )
     labels = graph.components()
-    return graph.part(labels == np.bincount(labels).argmax())
+    kept = labels == np.bincount(labels).argmax()
+    if not kept.all():
+        warnings.warn(
+            f"{int((~kept).sum())} of {len(kept)} milestones are not connected to the others and "
+            "are left out of the graph; with more milestones more of them are.",
+            InputWarning,
+            stacklevel=2,
+        )
+    return graph.part(kept)
 
 
 def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:

@@ -43,17 +43,24 @@ def export_map(
     """
     options, path = options or ExportOptions(), Path(output)
     exporter, names = prepare(kind, path, options, overwrite)
-    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=writable_parent(path)) as place:
-        made = _write(exporter, amap, options, Path(place) / path.name)
-        found = path if exporter.subject == "drive" else path.parent
-        found.mkdir(parents=True, exist_ok=True)
-        targets = [found / file.name for file in made]
-        if not overwrite:
-            _check_free([*names, *targets])
-        # The file that names the others comes last: who finds it finds them.
-        for file, target in reversed(list(zip(made, targets, strict=True))):
-            file.replace(target)
-    return tuple(targets)
+    try:
+        with tempfile.TemporaryDirectory(
+            prefix=f".{path.name}.", dir=writable_parent(path)
+        ) as place:
+            made = _write(exporter, amap, options, Path(place) / path.name)
+            folder = path if exporter.subject == "drive" else path.parent
+            targets = tuple(folder / file.name for file in made)
+            if not overwrite:
+                _check_free([*names, *targets])
+            folder.mkdir(parents=True, exist_ok=True)
+            # The file that names the others comes last: who finds it finds them.
+            for file, target in reversed(list(zip(made, targets, strict=True))):
+                file.replace(target)
+    except OSError as error:
+        raise InputError(
+            f"{path}: it cannot be written ({error.strerror}); choose another output."
+        ) from error
+    return targets
 
 
 def prepare(
