@@ -58,7 +58,7 @@ def export_map(
                 file.replace(target)
     except OSError as error:
         raise InputError(
-            f"{path}: it cannot be written ({error.strerror}); choose another output."
+            f"{path}: it cannot be written ({error.strerror or error}); choose another output."
         ) from error
     return targets
 
