@@ -120,7 +120,7 @@ def examine(file: Path, folder: Path) -> str:
     state = "same lattice" if same else "other lattice"
     return (
         f"| {file.stem} | {spacing:g} | {len(rows)} | {state} | {100 * free_kept:.1f} | "
-        f"{wall_lost} | {wrong} of {10 * PLACES} | {seconds:.1f} |"
+        f"{wall_lost} | {wrong} of {9 * PLACES} | {seconds:.1f} |"
     )
 
 

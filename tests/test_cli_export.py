@@ -101,6 +101,8 @@ def test_help_has_an_example(runner: CliRunner) -> None:
         (("--to", "map-server", "-o", "m.yaml", "--resolution", "0"), "0 is not above zero"),
         (("--to", "map-server", "-o", "m.yaml", "--resolution", "0.0001"), "give a larger one"),
         (("--to", "zones-autoware", "-o", "m.geojson"), "radius is 0.5 m"),
+        (("--to", "nav2-route-graph", "-o", "m.geojson", "--seed", "-1"), "--seed: -1"),
+        (("--to", "nav2-route-graph", "-o", "m.geojson", "--milestones", "1"), "give 2 or more"),
         (("--to", "npz", "-o", "notes.txt/m.npz"), "notes.txt is a file, not a folder"),
         (("--to", "drive-tum", "-o", "out"), "--drive is given 0 times"),
         (("--to", "drive-tum", "-o", "out", "--drive", "notes.txt"), "this is no drive of ambinav"),

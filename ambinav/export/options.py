@@ -90,6 +90,8 @@ class ExportOptions:
             value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise InputError(f"{_option(name)}: {value:g} is not above zero; give more.")
+        if self.seed is not None and self.seed < 0:
+            raise InputError(f"--seed: {self.seed}; give a whole number from 0 on.")
         if self.milestones is not None and self.milestones < 2:
             raise InputError(f"--milestones: {self.milestones}; give 2 or more.")
         for zone in self.zones:

@@ -15,6 +15,8 @@ import ambinav as an
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.localization.expected_covariance import expected_covariance
 
+pytest.importorskip("tifffile")
+
 Write = Callable[..., tuple[Path, ...]]
 PLACES = [(0.55, 2.7), (2.1, 1.5), (7.1, 1.7), (14.3, 3.5), (17.7, -1.7)]
 

@@ -90,6 +90,17 @@ def test_a_trajectory(write: Write, tmp_path: Path) -> None:
     assert pose.header.stamp.nanosec == 250_000_000
 
 
+@pytest.mark.parametrize("time", ["-1", "3e9"])
+def test_times_that_no_stamp_can_say(write: Write, tmp_path: Path, time: str) -> None:
+    (tmp_path / "t.tum").write_text(f"{time} 2 1.5 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=r"t\.tum: time runs from .*; shift it"):
+        write("mcap", "m.mcap", drives=(tmp_path / "t.tum",))
+
+
+def test_seconds_are_rounded_to_whole_nanoseconds() -> None:
+    assert Message().header(1.9999999999, "").encoded()[4:12] == b"\x02" + bytes(7)
+
+
 def test_two_files_of_one_name_are_refused(write: Write, route: Path, tmp_path: Path) -> None:
     other = tmp_path / "other" / "route.csv"
     other.parent.mkdir()

@@ -17,7 +17,10 @@ from ambinav.errors import InputError
 from ambinav.export.formats.autoware import LATERAL, LONG, level, sizes
 from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.formats.lanelet2 import without_holes
+from ambinav.export.formats.nav2_path import dense_poses
+from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.routes.files import load_route
 
 Write = Callable[..., tuple[Path, ...]]
 
@@ -142,12 +145,10 @@ def test_sizes_are_those_of_the_monitor(heading: float) -> None:
     rng = np.random.default_rng(3)
     roots = rng.normal(0.0, 0.2, (50, 2, 2))
     p = roots @ roots.transpose(0, 2, 1) + 1e-4 * np.eye(2)
-    grid = np.zeros((6, 1, 50))
-    grid[0, 0], grid[1, 0], grid[3, 0] = p[:, 0, 0], p[:, 0, 1], p[:, 1, 1]
-    long, across = sizes(grid, heading)
+    long, across = sizes(p[:, 0, 0], p[:, 0, 1], p[:, 1, 1], heading)
     expected = np.array([ellipse_of_autoware(one, heading) for one in p])
-    np.testing.assert_allclose(long[0], expected[:, 0], rtol=1e-6)
-    np.testing.assert_allclose(across[0], expected[:, 1], rtol=1e-6)
+    np.testing.assert_allclose(long, expected[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(across, expected[:, 1], rtol=1e-6)
 
 
 def test_levels_are_reached_at_the_thresholds() -> None:
@@ -185,6 +186,33 @@ def test_autoware_levels_on_the_map(
     here = shapely.Point(7.1, 1.7)
     causes = [told["cause"] for shape, told in features if shape.contains(here)]
     assert ("across the heading" in "".join(causes)) == (heading == 90.0)
+
+
+def test_stretches_of_a_route(write: Write, amap: an.AmbiguityMap, route: Path) -> None:
+    """Along the corridor the robot slides ahead only; in the hall it is lost in all directions."""
+    path = write("zones-autoware", "a.geojson", routes=(route,))[0]
+    told = [
+        (shapely.from_geojson(json.dumps(one["geometry"])), one["properties"])
+        for one in json.loads(path.read_text())["features"]
+        if one["geometry"]["type"] == "LineString"
+    ]
+    assert told
+    poses = dense_poses(load_route(route))
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
+    levels = np.zeros(len(poses), dtype=int)
+    for k, p in enumerate(expected_covariance(amap, poses)[:, :2, :2]):
+        if np.isfinite(p).all():
+            long, across = ellipse_of_autoware(p, poses[k, 2])
+            levels[k] = max((long >= 1.2) + (long >= 1.5), (across >= 0.25) + (across >= 0.3))
+    for k in range(len(poses) - 1):
+        names = [one["level"] for _, one in told if one["from_m"] - 1e-3 <= along[k] < one["to_m"]]
+        expected = [] if levels[k] == 0 else [("ok", "warning", "error")[levels[k]]]
+        # A pose that ends one stretch begins the next.
+        assert names[-1:] == expected or abs(levels[k] - levels[k - 1]) > 0
+    assert all(
+        line.length == pytest.approx(one["to_m"] - one["from_m"], abs=2e-3) for line, one in told
+    )
+    assert {one["route"] for _, one in told} == {"route.csv"}
 
 
 def test_a_small_neighbourhood_cannot_tell(write: Write, headed_map: an.AmbiguityMap) -> None:

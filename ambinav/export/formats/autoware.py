@@ -10,18 +10,23 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.export.formats.covariance import covariance_grid
+from ambinav.export.formats.inputs import route_on
+from ambinav.export.formats.nav2_path import dense_poses
 from ambinav.export.formats.zones import LEAST_AREA, collection, feature, figures, pieces
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
+from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.route import Route
 
 SCALE: Final = 3.0
 LONG: Final = (1.2, 1.5)
@@ -29,6 +34,7 @@ LONG: Final = (1.2, 1.5)
 LATERAL: Final = (0.25, 0.30)
 """The same across the heading (`..._lateral_direction`)."""
 LEVELS: Final = ("ok", "warning", "error")
+CAUSES: Final = ("long axis and across the heading", "long axis", "across the heading")
 LEAST_RADIUS: Final = 1.2
 """Metres: a map knows deviations up to half of its neighbourhood's radius, and 3 of those must
 reach the error of the long axis with a margin for the cells."""
@@ -36,19 +42,23 @@ reach the error of the long axis with a margin for the cells."""
 Floats = NDArray[np.float64]
 
 
-def sizes(grid: NDArray[np.float32], heading: float | None) -> tuple[Floats, Floats]:
-    """Long axis and size across the heading of the 3 sigma ellipse, metres, shape (ny, nx) each.
+def sizes(
+    xx: NDArray[Any], xy: NDArray[Any], yy: NDArray[Any], heading: float | Floats | None
+) -> tuple[Floats, Floats]:
+    """Long axis and size across the heading of the 3 sigma ellipse, metres, of the shape of `xx`.
 
     Args:
-        grid: `covariance_grid` of a map.
+        xx: Expected covariance, square metres.
+        xy: As `xx`.
+        yy: As `xx`.
         heading: Of the vehicle, radians; None: along the long axis, as it drives in a corridor.
     """
-    xx, xy, _, yy = (band.astype(np.float64) for band in grid[:4])
+    xx, xy, yy = (band.astype(np.float64) for band in (xx, xy, yy))
     middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     long = SCALE * np.sqrt(middle + half)
     if heading is None:
         return long, SCALE * np.sqrt(np.maximum(middle - half, 0.0))
-    s, c = math.sin(heading), math.cos(heading)
+    s, c = np.sin(heading), np.cos(heading)
     # What covariance_ellipse.cpp has as e' P^-1 e / det P^-1, e along the heading.
     return long, SCALE * np.sqrt(np.maximum(s * s * xx - 2.0 * s * c * xy + c * c * yy, 0.0))
 
@@ -60,30 +70,72 @@ def level(size: Floats, limits: tuple[float, float]) -> NDArray[np.uint8]:
 
 
 def write(export: MapExport, path: Path) -> tuple[Path, ...]:
-    """Write floor of the levels warning and error, a Feature for each connected piece."""
+    """Write floor of the levels warning and error, a Feature for each connected piece.
+
+    Then the stretches of the routes that are named.
+    """
     options = export.options
     _check_radius(export.amap)
     heading = None if options.heading is None else math.radians(options.heading)
     grid, raster = covariance_grid(export.amap, heading), Raster.of_map(export.amap)
-    long, lateral = sizes(grid, heading)
-    by_long, by_lateral = level(long, LONG), level(lateral, LATERAL)
+    by_long, by_lateral = _levels(*sizes(grid[0], grid[1], grid[3], heading))
     worst = np.maximum(by_long, by_lateral)
     least = LEAST_AREA if options.least_area is None else options.least_area
     features = []
     for code in (2, 1):
-        for cause, mask in (
-            ("long axis and across the heading", (by_long == code) & (by_lateral == code)),
-            ("long axis", (by_long == code) & (by_lateral < code)),
-            ("across the heading", (by_long < code) & (by_lateral == code)),
-        ):
-            for piece in pieces(mask & (worst == code), raster, grid, least):
-                features.append(
-                    feature(piece.polygon, level=LEVELS[code], cause=cause, **figures(piece))
-                )
+        for k, cause in enumerate(CAUSES, start=1):
+            mask = (worst == code) & (_causes(by_long, by_lateral) == k)
+            features += [
+                feature(piece.polygon, level=LEVELS[code], cause=cause, **figures(piece))
+                for piece in pieces(mask, raster, grid, least)
+            ]
+    for file in options.routes:
+        features += stretches(export.amap, route_on(export.amap, file), file.name)
     told = "along the weak direction" if heading is None else f"{options.heading:g} deg"
     text = collection(export, features, f"localization error monitor, heading {told}")
     path.write_text(text, encoding="utf-8")
     return (path,)
+
+
+def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any]]:
+    """Stretches of a route of the levels warning and error, the vehicle facing as it drives there.
+
+    Args:
+        amap: The map.
+        route: The route.
+        name: What the Features call it.
+    """
+    poses = dense_poses(route)
+    covariance = expected_covariance(amap, poses)
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    by_long, by_lateral = _levels(*sizes(xx, xy, yy, poses[:, 2]))
+    worst, cause = np.maximum(by_long, by_lateral), _causes(by_long, by_lateral)
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
+    # Each pose stands for the way to the next one.
+    change = np.flatnonzero((np.diff(worst[:-1]) != 0) | (np.diff(cause[:-1]) != 0)) + 1
+    found = []
+    for first, last in zip([0, *change], [*change, len(poses) - 1], strict=True):
+        if worst[first]:
+            line = shapely.LineString(poses[first : last + 1, :2])
+            geometry = json.loads(shapely.to_geojson(line))
+            properties = {
+                "route": name,
+                "level": LEVELS[worst[first]],
+                "cause": CAUSES[cause[first] - 1],
+                "from_m": round(float(along[first]), 3),
+                "to_m": round(float(along[last]), 3),
+            }
+            found.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return found
+
+
+def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    return level(long, LONG), level(lateral, LATERAL)
+
+
+def _causes(by_long: NDArray[np.uint8], by_lateral: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Index in `CAUSES`, from 1 on, of what makes the level; 1 where both do."""
+    return np.where(by_long == by_lateral, 1, np.where(by_long > by_lateral, 2, 3)).astype(np.uint8)
 
 
 def _check_radius(amap: AmbiguityMap) -> None:
@@ -109,5 +161,5 @@ AUTOWARE: Final = Exporter(
     reader="Autoware, localization error monitor",
     write=write,
     suffixes=(".geojson",),
-    uses=frozenset({"heading", "least_area"}),
+    uses=frozenset({"heading", "least_area", "routes"}),
 )

@@ -93,8 +93,8 @@ class Message:
 
     def header(self, seconds: float, frame: str) -> Message:
         """A std_msgs/Header."""
-        whole = math.floor(seconds)
-        return self.number("i", whole).number("I", round((seconds - whole) * 1e9)).text(frame)
+        whole, rest = divmod(round(seconds * 1e9), 1_000_000_000)
+        return self.number("i", whole).number("I", rest).text(frame)
 
     def pose(self, pose: Pose) -> Message:
         """A geometry_msgs/Pose (or Transform, which is alike) of x, y, theta."""

@@ -20,6 +20,8 @@ from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 
 ODOMETRY_FRAME: Final = "odom"
+LATEST: Final = 2**31 - 1
+"""Seconds that a stamp of ROS 2 can say; they begin at 0."""
 ZONE_STEP: Final = 33
 """Zones are drawn as 0, 33, 66 and 99."""
 
@@ -54,11 +56,14 @@ def _grid(send: Send, topic: str, values: NDArray[np.int8], raster: Raster) -> N
 def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
     """A drive's truth, estimate and odometry; of a trajectory its poses alone."""
     if path.suffix.lower() == ".tum":
-        for seconds, pose in zip(*trajectory_on(export.amap, path), strict=True):
+        time, poses = trajectory_on(export.amap, path)
+        _check_time(time, path)
+        for seconds, pose in zip(time.tolist(), poses, strict=True):
             message = cdr.pose_stamped(seconds, pose.tolist(), FRAME)
             send(topic, "geometry_msgs/PoseStamped", seconds, message)
         return
     drive = drive_on(export.amap, path)
+    _check_time(drive.time, path)
     covariance = drive.drives.covariance[drive.run]
     odometry = f"{topic.rpartition('/')[2]}/{ODOMETRY_FRAME}"
     start = drive.tracks["truth"][0].tolist()
@@ -83,6 +88,20 @@ def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
             "nav_msgs/Odometry",
             seconds,
             cdr.odometry(seconds, told, odometry, "base_link"),
+        )
+
+
+def _check_time(time: NDArray[np.float64], path: Path) -> None:
+    """Refuse times that no stamp can say.
+
+    Raises:
+        InputError: there is one.
+    """
+    low, high = float(time.min()), float(time.max())
+    if low < 0.0 or high > LATEST:
+        raise InputError(
+            f"{path}: time runs from {low:g} to {high:g} s, and stamps of ROS 2 from 0 to "
+            f"{LATEST}; shift it."
         )
 
 
