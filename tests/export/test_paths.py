@@ -15,6 +15,9 @@ import yaml
 import ambinav as an
 from ambinav.errors import InputError
 from ambinav.export.formats.cdr import definition
+from ambinav.export.formats.exporting import export_map
+from ambinav.export.options import ExportOptions, MapExport
+from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.logs.drive_table import load_drive
 from ambinav.logs.export import load_tum
 from ambinav.routes.files import load_route
@@ -95,6 +98,16 @@ def test_drives_in_their_own_formats(write: Write, drive: Path, tmp_path: Path) 
     assert not (tmp_path / "log").exists()
 
 
+def test_a_drive_into_the_working_folder(
+    amap: an.AmbiguityMap, drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ExportOptions(drives=(drive,))
+    (table,) = export_map(amap, "drive-csv", ".", options)
+    assert table == Path("drive.csv")
+    assert table.read_text() == drive.read_text()
+
+
 def test_a_route_of_another_building(write: Write, route: Path, tmp_path: Path) -> None:
     from ambinav.geometry.motion.steering import Steering
     from ambinav.routes.evaluate import evaluate_route
@@ -140,3 +153,30 @@ def test_tables_that_are_no_drive(drive: Path, tmp_path: Path, text: str, told: 
     count = len(head.split(","))
     with pytest.raises(InputError, match=told.replace("19", str(count))):
         load_drive(tmp_path / "bad.csv")
+
+
+def test_an_exporter_of_somebody_else(
+    write: Write, monkeypatch: pytest.MonkeyPatch, route: Path
+) -> None:
+    """Of a map, and of a route, through the same command."""
+
+    def of_map(export: MapExport, path: Path) -> tuple[Path, ...]:
+        path.write_text(f"{export.amap.spacing:g} {export.options.layer}")
+        return (path,)
+
+    def of_route(one: Any, path: Path) -> tuple[Path, ...]:
+        path.write_text(f"{one.length:.2f}")
+        return (path,)
+
+    monkeypatch.setattr(EXPORTERS, "_registered", {})
+    uses = frozenset({"layer"})
+    EXPORTERS.register(
+        Exporter(
+            subject="map", format="cell", title="", write=of_map, suffixes=(".txt",), uses=uses
+        )
+    )
+    EXPORTERS.register(Exporter(subject="route", format="len", title="", write=of_route))
+    assert write("cell", "a.txt", layer="level")[0].read_text() == "0.2 level"
+    assert write("route-len", "a.len", routes=(route,))[0].read_text() == "12.72"
+    with pytest.raises(InputError, match=r"--seed: cell does not look at it.*--layer"):
+        write("cell", "b.txt", seed=1)

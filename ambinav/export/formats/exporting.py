@@ -43,11 +43,10 @@ def export_map(
     """
     options, path = options or ExportOptions(), Path(output)
     exporter, names = prepare(kind, path, options, overwrite)
+    name = path.absolute().name  # also of "."
     try:
-        with tempfile.TemporaryDirectory(
-            prefix=f".{path.name}.", dir=writable_parent(path)
-        ) as place:
-            made = _write(exporter, amap, options, Path(place) / path.name)
+        with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=writable_parent(path)) as place:
+            made = _write(exporter, amap, options, Path(place) / name)
             folder = path if exporter.subject == "drive" else path.parent
             targets = tuple(folder / file.name for file in made)
             if not overwrite:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.logs.drive_table import load_drive
@@ -84,13 +85,14 @@ def check_on_floor(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
         InputError: there is one; the message names the first.
     """
     check_in_bounds(amap, poses, path)
-    # Rays and footprints know two outlines of a rough map, some cells apart: either will do.
     x, y = poses[:, 0], poses[:, 1]
     free = np.asarray(amap.environment.is_free(x, y))
     _refuse(amap, poses, path, ~free, "not on the free floor of")
 
 
-def _refuse(amap: AmbiguityMap, poses: Floats, path: Path, bad: np.ndarray, where: str) -> None:
+def _refuse(
+    amap: AmbiguityMap, poses: Floats, path: Path, bad: NDArray[np.bool_], where: str
+) -> None:
     if bad.any():
         k = int(bad.argmax())
         xmin, ymin, xmax, ymax = amap.bounds
