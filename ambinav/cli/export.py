@@ -71,7 +71,7 @@ def export(
             "--zone",
             metavar="NAME",
             help="A zone to mark or write; may be repeated.",
-            show_default="corridor, open",
+            show_default="corridor, open; of nav2-keepout open",
         ),
     ] = None,
     threshold: Annotated[
