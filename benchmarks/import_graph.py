@@ -28,7 +28,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("ambiguity", "routes"),
     ("ambinav", "drive"),
     ("logs",),
-    ("reports",),
+    ("export.formats", "reports"),
     ("plotting",),
     ("audit", "demo"),
     ("compare",),

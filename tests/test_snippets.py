@@ -79,6 +79,7 @@ class Page:
 PAGES = (
     Page("README.md"),
     Page("docs/howto/audit-in-ci.md"),
+    Page("docs/howto/export.md"),
     Page("docs/howto/my-scanner.md", quick=True),
     Page("docs/howto/nav2.md"),
     Page("docs/howto/ompl.md"),

@@ -1,4 +1,4 @@
-"""The command line: `ambinav audit | map | plan | compare | train | evaluate | benchmark | ...`.
+"""The command line: `ambinav audit | map | plan | export | compare | train | evaluate | ...`.
 
 Every command lives in a module of its own, and imports what computes only when it runs, so that
 `ambinav --help` answers at once.
@@ -17,6 +17,7 @@ from ambinav.cli.calibrate import calibrate
 from ambinav.cli.compare import compare
 from ambinav.cli.demo import demo
 from ambinav.cli.evaluate import evaluate
+from ambinav.cli.export import export
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
@@ -32,6 +33,7 @@ app = typer.Typer(
 app.command("audit")(audit)
 app.command("map")(build)
 app.command("plan")(plan)
+app.command("export")(export)
 app.command("compare")(compare)
 app.command("train")(train)
 app.command("evaluate")(evaluate)

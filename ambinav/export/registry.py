@@ -1,4 +1,4 @@
-"""Exporters: what writes a route or a drive as a file that other programs read."""
+"""Exporters: what writes a map, a route or a drive as files that other programs read."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 from ambinav.errors import InputError
 from ambinav.plugins import Registry
 
-Subject = Literal["route", "drive"]
+Subject = Literal["map", "route", "drive"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,23 +18,35 @@ class Exporter:
     """An entry of the registry.
 
     Attributes:
-        subject: What it writes: "route" or "drive".
+        subject: What it writes: "map", "route" or "drive".
         format: The format; of a route the suffix of its file, lower-case and without the dot.
         title: What the file is, in a line.
-        write: Of a route: takes a `Route` and the file's path. Of a drive: takes a
+        write: Of a map: takes an `export.options.MapExport` and the path of the first file, in a
+            folder of its own. Of a route: takes a `Route` and the file's path. Of a drive: takes a
             `logs.export_drive.RecordedDrive` and a folder that exists. It gives the files that it
             wrote, and raises `InputError` where it cannot say what it is given.
+        reader: Who reads it: program, message or function.
+        suffixes: Of a map: the ending of the first file, then what stands in its place in the names
+            of the files beside it: (".yaml", ".pgm", "_params.yaml").
+        uses: Of a map: the options (fields of `export.options.ExportOptions`) that it looks at.
+        needs: Packages that it imports and a user may not have, by the name of the import.
+        extra: The optional dependencies that bring them: "geotiff" of `ambinav[geotiff]`.
     """
 
     subject: Subject
     format: str
     title: str
     write: Callable[[Any, Path], tuple[Path, ...]]
+    reader: str = ""
+    suffixes: tuple[str, ...] = ()
+    uses: frozenset[str] = frozenset()
+    needs: tuple[str, ...] = ()
+    extra: str = ""
 
     @property
     def name(self) -> str:
-        """The name in the registry, and of an entry point: "route-gpx"."""
-        return f"{self.subject}-{self.format}"
+        """The name in the registry, and of an entry point: "route-gpx"; of a map the format."""
+        return self.format if self.subject == "map" else f"{self.subject}-{self.format}"
 
 
 EXPORTERS: Final = Registry(
@@ -42,6 +54,23 @@ EXPORTERS: Final = Registry(
     Exporter,
     "ambinav.exporters",
     {
+        "map-server": "ambinav.export.formats.map_server:MAP_SERVER",
+        "nav2-keepout": "ambinav.export.formats.nav2_masks:KEEPOUT",
+        "nav2-preference": "ambinav.export.formats.nav2_masks:PREFERENCE",
+        "nav2-speed": "ambinav.export.formats.nav2_masks:SPEED",
+        "nav2-binary": "ambinav.export.formats.nav2_masks:BINARY",
+        "nav2-path-yaml": "ambinav.export.formats.nav2_path:PATH_YAML",
+        "nav2-path-json": "ambinav.export.formats.nav2_path:PATH_JSON",
+        "nav2-route-graph": "ambinav_planners.route_graph:ROUTE_GRAPH",
+        "covariance-npz": "ambinav.export.formats.covariance:NPZ",
+        "covariance-raw": "ambinav.export.formats.covariance:RAW",
+        "covariance-geotiff": "ambinav.export.formats.covariance:GEOTIFF",
+        "zones-geojson": "ambinav.export.formats.zones:GEOJSON",
+        "zones-lanelet2": "ambinav.export.formats.lanelet2:LANELET2",
+        "zones-autoware": "ambinav.export.formats.autoware:AUTOWARE",
+        "geotiff": "ambinav.export.formats.geotiff:GEOTIFF",
+        "npz": "ambinav.export.formats.npz:NPZ",
+        "mcap": "ambinav.export.formats.mcap:MCAP",
         "route-csv": "ambinav.routes.files:CSV",
         "route-geojson": "ambinav.routes.files:GEOJSON",
         "route-json": "ambinav.routes.files:PATH_MESSAGE",

@@ -1,0 +1,198 @@
+"""`ambinav export`: what other programs read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.running import check_writable, reporting
+
+
+def _list_kinds(wanted: bool) -> None:
+    if not wanted:
+        return
+    with reporting():
+        from ambinav.export.registry import EXPORTERS
+
+        for name in EXPORTERS.names():
+            entry = EXPORTERS.get(name)
+            reader = f" [{entry.reader}]" if entry.reader else ""
+            typer.echo(f"{name:20} {entry.title}{reader}")
+    raise typer.Exit
+
+
+def _complete_kind(begun: str) -> list[str]:
+    """Formats that the shell offers to complete what was begun with."""
+    from ambinav.export.registry import EXPORTERS
+
+    return [name for name in EXPORTERS.names() if name.startswith(begun)]
+
+
+def export(
+    map_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MAP.zarr",
+            help="An ambiguity map made by `ambinav map`.",
+            show_default=False,
+        ),
+    ],
+    kind: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="KIND",
+            help="See --list-kinds.",
+            show_default=False,
+            autocompletion=_complete_kind,
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="OUT",
+            help="The file to write; further files stand beside it. Of a drive a folder.",
+            show_default=False,
+        ),
+    ],
+    layer: Annotated[
+        str | None,
+        typer.Option("--layer", metavar="NAME", help="The layer.", show_default="the cost layer"),
+    ] = None,
+    zones: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--zone",
+            metavar="NAME",
+            help="A zone to mark or write; may be repeated.",
+            show_default="corridor, open; of nav2-keepout open",
+        ),
+    ] = None,
+    threshold: Annotated[
+        float | None,
+        typer.Option("--threshold", help="Mark where the layer is at least this, not zones."),
+    ] = None,
+    least_area: Annotated[
+        float | None,
+        typer.Option(
+            "--least-area", metavar="M2", help="Leave out smaller zones.", show_default="0.5"
+        ),
+    ] = None,
+    slowest: Annotated[
+        float | None,
+        typer.Option(
+            "--slowest", metavar="PERCENT", help="Of the speed at level 1.", show_default="30"
+        ),
+    ] = None,
+    max_speed: Annotated[
+        float | None,
+        typer.Option("--max-speed", metavar="M/S", help="Say speed limits in m/s, below this."),
+    ] = None,
+    heading: Annotated[
+        float | None,
+        typer.Option(
+            "--heading", metavar="DEG", help="Of the robot, where it matters; see the how-to."
+        ),
+    ] = None,
+    resolution: Annotated[
+        float | None,
+        typer.Option(
+            "--resolution",
+            metavar="M",
+            help="Edge of a cell of the building's image.",
+            show_default="as the building's own map, or the spacing",
+        ),
+    ] = None,
+    route: Annotated[
+        list[Path] | None,
+        typer.Option("--route", metavar="FILE", help="A route of `ambinav plan`; repeatable."),
+    ] = None,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            "--step", metavar="M", help="Between the poses of a path.", show_default="0.05"
+        ),
+    ] = None,
+    drive: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--drive",
+            metavar="FILE",
+            help="A drive.csv of a comparison, or a trajectory .tum; repeatable.",
+        ),
+    ] = None,
+    weight: Annotated[
+        float | None,
+        typer.Option("--weight", "-w", help="Of the layer in a cost.", show_default="5"),
+    ] = None,
+    robot_radius: Annotated[
+        float | None,
+        typer.Option("--robot-radius", metavar="M", help="Of a round robot.", show_default="0.2"),
+    ] = None,
+    milestones: Annotated[
+        int | None,
+        typer.Option("--milestones", metavar="N", help="Of the roadmap.", show_default="500"),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="N", help="Of the roadmap.", show_default="0"),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace files that are there.")
+    ] = False,
+    as_json: options.AsJson = False,
+    list_kinds: Annotated[
+        bool,
+        typer.Option(
+            "--list-kinds", callback=_list_kinds, is_eager=True, help="Show the kinds and exit."
+        ),
+    ] = False,
+) -> None:
+    """Write what other programs read: Nav2, Autoware, GIS, Foxglove, NumPy.
+
+    Example: `ambinav export office.zarr --to nav2-speed -o speed_mask.yaml`
+    """
+    with reporting():
+        from ambinav.export.formats.exporting import export_map, prepare
+        from ambinav.export.options import ExportOptions
+
+        told = ExportOptions(
+            layer=layer,
+            threshold=threshold,
+            zones=tuple(zones or ()),
+            least_area=least_area,
+            slowest=slowest,
+            max_speed=max_speed,
+            heading=heading,
+            resolution=resolution,
+            step=step,
+            routes=tuple(route or ()),
+            drives=tuple(drive or ()),
+            weight=weight,
+            robot_radius=robot_radius,
+            milestones=milestones,
+            seed=seed,
+        )
+        exporter, _ = prepare(kind, output, told, overwrite)
+        check_writable(output)
+        from ambinav.maps.ambiguity_map import AmbiguityMap
+
+        amap = AmbiguityMap.open(map_file)
+        files = export_map(amap, kind, output, told, overwrite=overwrite)
+        if as_json:
+            result = {
+                "map": str(map_file),
+                "kind": kind,
+                "title": exporter.title,
+                "files": [{"path": str(path), "bytes": path.stat().st_size} for path in files],
+            }
+            typer.echo(json.dumps(result, indent=2))
+        else:
+            for path in files:
+                typer.echo(f"{kind}: {path}")

@@ -1,0 +1,165 @@
+"""Floor where Autoware's localization error monitor is to be expected to warn.
+
+The monitor (autoware_localization_error_monitor) takes 3 standard deviations of the reported
+position: the long axis of the ellipse, and its size across the vehicle's heading. Here they are
+those of the covariance that is to be expected at the place.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.export.formats.covariance import covariance_grid
+from ambinav.export.formats.inputs import route_on
+from ambinav.export.formats.nav2_path import dense_poses
+from ambinav.export.formats.zones import LEAST_AREA, collection, feature, figures, pieces
+from ambinav.export.options import MapExport
+from ambinav.export.raster import Raster
+from ambinav.export.registry import Exporter
+from ambinav.localization.expected_covariance import expected_covariance
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.routes.route import Route
+
+SCALE: Final = 3.0
+LONG: Final = (1.2, 1.5)
+"""Warning and error of the long axis, metres (`warn_ellipse_size`, `error_ellipse_size`)."""
+LATERAL: Final = (0.25, 0.30)
+"""The same across the heading (`..._lateral_direction`)."""
+LEVELS: Final = ("ok", "warning", "error")
+CAUSES: Final = ("long axis and across the heading", "long axis", "across the heading")
+LEAST_RADIUS: Final = 1.2
+"""Metres: a map knows deviations up to half of its neighbourhood's radius, and 3 of those must
+reach the error of the long axis with a margin for the cells."""
+
+Floats = NDArray[np.float64]
+
+
+def sizes(
+    xx: NDArray[Any], xy: NDArray[Any], yy: NDArray[Any], heading: float | Floats | None
+) -> tuple[Floats, Floats]:
+    """Long axis and size across the heading of the 3 sigma ellipse, metres, of the shape of `xx`.
+
+    Args:
+        xx: Expected covariance, square metres.
+        xy: As `xx`.
+        yy: As `xx`.
+        heading: Of the vehicle, radians; None: along the long axis, as it drives in a corridor.
+    """
+    xx, xy, yy = (band.astype(np.float64) for band in (xx, xy, yy))
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    long = SCALE * np.sqrt(middle + half)
+    if heading is None:
+        return long, SCALE * np.sqrt(np.maximum(middle - half, 0.0))
+    s, c = np.sin(heading), np.cos(heading)
+    # What covariance_ellipse.cpp has as e' P^-1 e / det P^-1, e along the heading.
+    return long, SCALE * np.sqrt(np.maximum(s * s * xx - 2.0 * s * c * xy + c * c * yy, 0.0))
+
+
+def level(size: Floats, limits: tuple[float, float]) -> NDArray[np.uint8]:
+    """Index in `LEVELS` of each size; nan counts as 0."""
+    with np.errstate(invalid="ignore"):
+        return ((size >= limits[0]).astype(np.uint8) + (size >= limits[1])).astype(np.uint8)
+
+
+def write(export: MapExport, path: Path) -> tuple[Path, ...]:
+    """Write floor of the levels warning and error, a Feature for each connected piece.
+
+    Then the stretches of the routes that are named.
+    """
+    options = export.options
+    _check_radius(export.amap)
+    heading = None if options.heading is None else math.radians(options.heading)
+    grid, raster = covariance_grid(export.amap, heading), Raster.of_map(export.amap)
+    by_long, by_lateral = _levels(*sizes(grid[0], grid[1], grid[3], heading))
+    worst = np.maximum(by_long, by_lateral)
+    least = LEAST_AREA if options.least_area is None else options.least_area
+    features = []
+    for code in (2, 1):
+        for k, cause in enumerate(CAUSES, start=1):
+            mask = (worst == code) & (_causes(by_long, by_lateral) == k)
+            features += [
+                feature(piece.polygon, level=LEVELS[code], cause=cause, **figures(piece))
+                for piece in pieces(mask, raster, grid, least)
+            ]
+    for file in options.routes:
+        features += stretches(export.amap, route_on(export.amap, file), file.name)
+    told = "along the weak direction" if heading is None else f"{options.heading:g} deg"
+    text = collection(export, features, f"localization error monitor, heading {told}")
+    path.write_text(text, encoding="utf-8")
+    return (path,)
+
+
+def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any]]:
+    """Stretches of a route of the levels warning and error, the vehicle facing as it drives there.
+
+    Args:
+        amap: The map.
+        route: The route.
+        name: What the Features call it.
+    """
+    poses = dense_poses(route)
+    covariance = expected_covariance(amap, poses)
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    by_long, by_lateral = _levels(*sizes(xx, xy, yy, poses[:, 2]))
+    worst, cause = np.maximum(by_long, by_lateral), _causes(by_long, by_lateral)
+    along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
+    # Each pose stands for the way to the next one.
+    change = np.flatnonzero((np.diff(worst[:-1]) != 0) | (np.diff(cause[:-1]) != 0)) + 1
+    found = []
+    for first, last in zip([0, *change], [*change, len(poses) - 1], strict=True):
+        if worst[first]:
+            line = shapely.LineString(poses[first : last + 1, :2])
+            geometry = json.loads(shapely.to_geojson(line))
+            properties = {
+                "route": name,
+                "level": LEVELS[worst[first]],
+                "cause": CAUSES[cause[first] - 1],
+                "from_m": round(float(along[first]), 3),
+                "to_m": round(float(along[last]), 3),
+            }
+            found.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return found
+
+
+def _levels(long: Floats, lateral: Floats) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    return level(long, LONG), level(lateral, LATERAL)
+
+
+def _causes(by_long: NDArray[np.uint8], by_lateral: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Index in `CAUSES`, from 1 on, of what makes the level; 1 where both do."""
+    return np.where(by_long == by_lateral, 1, np.where(by_long > by_lateral, 2, 3)).astype(np.uint8)
+
+
+def _check_radius(amap: AmbiguityMap) -> None:
+    """Refuse a map that cannot tell deviations as large as the thresholds.
+
+    Raises:
+        InputError: its neighbourhood is too small.
+    """
+    radius = json.loads(amap.dataset.attrs["parameters"]).get("radius")
+    if not isinstance(radius, int | float) or radius < LEAST_RADIUS:
+        told = "?" if radius is None else f"{radius:g}"
+        raise InputError(
+            f"{amap.source}: radius is {told} m, within which no deviation reaches Autoware's "
+            f"threshold of {LONG[1]:g} m at 3 sigma; make the map with "
+            f"`ambinav map ... --ambiguity-radius {LEAST_RADIUS:g}` or more."
+        )
+
+
+AUTOWARE: Final = Exporter(
+    subject="map",
+    format="zones-autoware",
+    title="floor where 3 sigma pass 1.2/1.5 m, or 0.25/0.30 m across the heading",
+    reader="Autoware, localization error monitor",
+    write=write,
+    suffixes=(".geojson",),
+    uses=frozenset({"heading", "least_area", "routes"}),
+)

@@ -1,0 +1,126 @@
+"""An export from a map: options and output checked, files written beside and renamed."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from ambinav.errors import InputError
+from ambinav.export.formats.inputs import drive_on, only_route
+from ambinav.export.options import ExportOptions, MapExport
+from ambinav.export.registry import EXPORTERS, Exporter
+from ambinav.files import writable_parent
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+
+def export_map(
+    amap: AmbiguityMap,
+    kind: str,
+    output: str | Path,
+    options: ExportOptions | None = None,
+    *,
+    overwrite: bool = False,
+) -> tuple[Path, ...]:
+    """Write what another program reads.
+
+    Args:
+        amap: The map.
+        kind: Name of an exporter of maps; also of routes and of drives, which are then named in
+            the options and checked against the map.
+        output: The file, or of drives the folder; its ending is that of the format.
+        options: What is to be said of it.
+        overwrite: Replace files that are there.
+
+    Returns:
+        The files, `output` first.
+
+    Raises:
+        InputError: there is no such exporter (the nearest are offered), an option does not suit
+            it, a package is missing, or a file is there.
+    """
+    options, path = options or ExportOptions(), Path(output)
+    exporter, names = prepare(kind, path, options, overwrite)
+    name = path.absolute().name  # also of "."
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=writable_parent(path)) as place:
+            made = _write(exporter, amap, options, Path(place) / name)
+            folder = path if exporter.subject == "drive" else path.parent
+            targets = tuple(folder / file.name for file in made)
+            if not overwrite:
+                _check_free([*names, *targets])
+            folder.mkdir(parents=True, exist_ok=True)
+            # The file that names the others comes last: who finds it finds them.
+            for file, target in reversed(list(zip(made, targets, strict=True))):
+                file.replace(target)
+    except OSError as error:
+        raise InputError(
+            f"{path}: it cannot be written ({error.strerror or error}); choose another output."
+        ) from error
+    return targets
+
+
+def prepare(
+    kind: str, path: Path, options: ExportOptions, overwrite: bool = False
+) -> tuple[Exporter, tuple[Path, ...]]:
+    """What can be checked before the map is opened.
+
+    Returns:
+        The exporter, and the files that it will write as far as they are known.
+
+    Raises:
+        InputError: see `export_map`.
+    """
+    exporter = EXPORTERS.get(kind)
+    missing = [name for name in exporter.needs if find_spec(name) is None]
+    if missing:
+        raise InputError(
+            f'{kind} needs {missing[0]}; run: pip install "ambinav[{exporter.extra}]".'
+        )
+    uses = {"route": {"routes"}, "drive": {"drives"}}.get(exporter.subject)
+    if uses is not None:
+        exporter = replace(exporter, uses=frozenset(uses))
+    options.check(exporter)
+    if exporter.subject == "drive":
+        return exporter, ()
+    suffixes = exporter.suffixes or (f".{exporter.format}",)
+    if path.suffix.lower() != suffixes[0]:
+        raise InputError(
+            f"--output: {path} ends in {path.suffix or 'nothing'!r}; {kind} writes a file that "
+            f"ends in {suffixes[0]}."
+        )
+    names = (path, *(path.with_name(path.stem + suffix) for suffix in suffixes[1:]))
+    if not overwrite:
+        _check_free(names)
+    return exporter, names
+
+
+def _write(
+    exporter: Exporter, amap: AmbiguityMap, options: ExportOptions, path: Path
+) -> tuple[Path, ...]:
+    if exporter.subject == "map":
+        return exporter.write(MapExport(amap, options), path)
+    if exporter.subject == "route":
+        return exporter.write(only_route(amap, options.routes, exporter.name), path)
+    if len(options.drives) != 1:
+        raise InputError(
+            f"--drive is given {len(options.drives)} times, and {exporter.name} is of one drive; "
+            "give the drive.csv of a comparison's `exports`."
+        )
+    path.mkdir()
+    return exporter.write(drive_on(amap, options.drives[0]), path)
+
+
+def _check_free(names: Sequence[Path]) -> None:
+    """Refuse to replace what is there.
+
+    Raises:
+        InputError: something is.
+    """
+    for name in names:
+        if name.exists():
+            raise InputError(
+                f"{name}: this is there already; choose another output, or give --overwrite."
+            )

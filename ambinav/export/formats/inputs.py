@@ -1,0 +1,103 @@
+"""Routes and drives that go into an export, checked against the map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.logs.drive_table import load_drive
+from ambinav.logs.export import load_tum
+from ambinav.logs.export_drive import RecordedDrive
+from ambinav.maps.ambiguity_map import AmbiguityMap, Floats
+from ambinav.routes.files import load_route
+from ambinav.routes.route import Route
+
+STEP: Final = 0.05
+"""Metres between the poses of a dense path."""
+
+
+def route_on(amap: AmbiguityMap, path: Path) -> Route:
+    """A route from its file.
+
+    Raises:
+        InputError: it cannot be read, or a pose lies outside of the map or in something solid.
+    """
+    route = load_route(path)
+    check_on_floor(amap, route.poses, path)
+    return route
+
+
+def only_route(amap: AmbiguityMap, paths: tuple[Path, ...], kind: str) -> Route:
+    """The one route that an export is of.
+
+    Raises:
+        InputError: there is none or there are several, or see `route_on`.
+    """
+    if len(paths) != 1:
+        raise InputError(
+            f"--route is given {len(paths)} times, and {kind} is of one route; give one file that "
+            "`ambinav plan` wrote."
+        )
+    return route_on(amap, paths[0])
+
+
+def drive_on(amap: AmbiguityMap, path: Path) -> RecordedDrive:
+    """A drive from the `drive.csv` of a comparison's exports.
+
+    Raises:
+        InputError: it cannot be read, or leaves the map.
+    """
+    drive = load_drive(path)
+    check_in_bounds(amap, drive.tracks["truth"], path)
+    return drive
+
+
+def trajectory_on(amap: AmbiguityMap, path: Path) -> tuple[Floats, Floats]:
+    """A trajectory (.tum): time, shape (N,), and poses, shape (N, 3).
+
+    Raises:
+        InputError: it cannot be read, or leaves the map.
+    """
+    time, poses = load_tum(path)
+    check_in_bounds(amap, poses, path)
+    return time, poses
+
+
+def check_in_bounds(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
+    """Refuse poses (N, 3) beyond the lattice of the map.
+
+    Raises:
+        InputError: there is one; the message names the first.
+    """
+    xmin, ymin, xmax, ymax = amap.bounds
+    x, y = poses[:, 0], poses[:, 1]
+    _refuse(amap, poses, path, (x < xmin) | (x > xmax) | (y < ymin) | (y > ymax), "outside of")
+
+
+def check_on_floor(amap: AmbiguityMap, poses: Floats, path: Path) -> None:
+    """Refuse poses (N, 3) beyond the lattice of the map, or where nothing is free.
+
+    Raises:
+        InputError: there is one; the message names the first.
+    """
+    check_in_bounds(amap, poses, path)
+    x, y = poses[:, 0], poses[:, 1]
+    free = np.asarray(amap.environment.is_free(x, y))
+    _refuse(amap, poses, path, ~free, "not on the free floor of")
+
+
+def _refuse(
+    amap: AmbiguityMap, poses: Floats, path: Path, bad: NDArray[np.bool_], where: str
+) -> None:
+    if bad.any():
+        k = int(bad.argmax())
+        xmin, ymin, xmax, ymax = amap.bounds
+        raise InputError(
+            f"{path}: pose {k} at ({poses[k, 0]:g}, {poses[k, 1]:g}) is {where} the map "
+            f"{amap.source} (x {xmin:g} to {xmax:g}, y {ymin:g} to {ymax:g}); give a route or "
+            "drive of this building."
+        )

@@ -1,0 +1,102 @@
+"""A route as a dense nav_msgs/Path: what `ros2 topic pub` takes, or plain JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from ambinav.export.formats.inputs import STEP, only_route
+from ambinav.export.options import MapExport
+from ambinav.export.registry import Exporter
+from ambinav.maps.ambiguity_map import Floats
+from ambinav.routes.route import Route
+
+FRAME: Final = "map"
+
+
+def dense_poses(route: Route, step: float = STEP) -> Floats:
+    """Poses along a route, no two in one place and at most `step` apart, shape (N, 3).
+
+    Each faces as the robot does there. At a corner of straight pieces stands the heading of the
+    piece that begins: what a controller is to turn to.
+    """
+    poses, _, along = route.steering.dense(route.poses, step)
+    last = np.append(np.diff(along) > 0.0, True)
+    kept: Floats = poses[last]
+    return kept
+
+
+def header() -> dict[str, Any]:
+    """A std_msgs/Header in the map frame, its stamp 0: the latest transform."""
+    return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME}
+
+
+def orientation(theta: float) -> dict[str, float]:
+    """A geometry_msgs/Quaternion about z."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(theta / 2.0), "w": math.cos(theta / 2.0)}
+
+
+def path_message(poses: Floats) -> dict[str, Any]:
+    """The fields of a nav_msgs/Path, and no others."""
+    return {
+        "header": header(),
+        "poses": [
+            {
+                "header": header(),
+                "pose": {
+                    "position": {"x": x, "y": y, "z": 0.0},
+                    "orientation": orientation(theta),
+                },
+            }
+            for x, y, theta in poses.tolist()
+        ],
+    }
+
+
+def _message(export: MapExport, kind: str) -> dict[str, Any]:
+    options = export.options
+    route = only_route(export.amap, options.routes, kind)
+    return path_message(dense_poses(route, options.step or STEP))
+
+
+def write_yaml(export: MapExport, path: Path) -> tuple[Path, ...]:
+    """Write the message in the form that `ros2 topic pub` reads."""
+    text = yaml.safe_dump(_message(export, "nav2-path-yaml"), sort_keys=False)
+    head = (
+        f"# ros2 topic pub --once --qos-durability transient_local /plan nav_msgs/msg/Path "
+        f'"$(cat {path.name})"\n'
+    )
+    path.write_text(head + text, encoding="utf-8")
+    return (path,)
+
+
+def write_json(export: MapExport, path: Path) -> tuple[Path, ...]:
+    """Write the message as JSON, as rosbridge and `FollowPath` scripts take it."""
+    text = json.dumps(_message(export, "nav2-path-json"), indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+    return (path,)
+
+
+PATH_YAML: Final = Exporter(
+    subject="map",
+    format="nav2-path-yaml",
+    title="a route as a dense nav_msgs/Path with headings, YAML",
+    reader="ros2 topic pub, ros2 action send_goal /follow_path",
+    write=write_yaml,
+    suffixes=(".yaml",),
+    uses=frozenset({"routes", "step"}),
+)
+PATH_JSON: Final = Exporter(
+    subject="map",
+    format="nav2-path-json",
+    title="a route as a dense nav_msgs/Path with headings, JSON",
+    reader="rosbridge, scripts",
+    write=write_json,
+    suffixes=(".json",),
+    uses=frozenset({"routes", "step"}),
+)

@@ -1,0 +1,142 @@
+"""What may be said of an export of a map, and what an exporter of maps is given."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.config import nearest
+from ambinav.errors import InputError
+from ambinav.export.registry import Exporter
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.schema import base_name
+from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
+
+BAD: tuple[str, ...] = (ZONES[CORRIDOR], ZONES[OPEN])
+"""The zones that exports of zones hold where nobody names any."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions:
+    """Options of all exporters of maps; None or empty: not given.
+
+    Attributes:
+        layer: The layer that a mask or a cost is made of, or the only one to write.
+        threshold: Mark the cells at which the layer is at least this.
+        zones: Names of zones to mark or to write.
+        least_area: Zones smaller than this are left out, square metres.
+        slowest: What is left of the speed at layer 1, percent.
+        max_speed: The robot's largest speed, m/s: limits are in m/s then, and not in percent.
+        heading: Of the robot, degrees counter-clockwise from the map's x axis.
+        resolution: Edge of a cell, metres.
+        step: Metres between the poses of a path, at most.
+        routes: Files of routes.
+        drives: Files of drives: the `drive.csv` of a comparison's exports.
+        weight: How many extra metres a metre at layer 1 is worth.
+        robot_radius: Of a round robot, metres.
+        milestones: Of the roadmap.
+        seed: Of the roadmap.
+    """
+
+    layer: str | None = None
+    threshold: float | None = None
+    zones: tuple[str, ...] = ()
+    least_area: float | None = None
+    slowest: float | None = None
+    max_speed: float | None = None
+    heading: float | None = None
+    resolution: float | None = None
+    step: float | None = None
+    routes: tuple[Path, ...] = ()
+    drives: tuple[Path, ...] = ()
+    weight: float | None = None
+    robot_radius: float | None = None
+    milestones: int | None = None
+    seed: int | None = None
+
+    def check(self, exporter: Exporter) -> None:
+        """Refuse options that an exporter would not look at, and values that are none.
+
+        Raises:
+            InputError: there is one.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None or value == ():
+                continue
+            option = _option(field.name)
+            if field.name not in exporter.uses:
+                able = ", ".join(sorted(_option(name) for name in exporter.uses))
+                raise InputError(
+                    f"{option}: {exporter.name} does not look at it; leave it out"
+                    + (f" (it knows {able})." if able else ".")
+                )
+            if isinstance(value, float) and not math.isfinite(value):
+                raise InputError(f"{option}: {value} is not finite; give a number.")
+        for name, least, most in (
+            ("slowest", 0.0, 100.0),
+            ("least_area", 0.0, math.inf),
+            ("weight", 0.0, math.inf),
+        ):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                limits = f"from {least:g}" + (f" to {most:g}" if most < math.inf else " on")
+                raise InputError(f"{_option(name)}: {value:g}; give a number {limits}.")
+        for name in ("max_speed", "resolution", "step", "robot_radius"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise InputError(f"{_option(name)}: {value:g} is not above zero; give more.")
+        if self.seed is not None and self.seed < 0:
+            raise InputError(f"--seed: {self.seed}; give a whole number from 0 on.")
+        if self.milestones is not None and self.milestones < 2:
+            raise InputError(f"--milestones: {self.milestones}; give 2 or more.")
+        for zone in self.zones:
+            if zone not in ZONES:
+                raise InputError(f"--zone: {zone!r} is no zone; {nearest(zone, ZONES)}.")
+        if self.zones and self.threshold is not None:
+            raise InputError("--threshold marks cells by a layer and --zone by zones; give one.")
+
+
+def _option(name: str) -> str:
+    """How the command line calls a field."""
+    singular = {"zones": "zone", "routes": "route", "drives": "drive"}.get(name, name)
+    return f"--{singular.replace('_', '-')}"
+
+
+@dataclass(frozen=True)
+class MapExport:
+    """What an exporter of maps is given.
+
+    Attributes:
+        amap: The map.
+        options: What was said, checked.
+    """
+
+    amap: AmbiguityMap
+    options: ExportOptions
+
+    def floor(self, layer: str) -> NDArray[np.float64]:
+        """A layer over the floor, its mean over headings, shape (ny, nx); nan off the free floor.
+
+        Raises:
+            InputError: the map has no such layer; the nearest are offered.
+        """
+        amap = self.amap
+        if layer not in amap.layers:
+            raise InputError(
+                f"{amap.source}: the map has no layer {layer!r}; {nearest(layer, amap.layers)}."
+            )
+        heading = None if self.options.heading is None else math.radians(self.options.heading)
+        values = amap.floor(layer, "mean" if heading is None else heading).values
+        free = np.asarray(amap.dataset["free"].values, dtype=np.bool_)
+        if base_name(layer) == "zone":
+            free = free & (values != NOT_FREE)
+        return np.where(free, values.astype(np.float64), np.nan)
+
+    def zone_codes(self, usual: tuple[str, ...] = BAD) -> tuple[int, ...]:
+        """Codes of the zones that were named, or of those that are usual."""
+        return tuple(ZONES.index(name) for name in self.options.zones or usual)

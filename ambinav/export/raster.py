@@ -1,0 +1,143 @@
+"""Cells of a regular lattice in the map frame: which lie in a polygon, which does a line cross."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Raster:
+    """Square cells; row 0 lies at the smallest y, as everywhere in ambinav.
+
+    Attributes:
+        x: Of the outer corner of cell (0, 0), metres, map frame.
+        y: As `x`.
+        resolution: Edge of a cell, metres.
+        shape: Rows and columns.
+    """
+
+    x: float
+    y: float
+    resolution: float
+    shape: tuple[int, int]
+
+    @classmethod
+    def of_map(cls, amap: AmbiguityMap) -> Raster:
+        """The cells of a map's own lattice.
+
+        Raises:
+            InputError: its cells are not square.
+        """
+        xmin, ymin, xmax, ymax = amap.bounds
+        ny, nx = (amap.dataset.sizes[name] for name in ("y", "x"))
+        wide, tall = (xmax - xmin) / nx, (ymax - ymin) / ny
+        if not math.isclose(wide, tall, rel_tol=1e-6):
+            raise InputError(
+                f"{amap.source}: its cells measure {wide:g} x {tall:g} m, and the formats of other "
+                "programs have square ones; make the map with `ambinav map`."
+            )
+        return cls(_short(xmin), _short(ymin), _short(wide), (ny, nx))
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax), edges of the outermost cells, metres."""
+        ny, nx = self.shape
+        size = self.resolution
+        return self.x, self.y, self.x + nx * size, self.y + ny * size
+
+    def inside(self, geometry: BaseGeometry) -> Mask:
+        """Cells whose centre lies in polygons, bool, shape (ny, nx).
+
+        By the even-odd rule along the rows of centres: each edge that crosses such a row turns
+        inside to outside for all that is right of it.
+        """
+        ny, nx = self.shape
+        turned = np.zeros((ny, nx + 1), dtype=np.uint8)
+        ring, number = shapely.get_coordinates(
+            shapely.get_rings(shapely.get_parts(geometry)), return_index=True
+        )
+        edge = np.flatnonzero(number[1:] == number[:-1])
+        ax, ay = self._in_cells(ring[edge])
+        bx, by = self._in_cells(ring[edge + 1])
+        low, high = np.minimum(ay, by), np.maximum(ay, by)
+        first = np.clip(np.ceil(low - 0.5), 0, ny).astype(np.int64)
+        after = np.clip(np.ceil(high - 0.5), 0, ny).astype(np.int64)
+        which, row = _spans(first, after)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = (row + 0.5 - ay[which]) / (by - ay)[which]
+        crossing = ax[which] + share * (bx - ax)[which]
+        column = np.clip(np.ceil(crossing - 0.5), 0, nx).astype(np.int64)
+        np.bitwise_xor.at(turned, (row, column), 1)
+        return np.asarray(np.bitwise_xor.accumulate(turned, axis=1)[:, :nx], dtype=np.bool_)
+
+    def crossed(self, segments: Floats) -> Mask:
+        """Cells through which segments (N, 4) run, bool, shape (ny, nx)."""
+        ax, ay = self._in_cells(segments[:, :2])
+        bx, by = self._in_cells(segments[:, 2:])
+        owners, places = [np.tile(np.arange(len(segments)), 2)], [np.repeat([0.0, 1.0], len(ax))]
+        for a, b in ((ax, bx), (ay, by)):
+            which, line = _spans(
+                np.ceil(np.minimum(a, b)).astype(np.int64),
+                np.floor(np.maximum(a, b)).astype(np.int64) + 1,
+            )
+            moving = (b != a)[which]
+            which, line = which[moving], line[moving]
+            owners.append(which)
+            places.append((line - a[which]) / (b - a)[which])
+        owner, place = np.concatenate(owners), np.clip(np.concatenate(places), 0.0, 1.0)
+        order = np.lexsort((place, owner))
+        owner, place = owner[order], place[order]
+        # Between two crossings in a row a segment stays in one cell: that of the middle.
+        same = owner[1:] == owner[:-1]
+        middle, which = (0.5 * (place[1:] + place[:-1]))[same], owner[1:][same]
+        column = np.floor(ax[which] + middle * (bx - ax)[which]).astype(np.int64)
+        row = np.floor(ay[which] + middle * (by - ay)[which]).astype(np.int64)
+        ny, nx = self.shape
+        within = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
+        mask = np.zeros(self.shape, dtype=np.bool_)
+        mask[row[within], column[within]] = True
+        return mask
+
+    def polygons(self, mask: Mask) -> list[shapely.Polygon]:
+        """The pieces that some of the cells form, with their holes; cells join along edges."""
+        ny, nx = self.shape
+        padded = np.zeros((ny, nx + 2), dtype=np.int8)
+        padded[:, 1:-1] = mask
+        step = np.diff(padded, axis=1)
+        row, begin = np.nonzero(step == 1)
+        end = np.nonzero(step == -1)[1]
+        size = self.resolution
+        # Corners are counted before they become metres, so that neighbours share theirs exactly.
+        strips = shapely.box(begin, row, end, row + 1)
+        whole = shapely.simplify(shapely.union_all(strips), 0.0)  # without points on its edges
+        scaled = shapely.transform(whole, lambda cell: cell * size + [self.x, self.y])
+        parts = [part for part in shapely.get_parts(scaled) if not part.is_empty]
+        return parts
+
+    def _in_cells(self, points: Floats) -> tuple[Floats, Floats]:
+        return (points[:, 0] - self.x) / self.resolution, (points[:, 1] - self.y) / self.resolution
+
+
+def _short(value: float) -> float:
+    """A length without the last digits that sums of floats leave: 0.1, not 0.09999999999999998."""
+    return float(np.round(value, 9))
+
+
+def _spans(first: NDArray[np.int64], after: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """All whole numbers of half-open intervals, and the interval that each is of."""
+    count = np.maximum(after - first, 0)
+    which = np.repeat(np.arange(len(count)), count)
+    begin = np.cumsum(count) - count
+    return which, np.arange(count.sum()) - begin[which] + first[which]

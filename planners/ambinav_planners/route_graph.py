@@ -1,0 +1,158 @@
+"""The PRM* roadmap as a graph for Nav2's Route Server: GeoJSON nodes and edges with costs."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError, InputWarning
+from ambinav.export.options import MapExport
+from ambinav.export.registry import Exporter
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.motion.steering import Steering
+from ambinav.service.service import AmbiguityService
+from ambinav_planners.problem import Problem, make_checker
+from ambinav_planners.registry import has_ompl
+from ambinav_planners.search.graph import MotionGraph
+
+MILESTONES: Final = 500
+RADIUS: Final = 0.2
+WEIGHT: Final = 5.0
+# Milestones asked for at once when two free places are sought to begin with.
+ATTEMPTS: Final = 1000
+
+
+def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int) -> MotionGraph:
+    """The largest connected part of a PRM* roadmap of a round robot that drives straight.
+
+    Args:
+        service: The map, and what a metre costs.
+        radius: Of the robot, metres.
+        milestones: How many the roadmap has.
+        seed: Of its milestones.
+
+    Raises:
+        InputError: OMPL is missing, or the robot fits nowhere.
+    """
+    if not has_ompl():
+        raise InputError('nav2-route-graph needs OMPL; run: pip install "ambinav[planners]".')
+    from ambinav_planners.roadmap import Roadmap
+
+    checker = make_checker(service, Footprint.disc(radius), Steering("r2"))
+    # A roadmap is asked for from a start to a goal; here any free place serves as both.
+    rng = np.random.default_rng(seed)
+    amap = service.map
+    rows, columns = np.nonzero(np.asarray(amap.dataset["free"].values, dtype=np.bool_))
+    pick = rng.permutation(len(rows))[:ATTEMPTS]
+    x, y = amap.dataset["x"].values[columns[pick]], amap.dataset["y"].values[rows[pick]]
+    poses = np.column_stack([x, y, np.zeros(len(x))])
+    free = poses[checker.poses_free(poses)]
+    if not len(free):
+        raise InputError(
+            f"--robot-radius: {radius:g} m: the robot fits at none of {len(poses)} places of "
+            f"{amap.source}; give less."
+        )
+    place = (float(free[0, 0]), float(free[0, 1]), 0.0)
+    grown = Roadmap.over(Problem(service, checker, place, place), seed)
+    grown.grow(milestones)
+    graph = grown.graph()
+    # The last two nodes are start and goal, which are no milestones.
+    graph = graph.part(np.arange(len(graph.poses)) < len(graph.poses) - 2)
+    if not len(graph.target):
+        raise InputError(
+            f"--milestones: {milestones} of them have no free motion between them; give more."
+        )
+    labels = graph.components()
+    kept = labels == np.bincount(labels).argmax()
+    if not kept.all():
+        warnings.warn(
+            f"{int((~kept).sum())} of {len(kept)} milestones are not connected to the others and "
+            "are left out of the graph; with more milestones more of them are.",
+            InputWarning,
+            stacklevel=2,
+        )
+    return graph.part(kept)
+
+
+def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:
+    """Nodes, then edges, each motion one way; ids from 1 on, no two alike.
+
+    The cost of an edge is metres-equivalent. It is not overridable, so that Nav2's scorers leave it
+    as it is; who rather lets them score it finds the ambiguity's part under `penalty`, which
+    PenaltyScorer reads, and sets `overridable`.
+    """
+    xy = np.round(graph.poses[:, :2], 4)
+    nodes = [
+        {
+            "type": "Feature",
+            "properties": {"id": k, "frame": "map"},
+            "geometry": {"type": "Point", "coordinates": point},
+        }
+        for k, point in enumerate(xy.tolist(), start=1)
+    ]
+    cost = graph.cost(weight)
+    edges = [
+        {
+            "type": "Feature",
+            "properties": {
+                "id": len(nodes) + k,
+                "startid": int(a) + 1,
+                "endid": int(b) + 1,
+                "cost": round(float(cost[k - 1]), 4),
+                "overridable": False,
+                "metadata": _metadata(graph, cost, k - 1),
+            },
+            "geometry": {
+                "type": "MultiLineString",
+                "coordinates": [[xy[a].tolist(), xy[b].tolist()]],
+            },
+        }
+        for k, (a, b) in enumerate(zip(graph.source, graph.target, strict=True), start=1)
+    ]
+    return [*nodes, *edges]
+
+
+def _metadata(graph: MotionGraph, cost: NDArray[np.float64], k: int) -> dict[str, float]:
+    length, exposure = float(graph.length[k]), float(graph.exposure[k])
+    return {
+        "length": round(length, 4),
+        "exposure": round(exposure, 4),
+        "penalty": round(float(cost[k]) - length, 4),
+    }
+
+
+def write(export: MapExport, path: Path) -> tuple[Path, ...]:
+    """Write the roadmap."""
+    options = export.options
+    weight = WEIGHT if options.weight is None else options.weight
+    graph = roadmap(
+        AmbiguityService(export.amap, options.layer, weight),
+        RADIUS if options.robot_radius is None else options.robot_radius,
+        MILESTONES if options.milestones is None else options.milestones,
+        0 if options.seed is None else options.seed,
+    )
+    whole = {
+        "type": "FeatureCollection",
+        "name": "route graph",
+        "frame": "map",
+        "weight": weight,
+        "features": features(graph, weight),
+    }
+    path.write_text(json.dumps(whole, allow_nan=False) + "\n", encoding="utf-8")
+    return (path,)
+
+
+ROUTE_GRAPH: Final = Exporter(
+    subject="map",
+    format="nav2-route-graph",
+    title="a PRM* roadmap as a graph with costs, GeoJSON",
+    reader="Nav2, Route Server (GeoJsonGraphFileLoader)",
+    write=write,
+    suffixes=(".geojson",),
+    uses=frozenset({"layer", "weight", "robot_radius", "milestones", "seed"}),
+)

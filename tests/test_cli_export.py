@@ -1,0 +1,194 @@
+"""`ambinav export` as a user meets it: files, JSON, and what it says to bad input."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from ambinav.cli import app
+from ambinav.export.registry import EXPORTERS
+
+ENDS = ("--start", "1", "1", "--goal", "10", "2")
+
+
+@pytest.fixture
+def runner() -> CliRunner:
+    return CliRunner()
+
+
+def files(folder: Path) -> set[str]:
+    return {item.name for item in folder.iterdir()}
+
+
+def test_files_and_json(runner: CliRunner, plan_folder: Path) -> None:
+    told = ("export", "map.zarr", "--to", "nav2-speed", "-o", "new/mask.yaml")
+    result = runner.invoke(app, [*told, "--json"])
+    assert result.exit_code == 0, result.output
+    document = json.loads(result.stdout)
+    assert (document["kind"], document["map"]) == ("nav2-speed", "map.zarr")
+    names = ["new/mask.yaml", "new/mask.pgm", "new/mask_params.yaml"]
+    assert [file["path"] for file in document["files"]] == names
+    assert all(Path(file["path"]).stat().st_size == file["bytes"] for file in document["files"])
+    assert files(plan_folder) == {"map.zarr", "notes.txt", "new"}
+    assert files(plan_folder / "new") == {"mask.yaml", "mask.pgm", "mask_params.yaml"}
+
+
+def test_a_route_becomes_a_path(runner: CliRunner, plan_folder: Path) -> None:
+    assert runner.invoke(app, ["plan", "map.zarr", *ENDS, "-o", "route.csv"]).exit_code == 0
+    path = ("export", "map.zarr", "--to", "nav2-path-yaml", "--route", "route.csv", "-o")
+    result = runner.invoke(app, [*path, "path.yaml"])
+    assert result.exit_code == 0, result.output
+    assert "nav2-path-yaml: path.yaml" in result.stdout
+
+
+def test_the_list_names_every_kind(runner: CliRunner) -> None:
+    result = runner.invoke(app, ["export", "--list-kinds"])
+    assert result.exit_code == 0
+    listed = [line.split()[0] for line in result.stdout.splitlines()]
+    assert listed == list(EXPORTERS.names())
+    for name in listed:
+        entry = EXPORTERS.get(name)
+        if entry.subject == "map":
+            assert entry.title
+            assert entry.reader
+            assert entry.suffixes
+
+
+def test_help_has_an_example(runner: CliRunner) -> None:
+    result = runner.invoke(app, ["export", "--help"])
+    assert "Example" in result.stdout
+    assert "--to nav2-speed" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--to", "nav2-keepuot", "-o", "m.yaml"), "'nav2-keepuot'; did you mean nav2-keepout"),
+        (("--to", "mqap", "-o", "m.mcap"), "there is no exporter 'mqap'"),
+        (("--to", "nav2-speed", "-o", "m.png"), "nav2-speed writes a file that ends in .yaml"),
+        (
+            ("--to", "nav2-speed", "-o", "m.yaml", "--layer", "levle"),
+            "the map has no layer 'levle'",
+        ),
+        (("--to", "geotiff", "-o", "m.tif", "--layer", "fisher"), "the map has no layer 'fisher'"),
+        (
+            ("--to", "nav2-speed", "-o", "m.yaml", "--route", "r.csv"),
+            "--route: nav2-speed does not",
+        ),
+        (("--to", "npz", "-o", "m.npz", "--layer", "level"), "--layer: npz does not look at it"),
+        (("--to", "nav2-path-json", "-o", "m.json"), "--route is given 0 times"),
+        (("--to", "nav2-path-json", "-o", "m.json", "--route", "no.csv"), "no.csv: "),
+        (("--to", "nav2-keepout", "-o", "m.yaml", "--zone", "opne"), "'opne' is no zone"),
+        (
+            ("--to", "nav2-keepout", "-o", "m.yaml", "--zone", "open", "--threshold", "0.5"),
+            "give one",
+        ),
+        (
+            ("--to", "nav2-keepout", "-o", "m.yaml", "--layer", "level"),
+            "--layer is for --threshold",
+        ),
+        (("--to", "nav2-speed", "-o", "m.yaml", "--slowest", "120"), "give a number from 0 to 100"),
+        (("--to", "nav2-speed", "-o", "m.yaml", "--max-speed", "nan"), "nan is not finite"),
+        (("--to", "nav2-speed", "-o", "m.yaml", "--layer", "clearance"), "a mask needs 0 to 1"),
+        (("--to", "map-server", "-o", "m.yaml", "--resolution", "0"), "0 is not above zero"),
+        (("--to", "map-server", "-o", "m.yaml", "--resolution", "0.0001"), "give a larger one"),
+        (("--to", "zones-autoware", "-o", "m.geojson"), "radius is 0.5 m"),
+        (("--to", "nav2-route-graph", "-o", "m.geojson", "--seed", "-1"), "--seed: -1"),
+        (("--to", "nav2-route-graph", "-o", "m.geojson", "--milestones", "1"), "give 2 or more"),
+        (("--to", "npz", "-o", "notes.txt/m.npz"), "notes.txt is a file, not a folder"),
+        (("--to", "drive-tum", "-o", "out"), "--drive is given 0 times"),
+        (("--to", "drive-tum", "-o", "out", "--drive", "notes.txt"), "this is no drive of ambinav"),
+    ],
+)
+def test_bad_input(
+    runner: CliRunner, plan_folder: Path, arguments: tuple[str, ...], told: str
+) -> None:
+    result = runner.invoke(app, ["export", "map.zarr", *arguments])
+    assert result.exit_code == 2, result.output
+    assert told in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert files(plan_folder) == {"map.zarr", "notes.txt"}
+
+
+def test_not_a_map(runner: CliRunner, plan_folder: Path) -> None:
+    result = runner.invoke(app, ["export", "notes.txt", "--to", "npz", "-o", "m.npz"])
+    assert result.exit_code == 2
+    assert "notes.txt: not an ambiguity map" in result.stderr
+
+
+@pytest.mark.parametrize("there", ["mask.yaml", "mask.pgm", "mask_params.yaml"])
+def test_what_is_there_is_kept(runner: CliRunner, plan_folder: Path, there: str) -> None:
+    (plan_folder / there).write_text("mine")
+    told = ["export", "map.zarr", "--to", "nav2-keepout", "-o", "mask.yaml"]
+    result = runner.invoke(app, told)
+    assert result.exit_code == 2
+    assert f"{there}: this is there already" in result.stderr
+    assert (plan_folder / there).read_text() == "mine"
+    assert files(plan_folder) == {"map.zarr", "notes.txt", there}
+    result = runner.invoke(app, [*told, "--overwrite"])
+    assert result.exit_code == 0, result.output
+    assert (plan_folder / there).read_bytes() != b"mine"
+
+
+def test_a_missing_package_is_named(
+    runner: CliRunner, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ambinav.export.formats import exporting
+
+    monkeypatch.setattr(exporting, "find_spec", lambda name: None)
+    result = runner.invoke(app, ["export", "map.zarr", "--to", "mcap", "-o", "m.mcap"])
+    assert result.exit_code == 2
+    assert 'mcap needs mcap; run: pip install "ambinav[mcap]"' in result.stderr
+
+
+def test_a_full_disk_leaves_nothing(
+    runner: CliRunner, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("ambinav.export.formats.npz.np.savez_compressed", full)
+    result = runner.invoke(app, ["export", "map.zarr", "--to", "npz", "-o", "m.npz"])
+    assert result.exit_code == 2
+    assert "m.npz: it cannot be written (No space left on device)" in result.stderr
+    assert files(plan_folder) == {"map.zarr", "notes.txt"}
+
+
+@pytest.mark.slow
+def test_a_terminated_export_leaves_nothing(plan_folder: Path) -> None:
+    """Terminated while it writes: no half a file, no scratch."""
+    code = (
+        "import time, ambinav.export.formats.npz as npz\n"
+        "from ambinav.cli import main\n"
+        "save = npz.np.savez_compressed\n"
+        "def slow(file, **arrays):\n"
+        "    file.write(b'half'); file.flush(); print('writing', flush=True); time.sleep(60)\n"
+        "npz.np.savez_compressed = slow\n"
+        "main()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "export", "map.zarr", "--to", "npz", "-o", "m.npz"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=plan_folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        begun = time.monotonic()
+        assert process.stdout.readline() == "writing\n"
+        assert any(name.startswith(".m.npz.") for name in files(plan_folder))
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+        assert time.monotonic() - begun < 60
+    finally:
+        process.kill()
+        process.wait(timeout=60)
+    assert process.returncode != 0
+    assert files(plan_folder) == {"map.zarr", "notes.txt"}
