@@ -160,7 +160,7 @@ def piece(env: Environment) -> Environment:
     return environment_from_shapes([max(parts, key=lambda part: part.area)], name=env.name)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=1)
 def test_mounts_on_all_maps(data_dir: Path) -> None:
     files = sorted(file for folder in data_dir.glob("*maps*") for file in folder.glob("*.yaml"))
     assert len(files) > 25
