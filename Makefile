@@ -5,8 +5,13 @@
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
-# A worker takes the tests of a whole file, so that what these share is made once.
-PYTEST_ARGS ?= -n auto --maxprocesses 4 --dist loadscope
+# Each worker takes one stretch of the files in their order, so that what the tests of a file share
+# is made once, and who is done first takes half of what another still has. (By whole files, the end
+# of a run is one long file, and a test that ends its worker is run again and again.)
+PYTEST_ARGS ?= -n auto --maxprocesses 4 --dist worksteal
+
+# The tests start hundreds of interpreters: byte code is kept, whatever the shell says.
+unexport PYTHONDONTWRITEBYTECODE
 
 # All paths are relative to this folder, so that the folder's own name may contain spaces.
 BIN := $(VENV)/bin

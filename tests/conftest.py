@@ -7,7 +7,7 @@ import os
 import shutil
 import signal
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,11 +29,20 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 NO_DATA = "AMBINAV_DATA is not set"
 
 
-def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
-    """Tests that ask for the recorded maps and logs bear the mark of that name."""
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that ask for the recorded maps and logs bear the mark of that name; the longest come
+    first, so that at the end no worker is left alone with one.
+    """
     for item in items:
         if "data_dir" in getattr(item, "fixturenames", ()):
             item.add_marker("data_dir")
+    items.sort(key=lambda item: -_minutes(item))
+
+
+def _minutes(item: pytest.Item) -> float:
+    """What a test marked `slow(minutes=...)` says that it takes; 0 of others."""
+    mark = item.get_closest_marker("slow")
+    return float(mark.kwargs.get("minutes", 0.0)) if mark else 0.0
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

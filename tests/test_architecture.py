@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from import_graph import FLOORS, circles, import_graph, room_of
+from import_graph import FLOORS, Graph, circles, import_graph, room_of
 
 ROOT = Path(__file__).parents[1]
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-GRAPH = import_graph(ROOT)
 
 UPWARD: dict[tuple[str, str], str] = {}
 """Modules that reach a room that is not below theirs, and why they do for now."""
@@ -19,11 +19,17 @@ UPWARD: dict[tuple[str, str], str] = {}
 HEAVY = ("gymnasium", "ompl", "stable_baselines3", "torch")
 
 
+@functools.cache
+def graph() -> Graph:
+    """What each module imports; read once, and only where it is tested."""
+    return import_graph(ROOT)
+
+
 def upward() -> set[tuple[str, str]]:
     """Each module and each room that it imports from though that is not below."""
     return {
         (module, room)
-        for module, imported in GRAPH.items()
+        for module, imported in graph().items()
         for other in imported
         if (room := str(room_of(other, FLOOR))) != (own := str(room_of(module, FLOOR)))
         and FLOOR.get(room, 0) >= FLOOR.get(own, 0)
@@ -31,7 +37,7 @@ def upward() -> set[tuple[str, str]]:
 
 
 def test_every_module_has_a_room() -> None:
-    homeless = [module for module in GRAPH if room_of(module, FLOOR) is None]
+    homeless = [module for module in graph() if room_of(module, FLOOR) is None]
     assert not homeless, "give them a floor in benchmarks/import_graph.py"
 
 
@@ -44,14 +50,14 @@ def test_the_list_of_exceptions_holds_no_more_than_there_are() -> None:
 
 
 def test_no_circle_of_files() -> None:
-    assert circles(GRAPH) == []
+    assert circles(graph()) == []
 
 
 def test_the_core_imports_neither_planners_nor_environments() -> None:
     above = ("ambinav.cli", "ambinav_envs", "ambinav_planners")
     reaching = {
         module
-        for module, imported in GRAPH.items()
+        for module, imported in graph().items()
         if not module.startswith(above) and any(other.startswith(above) for other in imported)
     }
     assert reaching == {module for module, _ in UPWARD}

@@ -328,7 +328,13 @@ def test_a_crossing_polygon_is_repaired_and_said_so(folder):
 
 @pytest.mark.parametrize(
     "name",
-    ["image truncated", "unknown preset", "a file in place of the folder", "pairs with text"],
+    [
+        "unknown preset",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("image truncated", "a file in place of the folder", "pairs with text")
+        ),
+    ],
 )
 def test_bad_input_to_the_program(folder, name):
     case = CASES[name]

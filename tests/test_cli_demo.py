@@ -46,7 +46,7 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=1)
 def test_it_audits_plans_and_compares(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "ambinav.cli", "demo", "-o", "made", "--json"],

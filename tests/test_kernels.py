@@ -172,6 +172,7 @@ def test_every_kernel_knows_its_callees() -> None:
             assert not plain.search(path.read_text()), f"{path}: use ambinav.kernels.kernel"
 
 
+@pytest.mark.slow
 def test_fields_of_an_argument_may_change_places(tmp_path: Path) -> None:
     reader, caller = tmp_path / "pairs.py", tmp_path / "reader.py"
     head, tail = READER.split("@kernel\n")

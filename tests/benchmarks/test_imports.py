@@ -4,9 +4,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 def test_every_script_imports() -> None:
     names = sorted(path.stem for path in (ROOT / "benchmarks").glob("*.py"))
     peers = {"peers", "peer_irsim"}  # they import what is compared with, from elsewhere

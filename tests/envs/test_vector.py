@@ -68,8 +68,15 @@ def digest(envs: NavigationVectorEnv, steps: int) -> str:
     return total.hexdigest()
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@pytest.mark.parametrize("localizer", ["ekf", "odometry"])
+@pytest.mark.parametrize(
+    ("mode", "localizer"),
+    [
+        ("NextStep", "ekf"),
+        ("SameStep", "odometry"),
+        pytest.param("NextStep", "odometry", marks=pytest.mark.slow),
+        pytest.param("SameStep", "ekf", marks=pytest.mark.slow),
+    ],
+)
 def test_is_the_single_environment_many_times(mode: str, localizer: str, two_threads: None) -> None:
     options = OPTIONS | {"map": room(), "localizer": localizer}
     many = NavigationVectorEnv(COUNT, autoreset_mode=mode, **options)

@@ -79,6 +79,7 @@ def flat_box(low: float, high: float) -> ob.RealVectorBounds:
     return bounds
 
 
+@pytest.mark.slow
 def test_a_real_vector_of_three(demo: AmbiguityService) -> None:
     """x, y and the height of a mast, which costs nothing."""
     space = ob.RealVectorStateSpace(3)

@@ -96,7 +96,7 @@ def pair(robot: RoutePlanner, seed: int, reach: float) -> list[NDArray[Any]]:
     return [start, near[rng.integers(len(near))]]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=1)
 def test_on_every_map(data_dir: Path) -> None:
     names = sorted(planners())
     found: dict[str, int] = dict.fromkeys([*names, "se2", "dubins", "reeds-shepp"], 0)

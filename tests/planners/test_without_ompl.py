@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -12,30 +15,65 @@ from tests.compare.conftest import SCENARIO, write
 
 HIDDEN = "import sys; sys.modules['ompl'] = None; "
 ENDS = ("--start", "1", "1", "--goal", "10", "2")
+OWN = ("reference", "belief")
+OF_OMPL = (("-p", "rrtstar"), ("-p", "belief-roadmap"), ("--space", "se2"))
+COMMANDS = {
+    **{name: ("plan", "map.zarr", *ENDS, "-p", name, "-o", f"{name}.csv") for name in OWN},
+    **{more[1]: ("plan", "map.zarr", *ENDS, *more, "-o", "r.csv") for more in OF_OMPL},
+    "list": ("plan", "--list-planners"),
+    "compare": ("compare", "flat.yaml", "-o", "out", "--jobs", "1"),
+}
+RUN = """
+import json
+from typer.testing import CliRunner
+from ambinav.cli import app
+for name, words in json.loads(sys.argv[1]).items():
+    done = CliRunner().invoke(app, words)
+    print(json.dumps([name, [done.exit_code, done.stdout, done.stderr]]))
+"""
 
 
-def without_ompl(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+class Done(NamedTuple):
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def without_ompl(code: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", HIDDEN + code], capture_output=True, text=True, cwd=folder
+        [sys.executable, "-c", HIDDEN + code, *words], capture_output=True, text=True, cwd=folder
     )
 
 
-def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return without_ompl(
-        f"sys.argv = ['ambinav', *{arguments!r}]; from ambinav.cli import main; main()", folder
-    )
+@pytest.fixture(scope="module")
+def folder(plan_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where all commands are run."""
+    folder = tmp_path_factory.mktemp("without")
+    shutil.copytree(plan_map, folder / "map.zarr")
+    write(folder, {**SCENARIO, "routes": ["shortest", *OWN]})
+    return folder
 
 
-@pytest.mark.parametrize("name", ["reference", "belief"])
-def test_a_planner_of_our_own_plans(plan_folder: Path, name: str) -> None:
-    done = command(plan_folder, "plan", "map.zarr", *ENDS, "-p", name, "-o", "r.csv")
+@pytest.fixture(scope="module")
+def told(folder: Path) -> dict[str, Done]:
+    """What each command says, all in one process, for a start takes longer than most of them."""
+    done = without_ompl(RUN, folder, json.dumps(COMMANDS))
     assert done.returncode == 0, done.stderr
-    assert (plan_folder / "r.csv").is_file()
+    pairs: list[Any] = [json.loads(line) for line in done.stdout.splitlines()]
+    return {name: Done(*ended) for name, ended in pairs}
 
 
-@pytest.mark.parametrize("more", [["-p", "rrtstar"], ["-p", "belief-roadmap"], ["--space", "se2"]])
-def test_a_planner_of_ompl_says_what_to_install(plan_folder: Path, more: list[str]) -> None:
-    done = command(plan_folder, "plan", "map.zarr", *ENDS, *more, "-o", "r.csv")
+@pytest.mark.parametrize("name", OWN)
+def test_a_planner_of_our_own_plans(told: dict[str, Done], folder: Path, name: str) -> None:
+    assert told[name].returncode == 0, told[name].stderr
+    assert (folder / f"{name}.csv").is_file()
+
+
+@pytest.mark.parametrize("more", OF_OMPL)
+def test_a_planner_of_ompl_says_what_to_install(
+    told: dict[str, Done], more: tuple[str, str]
+) -> None:
+    done = told[more[1]]
     assert done.returncode == 2
     (error,) = done.stderr.splitlines()
     name = more[1] if more[0] == "-p" else "prmstar"
@@ -45,10 +83,15 @@ def test_a_planner_of_ompl_says_what_to_install(plan_folder: Path, more: list[st
     )
 
 
-def test_planners_are_listed_with_a_note(tmp_path: Path) -> None:
-    done = command(tmp_path, "plan", "--list-planners")
+def test_planners_are_listed_with_a_note(told: dict[str, Done]) -> None:
+    done = told["list"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["belief", "reference"]
     assert "further planners need OMPL" in done.stderr
+
+
+def test_routes_are_compared(told: dict[str, Done], folder: Path) -> None:
+    assert told["compare"].returncode == 0, told["compare"].stderr
+    assert len(list((folder / "out").rglob("*.csv"))) >= 3
 
 
 def test_public_names_say_what_to_install(tmp_path: Path) -> None:
@@ -56,13 +99,6 @@ def test_public_names_say_what_to_install(tmp_path: Path) -> None:
     assert done.stderr.splitlines()[-1] == (
         'ImportError: AmbiguityObjective needs OMPL; run: pip install "ambinav[planners]".'
     )
-
-
-def test_routes_are_compared(tmp_path: Path) -> None:
-    scenario = write(tmp_path, {**SCENARIO, "routes": ["shortest", "reference", "belief"]})
-    done = command(tmp_path, "compare", str(scenario), "-o", "out", "--jobs", "1")
-    assert done.returncode == 0, done.stderr
-    assert len(list((tmp_path / "out").rglob("*.csv"))) >= 3
 
 
 def test_ompl_is_not_imported_unless_a_planner_of_it_is_used(plan_folder: Path) -> None:

@@ -133,6 +133,7 @@ def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     assert "planner 'straight' found no" in told
 
 
+@pytest.mark.slow
 def test_a_localizer(folder: Path) -> None:
     ambinav(folder, "compare", "scenario.yaml", "-o", "compared")
     report = json.loads((folder / "compared" / "report.json").read_text())

@@ -18,7 +18,9 @@ from tests.ambiguity.layers import brute_rays
 
 Floats = NDArray[np.float64]
 
-BUILDINGS = ("drawn", pytest.param("recorded", marks=pytest.mark.data_dir))
+BUILDINGS = ("drawn", pytest.param("recorded", marks=[pytest.mark.data_dir, pytest.mark.slow]))
+"""The recorded one takes two to three times as long."""
+
 DRAWN = Path(__file__).parents[3] / "configs" / "demo.geojson"
 RECORDED = "maps_from_logs/freiburg-079.yaml"
 
