@@ -24,17 +24,26 @@ class Exporter:
         write: Of a route: takes a `Route` and the file's path. Of a drive: takes a
             `logs.export_drive.RecordedDrive` and a folder that exists. It gives the files that it
             wrote, and raises `InputError` where it cannot say what it is given.
+        read: Of a route: from the file's path to a `Route`, perhaps one that is not measured
+            (`Route.through`); it raises `InputError` where the file cannot be used. None: files of
+            this format are only written.
     """
 
     subject: Subject
     format: str
     title: str
     write: Callable[[Any, Path], tuple[Path, ...]]
+    read: Callable[[Path], Any] | None = None
 
     @property
     def name(self) -> str:
         """The name in the registry, and of an entry point: "route-gpx"."""
         return f"{self.subject}-{self.format}"
+
+    def written(self, what: Any, path: Path) -> tuple[Path, ...]:
+        """Call `write`; the failure of a plug-in is an `InputError` that names it."""
+        with EXPORTERS.calling(self.name):
+            return tuple(map(Path, self.write(what, path)))
 
 
 EXPORTERS: Final = Registry(

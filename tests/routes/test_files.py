@@ -16,7 +16,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
-from ambinav.routes.files import FORMATS, load_route, save_route
+from ambinav.routes.files import load_route, save_route
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 
@@ -24,6 +24,7 @@ STEERINGS = (
     Steering("r2"), Steering("se2"), Steering("dubins", 0.4), Steering("reeds-shepp", 0.4)
 )  # fmt: skip
 
+FORMATS = (".csv", ".geojson", ".json")
 number = st.floats(0.6, 3.4)
 pose = st.tuples(number, number, st.floats(-10.0, 10.0))
 
