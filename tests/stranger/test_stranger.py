@@ -44,7 +44,7 @@ parts:
     planar: {beams: 24, aperture_deg: 360}
 """
 BROKEN = """\
-import json, sys
+import json, shutil
 import stranger_exporter, stranger_layer, stranger_localizer, stranger_map_reader
 import stranger_observation, stranger_planner, stranger_reward, stranger_sensor_model
 from typer.testing import CliRunner
@@ -78,6 +78,7 @@ for entry, field, command in CASES:
     for function in (fails,) if field in ("why_not", "detail") else (fails, empty):
         whole = getattr(entry, field)
         object.__setattr__(entry, field, function)
+        shutil.rmtree("untrained", ignore_errors=True)
         done = CliRunner().invoke(app, command)
         said.append([type(entry).__name__, field, function.__name__, done.exit_code, done.output])
         object.__setattr__(entry, field, whole)
