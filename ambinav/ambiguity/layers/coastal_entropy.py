@@ -150,8 +150,8 @@ def coastal_entropy(
     lattice, table, model = context.lattice, context.table, context.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
     share, inverse_cap = _known_pose(table)
-    # What is known before the scan is the neighbourhood.
     evidences = _evidence(table, share)
+    # What is known before the scan is the neighbourhood.
     posterior = Posterior(4.0 / model.radius**2, SHIFTS, WEIGHTS)
     comparison = Comparison(
         table.limit, inverse_cap, table.use, model.tau,
