@@ -159,7 +159,8 @@ class ChosenLocalizer:
     @property
     def identity(self) -> tuple[str, Any, str]:
         """What its estimates depend on: name, parameters, and a checksum of the file it is in."""
-        code = Path(inspect.getfile(self.spec.make)).read_bytes()
+        with LOCALIZERS.calling(self.spec.name):
+            code = Path(inspect.getfile(self.spec.make)).read_bytes()
         return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
 
     def note(self, scanner: RangeScanner) -> str | None:
