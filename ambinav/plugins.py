@@ -16,7 +16,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, TracebackType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from ambinav.config import nearest
@@ -101,9 +101,9 @@ class Registry(Generic[T]):
             return self._registered[name]
         found = self._installed().get(name)
         if found is None:
-            raise InputError(
-                f"there is no {self._what} {name!r}; {nearest(str(name), self.names())}."
-            )
+            known = self.names()
+            offer = nearest(str(name), known) if known else "install a plug-in that brings it"
+            raise InputError(f"there is no {self._what} {name!r}; {offer}.")
         if isinstance(found, str):
             return self._checked(_attribute(found), name, found)
         if not isinstance(found, InstalledEntry):
@@ -118,6 +118,22 @@ class Registry(Generic[T]):
             return self._checked(entry, name, found.place)
         except TypeError as error:
             raise InputError(f"{whose} cannot be used ({error}); {remedy}.") from error
+
+    def calling(self, name: str) -> Calling:
+        """A context for calling what an entry brings, and for checking what it gives.
+
+        An exception within becomes an `InputError` that names the plug-in, its function and the
+        error. What our own entries raise stays as it is: that is our fault.
+        """
+        if name in self._registered:
+            return Calling(
+                f"{self._what} {name!r}, registered by a module", "", self._registered[name]
+            )
+        found = self._installed().get(name)
+        if not isinstance(found, InstalledEntry):
+            return Calling()
+        whose = f"{self._what} {name!r} of the plug-in {found.distribution}"
+        return Calling(whose, f", or uninstall {found.distribution}", self.get(name))
 
     def _installed(self) -> dict[str, str | Callable[[], T] | InstalledEntry]:
         """Where the entries are that need no `register`, by name."""
@@ -145,6 +161,51 @@ class Registry(Generic[T]):
         if name not in names:
             raise TypeError(f"{place} has the name {', '.join(map(repr, names))}, not {name!r}")
         return entry
+
+
+class Calling:
+    """See `Registry.calling`.
+
+    Args:
+        whose: Names the entry; "" for our own, whose exceptions pass.
+        remedy: What else can be done than to fix it.
+        entry: The entry.
+    """
+
+    def __init__(self, whose: str = "", remedy: str = "", entry: object = None) -> None:
+        self.whose = whose
+        self._remedy = remedy
+        self._entry = entry
+
+    def __enter__(self) -> None:
+        """Nothing is prepared."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Name the plug-in.
+
+        Raises:
+            InputError: it raised something else, or what it gave is of no use.
+        """
+        if not (self.whose and isinstance(error, Exception)) or isinstance(error, InputError):
+            return
+        roots = {
+            value.__module__.partition(".")[0]
+            for value in vars(self._entry).values()
+            if callable(value) and isinstance(getattr(value, "__module__", None), str)
+        } - {"ambinav", "ambinav_envs", "ambinav_planners"}
+        for frame, _ in traceback.walk_tb(trace):
+            if frame.f_globals.get("__name__", "").partition(".")[0] in roots:
+                function = frame.f_code.co_qualname
+                what = f"{function} failed ({_reason(error)})"
+                break
+        else:
+            what = f"what it gives cannot be used ({' '.join(str(error).split())})"
+        raise InputError(f"{self.whose}: {what}; fix it{self._remedy}.") from error
 
 
 def _bringer(found: object) -> str:

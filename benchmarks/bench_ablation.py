@@ -35,12 +35,11 @@ import yaml
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 
-from ambinav.drive.bootstrap import Interval
+from ambinav.drive.bootstrap import Interval, grouped_weights, percentiles
 from ambinav.reports.table import interval_text
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
-from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios
-from ambinav_envs.leaderboard.figures import FIGURES
+from ambinav_envs.leaderboard.figures import FIGURES, ratios
 from ambinav_envs.leaderboard.methods import RouteFollower
 from ambinav_envs.leaderboard.routes import PlannerChoice
 from ambinav_envs.parameters import NavigationParameters
@@ -161,7 +160,7 @@ def drawn(runs: Sequence[Episodes], parts: Sequence[Floats]) -> list[Floats]:
     Buildings are drawn first, then episodes in them; of all methods the same.
     """
     rng = np.random.default_rng(SEED)
-    weights = np.vstack(list(episode_weights(runs[0].building, rng)))
+    weights = np.vstack(list(grouped_weights(runs[0].building, rng)))
     count = len(runs)
     seeds = rng.multinomial(count, np.full(count, 1.0 / count), size=len(weights))
     return [((seeds @ part) * weights).sum(axis=1) for part in parts]
@@ -172,7 +171,7 @@ def interval(runs: Sequence[Episodes], key: str) -> str:
     parts = parts_of(runs, key)
     above, below = (np.array(part.sum()) for part in parts)
     count = np.count_nonzero(parts[1])
-    found = interval_of(float(ratios(above, below)), ratios(*drawn(runs, parts)), count)
+    found = percentiles(float(ratios(above, below)), ratios(*drawn(runs, parts)), count)
     return interval_text(found, next(figure.digits for figure in FIGURES if figure.key == key))
 
 
@@ -185,7 +184,7 @@ def ratio(ours: Sequence[Episodes], theirs: Sequence[Episodes], key: str) -> Int
     rate, draws = (
         ratios(ratios(*one[:2]), ratios(*one[2:])) for one in (whole, drawn(ours, parts))
     )
-    return interval_of(float(rate), draws, np.count_nonzero(both))
+    return percentiles(float(rate), draws, np.count_nonzero(both))
 
 
 def compared(ours: Sequence[Episodes], theirs: Sequence[Episodes]) -> str:

@@ -24,8 +24,8 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.aliasing.layer import aliased_poses
 from ambinav.ambiguity.layers.build import with_layers
 from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.layers.position import position_radius
 from ambinav.ambiguity.layers.registry import chosen_layers
-from ambinav.ambiguity.radius import position_radius
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import Lattice

@@ -16,7 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 import ambinav
-from ambinav.cli import app, options
+from ambinav.cli import app
+from ambinav.cli.map_options import MapOptions
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 ROOT = Path(__file__).parents[1]
@@ -224,7 +225,7 @@ def test_the_output_is_checked_before_the_long_work(runner, folder, monkeypatch)
     def never(*arguments: object, **options: object) -> None:
         raise AssertionError("the map was built for nothing")
 
-    monkeypatch.setattr(options, "make_map", never)
+    monkeypatch.setattr(MapOptions, "build", never)
     for arguments in ([*AUDIT, "-o", "plan.geojson/out"], [*MAP, "-o", "plan.geojson/a.zarr"]):
         result = runner.invoke(app, arguments)
         assert result.exit_code == 2, result.output
@@ -246,7 +247,7 @@ def test_our_own_fault_is_status_1(runner, folder, monkeypatch):
     def broken(*arguments: object, **options: object) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(options, "make_map", broken)
+    monkeypatch.setattr(MapOptions, "build", broken)
     result = runner.invoke(app, MAP)
     assert result.exit_code == 1
     assert "our fault" in result.stderr
@@ -259,7 +260,7 @@ def test_interrupted_is_status_130_and_leaves_nothing(runner, folder, monkeypatc
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(options, "make_map", interrupted)
+    monkeypatch.setattr(MapOptions, "build", interrupted)
     before = files(folder)
     assert runner.invoke(app, arguments).exit_code == 130
     assert files(folder) == before
@@ -365,7 +366,7 @@ def test_a_giant_map_says_what_it_costs_before_it_starts(runner, folder, monkeyp
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(options, "make_map", interrupted)
+    monkeypatch.setattr(MapOptions, "build", interrupted)
     campus = {"type": "Polygon", "coordinates": [[[0, 0], [900, 0], [900, 800], [0, 0]]]}
     (folder / "plan.geojson").write_text(json.dumps(campus))
     small = [*arguments, "--spacing", "0.05", "--json"]

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -125,3 +126,52 @@ def test_two_plug_ins_of_one_name_are_refused(site: Path) -> None:
     plugins._entry_points.cache_clear()
     with pytest.raises(InputError, match="fruit 'pear' is both in ambinav and in other-tree;"):
         fruits().names()
+
+
+FAILING = f"""\
+from dataclasses import dataclass
+from {__name__} import Fruit
+
+@dataclass(frozen=True)
+class Peeled(Fruit):
+    peel: object
+
+def peel():
+    raise ZeroDivisionError("no\\nknife")
+
+FIG = Peeled("fig", peel)
+"""
+
+
+def test_what_fails_within_is_named(site: Path) -> None:
+    install(site, "poor-tree", FAILING, "fig = poor_tree:FIG")
+    registry = fruits()
+    fig: Any = registry.get("fig")
+    with pytest.raises(InputError) as caught, registry.calling("fig"):
+        fig.peel()
+    assert str(caught.value) == (
+        "fruit 'fig' of the plug-in poor-tree: peel failed (ZeroDivisionError: no knife, "
+        "poor_tree.py line 9); fix it, or uninstall poor-tree."
+    )
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    useless = r"what it gives cannot be used \(give a fig\); fix it,"
+    with pytest.raises(InputError, match=useless), registry.calling("fig"):
+        raise TypeError("give a fig")
+    # What a user gave wrong is no fault of the plug-in.
+    with pytest.raises(InputError, match="no"), registry.calling("fig"):
+        raise InputError("no.")
+
+
+def test_what_fails_within_our_own_is_our_fault() -> None:
+    registry = fruits()
+    with pytest.raises(KeyError), registry.calling("apple"):
+        raise KeyError("apple")
+    registry.register(Fruit("plum"))
+    named = "fruit 'plum', registered by a module: what it gives"
+    with pytest.raises(InputError, match=named), registry.calling("plum"):
+        raise KeyError("plum")
+
+
+def test_nothing_to_choose_from() -> None:
+    with pytest.raises(InputError, match="no fruit 'fig'; install a plug-in that brings it"):
+        Registry("fruit", Fruit, GROUP, {}).get("fig")

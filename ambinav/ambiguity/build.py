@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.ambiguity.progress import reporter
 from ambinav.ambiguity.returns import BLIND, BeamTable, Returns, beam_returns
 from ambinav.ambiguity.standing import standing_lattice
 from ambinav.config import as_count
@@ -130,7 +130,7 @@ def build_map(
     lattice, possible = standing_lattice(
         Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta, robot_radius
     )
-    with reporter(progress, f"{env.name}, {scanner.name}") as report:
+    with _reporter(progress, f"{env.name}, {scanner.name}") as report:
         parts = 1 + len(names)
         found = _compute(
             lattice, possible, thinned, model, theta, lambda share: report(share / parts)
@@ -248,3 +248,26 @@ def _evidence(table: BeamTable) -> NDArray[np.float32] | None:
         return None
     widths, beam = np.unique(table.width, return_inverse=True)
     return np.asarray(evidence_table(widths)[np.pad(beam, (0, len(table.limit) - len(beam)))])
+
+
+@contextlib.contextmanager
+def _reporter(
+    progress: bool | Callable[[float], None], title: str
+) -> Iterator[Callable[[float], None]]:
+    """Yield a function that takes the share done, from 0 to 1.
+
+    Args:
+        progress: True: a bar on standard error; a function: that function; False: nothing.
+        title: What the bar is called.
+    """
+    if callable(progress):
+        yield progress
+    elif progress:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(title, total=1.0)
+            yield lambda share: bar.update(task, completed=share)
+    else:
+        yield lambda share: None

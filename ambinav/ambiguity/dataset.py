@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 import xarray as xr
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
@@ -90,41 +91,7 @@ def assemble(
         add("heading", np.minimum(found.turning[:, 0] / found.turning[:, 1], 1.0))
     add("unknown", found.unknown)
     add("clearance", lattice.clearance(np.inf))
-    free = CORE_LAYERS["free"]
-    variables["free"] = xr.DataArray(
-        lattice.free, dims=("y", "x"), attrs=_attributes(free.title, free.unit)
-    )
-    variables[schema.BACKDROP] = xr.DataArray(
-        solid_cells(lattice),
-        dims=("y", "x"),
-        attrs={"long_name": "something in the cell is known to be solid", "units": "bool"},
-    )
-    segments = lattice.environment.segments
-    variables["segments"] = xr.DataArray(
-        segments.xy,
-        dims=("segment", "end"),
-        attrs={"long_name": "end points ax, ay, bx, by of walls and frontiers", "units": "m"},
-    )
-    variables["segment_kind"] = xr.DataArray(
-        segments.kind,
-        dims=("segment",),
-        attrs={"long_name": "0: wall, 1: frontier", "units": "code"},
-    )
-    variables["floor"] = xr.DataArray(
-        np.frombuffer(shapely.to_wkb(lattice.environment.free), dtype=np.uint8).copy(),
-        dims=("byte",),
-        attrs={"long_name": "outline of the free space as well-known binary", "units": "m"},
-    )
-    drivable = lattice.environment.drivable
-    if drivable is not None:
-        variables["drivable"] = xr.DataArray(
-            np.frombuffer(shapely.to_wkb(drivable), dtype=np.uint8).copy(),
-            dims=("drivable_byte",),
-            attrs={
-                "long_name": "outline of the space without occupied cells as well-known binary",
-                "units": "m",
-            },
-        )
+    variables |= _building(lattice)
     coords = {
         "x": ("x", lattice.x, {"long_name": "x of the cell's centre", "units": "m"}),
         "y": ("y", lattice.y, {"long_name": "y of the cell's centre", "units": "m"}),
@@ -132,6 +99,40 @@ def assemble(
     if theta is not None:
         coords["theta"] = ("theta", theta, {"long_name": "heading", "units": "rad"})
     return xr.Dataset(variables, coords, _provenance(lattice, scanner, thinned, model, theta))
+
+
+def _building(lattice: Lattice) -> dict[str, xr.DataArray]:
+    """What the map stores of the building itself."""
+    free = CORE_LAYERS["free"]
+    segments = lattice.environment.segments
+    known: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
+        "free": (lattice.free, ("y", "x"), free.title, free.unit),
+        schema.BACKDROP: (
+            solid_cells(lattice), ("y", "x"), "something in the cell is known to be solid", "bool",
+        ),
+        "segments": (
+            segments.xy, ("segment", "end"),
+            "end points ax, ay, bx, by of walls and frontiers", "m",
+        ),
+        "segment_kind": (segments.kind, ("segment",), "0: wall, 1: frontier", "code"),
+        "floor": (
+            _outline(lattice.environment.free), ("byte",),
+            "outline of the free space as well-known binary", "m",
+        ),
+    }  # fmt: skip
+    drivable = lattice.environment.drivable
+    if drivable is not None:
+        title = "outline of the space without occupied cells as well-known binary"
+        known["drivable"] = (_outline(drivable), ("drivable_byte",), title, "m")
+    return {
+        name: xr.DataArray(values, dims=dims, attrs=_attributes(title, unit))
+        for name, (values, dims, title, unit) in known.items()
+    }
+
+
+def _outline(free: BaseGeometry) -> NDArray[np.uint8]:
+    """A polygon as well-known binary."""
+    return np.frombuffer(shapely.to_wkb(free), dtype=np.uint8).copy()
 
 
 def _attributes(title: str, unit: str) -> dict[str, str]:

@@ -2,19 +2,110 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.map_options import BuildingOptions, MapOptions
+from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from ambinav.audit.document import Document
+    from ambinav.geometry.collision.reach import Reach
+    from ambinav.geometry.environment import Environment
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.sensing.scanner import RangeScanner
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReachOptions:
+    """Which floor counts: what the robot reaches."""
+
+    PANEL: ClassVar[str] = "Robot"
+
+    robot_radius: Annotated[
+        float | None,
+        typer.Option(
+            "--robot-radius",
+            metavar="M",
+            help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
+            "count.",
+            show_default="the scanner's robot_radius, or 0.2",
+        ),
+    ] = None
+    start: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--start",
+            metavar="X Y",
+            help="Where the robot starts, map frame, metres.",
+            show_default="the largest piece of floor",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """What is reported besides the zones."""
+
+    PANEL: ClassVar[str] = "Report"
+
+    places: Annotated[
+        int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
+    ] = 10
+    aliasing: Annotated[
+        bool | None,
+        typer.Option(
+            "--aliasing/--no-aliasing",
+            help="Whether to seek aliased regions; it takes long in large buildings.",
+            show_default="up to 6000 poses",
+        ),
+    ] = None
+    keep: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-map",
+            metavar="OUT.zarr",
+            help="Store the map too, as `ambinav map` does; an older map there is replaced.",
+            show_default="not stored",
+        ),
+    ] = None
+    pictures: options.Pictures = "png"
+
+    def check(self, output: Path) -> None:
+        """Check what can be checked before the long work.
+
+        Raises:
+            InputError: a value cannot be used, or nothing can be written where it is to be.
+        """
+        from ambinav.audit.report import FOLDER
+
+        options.check_pictures(self.pictures)
+        if self.places < 0:
+            raise InputError(f"--places: {self.places} is negative; give 0 or more.")
+        check_writable(output)
+        FOLDER.check(output)
+        if self.keep is not None:
+            from ambinav.maps.store import check_target
+
+            check_writable(self.keep)
+            check_target(self.keep)
+            map_path, report_path = self.keep.absolute(), output.absolute()
+            if map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path):
+                raise InputError(
+                    f"--save-map: {self.keep} and the report's folder {output} lie one in the "
+                    "other; choose another place for the map."
+                )
+
+
+@options.grouped
 def audit(
     map_file: options.MapFile,
     scanner: options.Scanner,
@@ -28,36 +119,10 @@ def audit(
             show_default=False,
         ),
     ],
-    level: options.Level = None,
-    unit: options.Unit = None,
-    spacing: options.Spacing = 0.1,
-    radius: options.Radius = 0.5,
-    headings: options.Headings = None,
-    map_std: options.MapStd = None,
-    layers: options.Layers = None,
-    keep: Annotated[
-        Path | None,
-        typer.Option(
-            "--save-map",
-            metavar="OUT.zarr",
-            help="Store the map too, as `ambinav map` does; an older map there is replaced.",
-            show_default="not stored",
-        ),
-    ] = None,
-    places: Annotated[
-        int, typer.Option("--places", metavar="N", help="How many of the worst places to list.")
-    ] = 10,
-    robot_radius: options.RobotRadius = None,
-    start: options.Start = None,
-    aliasing: Annotated[
-        bool | None,
-        typer.Option(
-            "--aliasing/--no-aliasing",
-            help="Whether to seek aliased regions; it takes long in large buildings.",
-            show_default="up to 6000 poses",
-        ),
-    ] = None,
-    pictures: options.Pictures = "png",
+    building: BuildingOptions,
+    making: MapOptions,
+    robot: ReachOptions,
+    reported: ReportOptions,
     as_json: options.AsJson = False,
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
@@ -69,68 +134,53 @@ def audit(
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out`
     """
     with reporting():
-        options.check_numbers(spacing, radius, headings, map_std)
-        above_zero(robot_radius, "--robot-radius", "0.2")
-        options.check_pictures(pictures)
-        if places < 0:
-            raise InputError(f"--places: {places} is negative; give 0 or more.")
-        from ambinav.audit.report import FOLDER
-
-        check_writable(output)
-        FOLDER.check(output)
-        if keep is not None:
-            from ambinav.maps.store import check_target
-
-            check_writable(keep)
-            check_target(keep)
-            map_path, report_path = keep.absolute(), output.absolute()
-            if map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path):
-                raise InputError(
-                    f"--save-map: {keep} and the report's folder {output} lie one in the other; "
-                    "choose another place for the map."
-                )
-        names = options.layer_names(layers, scanner)
-        environment, chosen = options.load(map_file, scanner, spacing, level, unit)
-        from ambinav.audit.audit import robot_radius as radius_of
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        reported.check(output)
+        environment, chosen = making.load(map_file, scanner, building)
+        from ambinav.audit.audit import robot_radius
         from ambinav.geometry.collision.reach import find_reach
 
         # Before the long work: a start inside a wall is refused at once.
-        reach = find_reach(environment, robot_radius or radius_of(chosen), start)
-        options.announce(
-            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
-        )
+        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        making.announce(environment, chosen)
         with progress_bars(as_json) as bars:
-            amap = options.make_map(
-                environment,
-                chosen,
-                spacing=spacing,
-                radius=radius,
-                headings=headings,
-                map_std=map_std,
-                progress=bars("ambiguity"),
-                layers=names,
-            )
-            from ambinav.audit.aliasing import find_aliasing
-            from ambinav.audit.audit import audit as examine
-            from ambinav.audit.report import write_report
-
-            found_aliasing = None
-            if aliasing is not False:
-                found_aliasing = find_aliasing(
-                    amap, environment, aliasing, reach=reach, report=bars("aliasing")
-                )
-            found = examine(
-                amap, environment, chosen, places=places, aliasing=found_aliasing, reach=reach
-            )
-            report = write_report(found, output, progress=bars("report"), image_format=pictures)
-            if keep is not None:
-                amap.save(keep)
+            amap = making.build(environment, chosen, bars("ambiguity"))
+            report = _examine(amap, environment, chosen, reach, reported, output, bars)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:
             _show(report, output)
-            if keep is not None:
-                typer.echo(f"map: {keep}")
+            if reported.keep is not None:
+                typer.echo(f"map: {reported.keep}")
+
+
+def _examine(
+    amap: AmbiguityMap,
+    environment: Environment,
+    scanner: RangeScanner,
+    reach: Reach,
+    reported: ReportOptions,
+    output: Path,
+    bars: Callable[[str], Progress],
+) -> Document:
+    """Examine the map, and write the report and, where that is asked for, the map."""
+    from ambinav.audit.aliasing import find_aliasing
+    from ambinav.audit.audit import audit as examine
+    from ambinav.audit.report import write_report
+
+    aliasing = None
+    if reported.aliasing is not False:
+        aliasing = find_aliasing(
+            amap, environment, reported.aliasing, reach=reach, report=bars("aliasing")
+        )
+    found = examine(
+        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
+    )
+    report = write_report(found, output, progress=bars("report"), image_format=reported.pictures)
+    if reported.keep is not None:
+        amap.save(reported.keep)
+    return report
 
 
 def _show(report: Document, output: Path) -> None:
@@ -138,7 +188,7 @@ def _show(report: Document, output: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.audit.audit import axis_degrees, metres2, percent, places_text
+    from ambinav.audit.audit import metres2, percent
     from ambinav.maps.floor_parts import unreachable_label
 
     console = Console(highlight=False)
@@ -161,6 +211,17 @@ def _show(report: Document, output: Path) -> None:
     ):
         zones.add_row(label, metres2(area), of_counted, percent(of_free))
     console.print(Text(report.summary), "", zones, sep="\n")
+    _show_places(report, console)
+    _show_aliasing(report, console)
+    console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+
+
+def _show_places(report: Document, console: Console) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.audit.audit import axis_degrees, metres2, places_text
+
     places = [
         f"{zone.zone} {places_text(zone.places, zone.longest_place_m)}"
         for zone in report.zones
@@ -183,6 +244,14 @@ def _show(report: Document, output: Path) -> None:
                 f"{place.level:.2f}",
             )
         console.print("", worst, sep="\n")
+
+
+def _show_aliasing(report: Document, console: Console) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.audit.audit import metres2
+
     if report.aliasing and report.aliasing.poses and not report.aliasing.sought:
         left_out = f"aliasing: not sought among {report.aliasing.poses:,} poses; add --aliasing"
         console.print("", Text(left_out), sep="\n")
@@ -200,4 +269,3 @@ def _show(report: Document, output: Path) -> None:
                 f"{pair.likeness:.2f}",
             )
         console.print("", pairs, sep="\n")
-    console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)

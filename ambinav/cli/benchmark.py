@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.map_options import BuildingOptions
 from ambinav.cli.packages import TRAINED, need
-from ambinav.cli.running import INTERRUPTED, check_writable, progress_bars, reporting
+from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ambinav_envs.leaderboard.board import Board
     from ambinav_envs.leaderboard.figures import Row
 
 EPISODES, BUILDINGS = 300, 100
@@ -33,7 +36,94 @@ WIDTH = 130
 """Columns of text where there is no terminal."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class MethodOptions:
+    """Who drives."""
+
+    PANEL: ClassVar[str] = "Methods"
+
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--policy",
+            metavar="FILE|NAME|module:callable",
+            help="A policy besides the shipped ones; may be given more than once.",
+            show_default=False,
+        ),
+    ] = None
+    planner: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--planner",
+            metavar="NAME[:WEIGHT]",
+            help="A planner instead of the usual ones; may be given more than once.",
+            show_default=False,
+        ),
+    ] = None
+    force: options.Force = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeOptions:
+    """What they drive, and how often."""
+
+    PANEL: ClassVar[str] = "Episodes"
+
+    episodes: Annotated[
+        int | None,
+        typer.Option(
+            "--episodes",
+            "-n",
+            metavar="N",
+            help="Episodes of each method in each setting.",
+            show_default=f"{EPISODES}",
+        ),
+    ] = None
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+    ] = 0
+    suite: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--suite",
+            metavar="NAME",
+            help="A suite of buildings; may be given more than once.",
+            show_default="procedural and hall",
+        ),
+    ] = None
+    map_file: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="A building besides those of the suites; may be given more than once.",
+            show_default=False,
+        ),
+    ] = None
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it."
+        ),
+    ] = False
+
+    def check(self) -> None:
+        """Refuse numbers that are none.
+
+        Raises:
+            InputError: there is one.
+        """
+        if self.episodes is not None and self.episodes < 1:
+            raise InputError(f"--episodes: {self.episodes} is too few; give 1 or more.")
+        if self.seed < 0:
+            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+
+
+@options.grouped
 def benchmark(
+    methods: MethodOptions,
+    driven: EpisodeOptions,
+    building: BuildingOptions,
     values: Annotated[
         list[str] | None,
         typer.Argument(
@@ -51,65 +141,7 @@ def benchmark(
             help="Folder for the report; a leaderboard that was interrupted there goes on.",
         ),
     ] = Path("leaderboard"),
-    episodes: Annotated[
-        int | None,
-        typer.Option(
-            "--episodes",
-            "-n",
-            metavar="N",
-            help="Episodes of each method in each setting.",
-            show_default=f"{EPISODES}",
-        ),
-    ] = None,
-    seed: Annotated[
-        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
-    ] = 0,
-    policy: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--policy",
-            metavar="FILE|NAME|module:callable",
-            help="A policy besides the shipped ones; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None,
-    planner: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--planner",
-            metavar="NAME[:WEIGHT]",
-            help="A planner instead of the usual ones; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None,
-    suite: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--suite",
-            metavar="NAME",
-            help="A suite of buildings; may be given more than once.",
-            show_default="procedural and hall",
-        ),
-    ] = None,
-    map_file: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="A building besides those of the suites; may be given more than once.",
-            show_default=False,
-        ),
-    ] = None,
-    level: options.Level = None,
-    unit: options.Unit = None,
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", help=f"{QUICK_EPISODES} episodes in {QUICK_BUILDINGS} buildings, to try it."
-        ),
-    ] = False,
     pictures: options.Pictures = "png",
-    force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Let every planner and every policy drive the same episodes, and put them into one table.
@@ -121,47 +153,51 @@ def benchmark(
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
     """
     with reporting():
-        if episodes is not None and episodes < 1:
-            raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
-        if seed < 0:
-            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
-        options.check_plan_options(map_file, level, unit)
+        driven.check()
+        building.check(driven.map_file)
         options.check_pictures(pictures)
         common = arguments_of(values or [])
         check_writable(output)
         # The shipped policies, which take part, are trained ones.
         need("the leaderboard", TRAINED)
-        from ambinav.runfolder import WORK
-        from ambinav_envs.leaderboard.board import Board, settings_for
-        from ambinav_envs.leaderboard.methods import all_methods
         from ambinav_envs.leaderboard.report import FOLDER, JSON, MARKDOWN
         from ambinav_envs.leaderboard.report import benchmark as run
 
         FOLDER.check(output)
-        count = episodes or (QUICK_EPISODES if quick else EPISODES)
-        buildings = QUICK_BUILDINGS if quick else BUILDINGS
-        board = Board(
-            all_methods(planner or [], policy or []),
-            settings_for(map_file or [], buildings, suite or [], level=level, unit=unit),
-            count,
-            seed,
-            common,
-            force,
-        )
-        try:
-            with progress_bars(as_json) as bars:
-                rows = run(board, output, bars, pictures)
-        except KeyboardInterrupt:
-            typer.echo(
-                f"ambinav: interrupted; what is finished is in {output / WORK}, and the same "
-                "command goes on from there.",
-                err=True,
-            )
-            raise typer.Exit(INTERRUPTED) from None
+        board = _board(methods, driven, building, common)
+        with resumable(output, "what is finished is"), progress_bars(as_json) as bars:
+            rows = run(board, output, bars, pictures)
         if as_json:
             typer.echo((output / JSON).read_text(encoding="utf-8").rstrip())
         else:
             _show(rows, output / MARKDOWN)
+
+
+def _board(
+    methods: MethodOptions,
+    driven: EpisodeOptions,
+    building: BuildingOptions,
+    common: dict[str, Any],
+) -> Board:
+    """Who is to drive what."""
+    from ambinav_envs.leaderboard.board import Board, settings_for
+    from ambinav_envs.leaderboard.methods import all_methods
+
+    count, buildings = (QUICK_EPISODES, QUICK_BUILDINGS) if driven.quick else (EPISODES, BUILDINGS)
+    return Board(
+        all_methods(methods.planner or [], methods.policy or []),
+        settings_for(
+            driven.map_file or [],
+            buildings,
+            driven.suite or [],
+            level=building.level,
+            unit=building.unit,
+        ),
+        driven.episodes or count,
+        driven.seed,
+        common,
+        methods.force,
+    )
 
 
 def _show(rows: Sequence[Row], report: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.running import INTERRUPTED, check_writable, progress_bars, reporting
+from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
@@ -82,28 +82,14 @@ def compare(
         from ambinav.compare.report import FOLDER, HTML
         from ambinav.compare.report import compare as run
         from ambinav.compare.scenario_file import load_scenario
-        from ambinav.runfolder import WORK
 
         loaded = load_scenario(scenario_file, runs=episodes, force=force)
         check_writable(output)
         FOLDER.check(output)
-        try:
-            with progress_bars(as_json) as bars:
-                report, rows = run(
-                    loaded,
-                    output,
-                    jobs=jobs or os.cpu_count() or 1,
-                    bars=bars,
-                    image_format=pictures,
-                )
-        except KeyboardInterrupt:
-            kept = output / WORK
-            typer.echo(
-                f"ambinav: interrupted; the drives so far are in {kept}, and the same command "
-                "goes on from there.",
-                err=True,
+        with resumable(output, "the drives so far are"), progress_bars(as_json) as bars:
+            report, rows = run(
+                loaded, output, jobs=jobs or os.cpu_count() or 1, bars=bars, image_format=pictures
             )
-            raise typer.Exit(INTERRUPTED) from None
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         else:

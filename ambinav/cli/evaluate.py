@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.map_options import BuildingOptions
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.errors import InputError
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ambinav_envs.leaderboard.evaluated import Evaluation
 
 
+@options.grouped
 def evaluate(
     policy: Annotated[
         str,
@@ -25,6 +27,7 @@ def evaluate(
             show_default=False,
         ),
     ],
+    building: BuildingOptions,
     values: Annotated[
         list[str] | None,
         typer.Argument(
@@ -43,8 +46,6 @@ def evaluate(
         Path | None,
         typer.Option("--map", metavar="FILE", help="One building instead.", show_default=False),
     ] = None,
-    level: options.Level = None,
-    unit: options.Unit = None,
     episodes: Annotated[
         int, typer.Option("--episodes", "-n", metavar="N", help="How many episodes.")
     ] = 200,
@@ -79,7 +80,7 @@ def evaluate(
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         if suite is not None and map_file is not None:
             raise InputError("--suite and --map are both given; give one of the two.")
-        options.check_plan_options(map_file, level, unit)
+        building.check(map_file)
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
@@ -91,10 +92,12 @@ def evaluate(
             changed["suite"] = suite
         if map_file is not None:
             changed["map"] = map_file
-            if level is not None or unit is not None:
+            if building != BuildingOptions():
                 from ambinav.geometry.io.load import load_environment
 
-                changed["map"] = load_environment(map_file, level=level, unit=unit)
+                changed["map"] = load_environment(
+                    map_file, level=building.level, unit=building.unit
+                )
         with progress_bars(as_json) as bars:
             found = evaluate_policy(policy, changed, episodes, seed, bars("episodes"), force=force)
         if output is not None:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.map_options import BuildingOptions, MapOptions
 from ambinav.cli.running import check_writable, not_negative, progress_bars, reporting
 
+if TYPE_CHECKING:
+    from ambinav.maps.ambiguity_map import AmbiguityMap
 
+
+@options.grouped
 def build(
     map_file: options.MapFile,
     scanner: options.Scanner,
@@ -26,13 +31,8 @@ def build(
             show_default=False,
         ),
     ],
-    level: options.Level = None,
-    unit: options.Unit = None,
-    spacing: options.Spacing = 0.1,
-    radius: options.Radius = 0.5,
-    headings: options.Headings = None,
-    map_std: options.MapStd = None,
-    layers: options.Layers = None,
+    building: BuildingOptions,
+    making: MapOptions,
     robot_radius: Annotated[
         float,
         typer.Option(
@@ -49,55 +49,44 @@ def build(
     Example: `ambinav map office.yaml --scanner hokuyo-urg-04lx -o office.zarr`
     """
     with reporting():
-        options.check_numbers(spacing, radius, headings, map_std)
+        making.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
-        from ambinav.maps import schema
         from ambinav.maps.store import check_target
 
         check_writable(output)
         check_target(output)
-        names = options.layer_names(layers, scanner)
-        environment, chosen = options.load(map_file, scanner, spacing, level, unit)
-        options.announce(
-            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
-        )
+        environment, chosen = making.load(map_file, scanner, building)
+        making.announce(environment, chosen)
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
-            amap = options.make_map(
-                environment,
-                chosen,
-                spacing=spacing,
-                radius=radius,
-                headings=headings,
-                map_std=map_std,
-                progress=bars("ambiguity"),
-                layers=names,
-                robot_radius=robot_radius,
-            )
+            amap = making.build(environment, chosen, bars("ambiguity"), robot_radius)
         seconds = time.perf_counter() - start
         amap.save(output)
         if as_json:
-            from ambinav.maps.floor_parts import FloorParts
-
-            parts = FloorParts.of(amap)
-            result = {
-                "output": str(output),
-                "environment": environment.name,
-                "scanner": chosen.name,
-                "cells": int(amap.dataset["free"].sum()),
-                "free_area_m2": round(amap.free_area, 2),
-                "explored_area_m2": round(parts.area(parts.counted), 2),
-                "unexplored_area_m2": round(parts.area(parts.unexplored), 2),
-                "layers": list(schema.added(amap.dataset)),
-                "cost_layer": amap.cost_layer,
-                "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,
-                "zones": [
-                    {"zone": s.zone, "share": round(s.share, 4), "area_m2": round(s.area, 2)}
-                    for s in amap.zone_shares(mask=parts.counted)
-                ],
-                "seconds": round(seconds, 3),
-            }
-            typer.echo(json.dumps(result, indent=2))
+            named = {"environment": environment.name, "scanner": chosen.name}
+            figures = {"output": str(output), **named, **_figures(amap)}
+            typer.echo(json.dumps({**figures, "seconds": round(seconds, 3)}, indent=2))
         else:
             typer.echo(repr(amap))
             typer.echo(f"map: {output}")
+
+
+def _figures(amap: AmbiguityMap) -> dict[str, Any]:
+    """What --json says of a map."""
+    from ambinav.maps import schema
+    from ambinav.maps.floor_parts import FloorParts
+
+    parts = FloorParts.of(amap)
+    return {
+        "cells": int(amap.dataset["free"].sum()),
+        "free_area_m2": round(amap.free_area, 2),
+        "explored_area_m2": round(parts.area(parts.counted), 2),
+        "unexplored_area_m2": round(parts.area(parts.unexplored), 2),
+        "layers": list(schema.added(amap.dataset)),
+        "cost_layer": amap.cost_layer,
+        "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,
+        "zones": [
+            {"zone": s.zone, "share": round(s.share, 4), "area_m2": round(s.area, 2)}
+            for s in amap.zone_shares(mask=parts.counted)
+        ],
+    }

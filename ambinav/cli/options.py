@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import inspect
-import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.errors import InputError
-
-if TYPE_CHECKING:
-    from ambinav.geometry.environment import Environment
-    from ambinav.maps.ambiguity_map import AmbiguityMap
-    from ambinav.sensing.scanner import RangeScanner
-
-LONG_SECONDS = 60.0
-"""A map that takes longer is announced."""
-LARGE_BYTES = 4e9
-"""A map that takes more memory is announced."""
 
 
 def _complete_preset(begun: str) -> list[str]:
@@ -52,81 +41,6 @@ Scanner = Annotated[
         autocompletion=_complete_preset,
     ),
 ]
-Level = Annotated[
-    str | None,
-    typer.Option(
-        "--level",
-        metavar="NAME|INDEX",
-        help="The floor of a plan whose features have several levels.",
-        show_default="the only one",
-    ),
-]
-Unit = Annotated[
-    str | None,
-    typer.Option(
-        "--unit",
-        metavar="m|cm|mm",
-        help="What a drawn plan's coordinates are in.",
-        show_default="metres, where they make a building",
-    ),
-]
-Spacing = Annotated[
-    float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
-]
-Radius = Annotated[
-    float,
-    typer.Option(
-        "--ambiguity-radius",
-        metavar="M",
-        help="How far around a pose its scan is compared with others, metres.",
-    ),
-]
-Headings = Annotated[
-    int | None,
-    typer.Option(
-        "--headings",
-        metavar="N",
-        help="Number of headings that the map has.",
-        show_default="the scanner decides",
-    ),
-]
-MapStd = Annotated[
-    float | None,
-    typer.Option(
-        "--map-std",
-        metavar="M",
-        help="Standard deviation of the walls in the map, metres.",
-        show_default="0.03 for occupancy maps, 0.02 for drawings",
-    ),
-]
-Layers = Annotated[
-    str | None,
-    typer.Option(
-        "--layers",
-        metavar="NAMES",
-        help="Further layers, e.g. fisher,gfm; all: those that the scanner can have, but aliasing.",
-        show_default="none",
-    ),
-]
-RobotRadius = Annotated[
-    float | None,
-    typer.Option(
-        "--robot-radius",
-        metavar="M",
-        help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
-        "count.",
-        show_default="the scanner's robot_radius, or 0.2",
-    ),
-]
-Start = Annotated[
-    tuple[float, float] | None,
-    typer.Option(
-        "--start",
-        metavar="X Y",
-        help="Where the robot starts, map frame, metres.",
-        show_default="the largest piece of floor",
-    ),
-]
 Pictures = Annotated[
     str,
     typer.Option("--pictures", metavar="png|svg", help="Format of the pictures in the report."),
@@ -134,8 +48,6 @@ Pictures = Annotated[
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
 ]
-
-
 Force = Annotated[
     bool,
     typer.Option(
@@ -165,13 +77,15 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
         groups[parameter.name] = kind
         types = get_type_hints(kind, include_extras=True)
         for field in dataclasses.fields(kind):
-            get_args(types[field.name])[1].rich_help_panel = vars(kind)["PANEL"]
+            plain, info = get_args(types[field.name])
+            info = copy.copy(info)  # which commands without the group may share
+            info.rich_help_panel = vars(kind)["PANEL"]
             parameters.append(
                 inspect.Parameter(
                     field.name,
                     inspect.Parameter.KEYWORD_ONLY,
                     default=field.default,
-                    annotation=types[field.name],
+                    annotation=Annotated[plain, info],
                 )
             )
 
@@ -197,141 +111,3 @@ def check_pictures(image_format: str) -> None:
 
     if image_format not in FORMATS:
         raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
-
-
-def check_plan_options(map_file: object, level: str | None, unit: str | None) -> None:
-    """Check that --level and --unit come with a building.
-
-    Raises:
-        InputError: they come without.
-    """
-    for option, value in (("--level", level), ("--unit", unit)):
-        if value is not None and not map_file:
-            raise InputError(f"{option}: {value!r} says something of a plan; give it with --map.")
-
-
-def check_numbers(
-    spacing: float, radius: float, headings: int | None, map_std: float | None
-) -> None:
-    """Check what can be checked before the map is read.
-
-    Raises:
-        InputError: an option has a value that cannot be used.
-    """
-    above_zero(spacing, "--spacing", "0.1")
-    above_zero(radius, "--ambiguity-radius", "0.5")
-    not_negative(map_std, "--map-std", "0.05")
-    if headings is not None and headings < 1:
-        raise InputError(f"--headings: {headings} is not a number of headings; give 1 or more.")
-
-
-def layer_names(layers: str | None, scanner: str) -> tuple[str, ...]:
-    """The names in `--layers`, checked before the map is read.
-
-    Raises:
-        InputError: there is no such layer, or the scanner cannot be used or cannot have it.
-    """
-    if layers is None:
-        return ()
-    from ambinav.ambiguity.layers.registry import chosen_layers
-    from ambinav.sensing.scanner import RangeScanner
-
-    names = [name.strip() for name in layers.split(",")]
-    return tuple(layer.name for layer in chosen_layers(names, RangeScanner.load(scanner)))
-
-
-def load(
-    map_file: Path,
-    scanner: str,
-    spacing: float,
-    level: str | None = None,
-    unit: str | None = None,
-) -> tuple[Environment, RangeScanner]:
-    """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
-
-    Raises:
-        InputError: one cannot be used, or the spacing exceeds the building.
-    """
-    from ambinav.geometry.io.load import load_environment
-    from ambinav.sensing.presets import preset_names
-    from ambinav.sensing.scanner import RangeScanner
-
-    chosen = RangeScanner.load(scanner)
-    if str(map_file) in preset_names():
-        raise InputError(
-            f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
-        )
-    environment = load_environment(map_file, level=level, unit=unit)
-    xmin, ymin, xmax, ymax = environment.bounds
-    if spacing > max(xmax - xmin, ymax - ymin):
-        raise InputError(
-            f"--spacing: {spacing:g} m is larger than the building in {map_file} "
-            f"({xmax - xmin:.3g} x {ymax - ymin:.3g} m); give less, e.g. 0.1."
-        )
-    return environment, chosen
-
-
-def announce(
-    environment: Environment,
-    scanner: RangeScanner,
-    *,
-    spacing: float,
-    radius: float,
-    headings: int | None,
-    layers: tuple[str, ...] = (),
-) -> None:
-    """Say on stderr, before a map that takes long is begun, how long and how much memory.
-
-    And what a wider spacing would make of it.
-    """
-    from ambinav.ambiguity.estimate import coarser, estimate
-
-    if not 0.0 < spacing <= radius:
-        return  # which `build_map` refuses
-    needs = estimate(environment, scanner, spacing, radius, headings)
-    if needs.seconds < LONG_SECONDS and needs.bytes < LARGE_BYTES:
-        return
-    wider = coarser(environment, scanner, spacing, radius, headings, LONG_SECONDS)
-    remedy = "" if wider is None else f"; with --spacing {wider.spacing:g} {wider}"
-    if needs.bytes > os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
-        remedy = f", more than this computer has{remedy}"
-    besides = ", the further layers not counted" if layers else ""
-    headed = "" if needs.headings == 1 else f" with {needs.headings} headings"
-    millions = needs.poses / 1e6
-    poses = f"{millions:.0f}" if millions >= 10.0 else f"{millions:.2g}"
-    note(
-        f"this map takes {needs} ({poses} million poses{headed}, each compared with "
-        f"{needs.neighbours:.0f} others by {needs.beams} beams{besides}){remedy}."
-    )
-
-
-def make_map(
-    environment: Environment,
-    scanner: RangeScanner,
-    *,
-    spacing: float,
-    radius: float,
-    headings: int | None,
-    map_std: float | None,
-    progress: Progress,
-    layers: tuple[str, ...] = (),
-    robot_radius: float = 0.0,
-) -> AmbiguityMap:
-    """Build the map.
-
-    Raises:
-        InputError: an option does not suit this building.
-    """
-    from ambinav.ambiguity.build import build_map
-
-    return build_map(
-        environment,
-        scanner,
-        spacing=spacing,
-        radius=radius,
-        headings=headings,
-        map_std=map_std,
-        progress=progress,
-        layers=layers,
-        robot_radius=robot_radius,
-    )

@@ -58,6 +58,21 @@ def reporting() -> Iterator[None]:
             raise typer.Exit(OUR_FAULT) from None
 
 
+@contextlib.contextmanager
+def resumable(output: Path, kept: str) -> Iterator[None]:
+    """Say, where a command is interrupted that can go on from what it has, where that is."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        from ambinav.runfolder import WORK
+
+        _say(
+            f"ambinav: interrupted; {kept} in {output / WORK}, and the same command goes on from "
+            "there."
+        )
+        raise typer.Exit(INTERRUPTED) from None
+
+
 class _Notes:
     """Prints input warnings, each once."""
 

@@ -10,6 +10,7 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
+from ambinav.compare.main_guard import check_guarded
 from ambinav.compare.pictures import PICTURES, is_picture, save_overview, save_pictures, slug
 from ambinav.compare.plans import Plan, check_plans, make_plans
 from ambinav.compare.runs import drive_all
@@ -68,8 +69,10 @@ def compare(
 
     Raises:
         InputError: see `RunFolder.check`, `check_plans`, `make_plans`, `make_worlds` and
-            `drive_all`; or another call is at work in `folder`.
+            `drive_all`; another call is at work in `folder`; or a script calls this that is not
+            guarded (`check_guarded`).
     """
+    check_guarded("compare")
     out = FOLDER.check(folder)
     check_plans(loaded)
     with FOLDER.hold(out):

@@ -8,7 +8,7 @@ runs the pairs are drawn, so that what both routes have in common cancels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -137,17 +137,72 @@ def _interval(
     if count == 0:
         return Interval(math.nan, math.nan, math.nan, 0)
     of = STATISTICS[statistic]
-    drawn = []
-    step = max(1, AT_ONCE // rows.size)
-    for low in range(0, draws, step):
-        index = rng.integers(0, count, size=(min(step, draws - low), count))
-        drawn.append(_compared(of(rows[index], axis=1), ratio))
-    # Inverted, not interpolated: an end is one of the draws, so that infinite ratios do no harm.
-    ends = np.quantile(
-        np.concatenate(drawn), [0.5 - level / 2, 0.5 + level / 2], method="inverted_cdf"
-    )
+    drawn = [
+        _compared(of(rows[rng.integers(0, count, size=(made, count))], axis=1), ratio)
+        for made in at_once(draws, rows.size)
+    ]
     value = _compared(of(rows, axis=0)[None], ratio)[0]
-    return Interval(float(value), float(ends[0]), float(ends[1]), count)
+    return percentiles(value, np.concatenate(drawn), count, level)
+
+
+def at_once(draws: int, size: int) -> Iterator[int]:
+    """How many draws to make at a time, so that few enough numbers are held.
+
+    Args:
+        draws: How many there are to be.
+        size: Numbers that a draw holds.
+    """
+    step = max(1, AT_ONCE // max(size, 1))
+    for low in range(0, draws, step):
+        yield min(step, draws - low)
+
+
+def percentiles(value: float, drawn: Floats, count: int, level: float = LEVEL) -> Interval:
+    """The percentile interval of a figure.
+
+    Args:
+        value: Of the runs as they are.
+        drawn: Of each draw; nan where a draw has none, which is left out.
+        count: Of how many runs.
+        level: Of the interval.
+    """
+    drawn = drawn[~np.isnan(drawn)]
+    if count == 0 or len(drawn) == 0:
+        return Interval(math.nan, math.nan, math.nan, int(count))
+    # Inverted, not interpolated: an end is one of the draws, so that infinite ratios do no harm.
+    ends = np.quantile(drawn, [0.5 - level / 2, 0.5 + level / 2], method="inverted_cdf")
+    return Interval(float(value), float(ends[0]), float(ends[1]), int(count))
+
+
+def grouped_weights(
+    group: NDArray[np.generic], rng: np.random.Generator, draws: int = DRAWS
+) -> Iterator[Floats]:
+    """How often each draw holds each run, where runs come in groups.
+
+    Runs of one group have something in common (a building's walls), so they say less than as many
+    of groups of their own. Davison and Hinkley, "Bootstrap Methods and their Application" (1997),
+    section 3.8: groups are drawn with replacement, then runs in each of them. Where there is one
+    group alone the interval is about that one.
+
+    Args:
+        group: Of each run, shape (R,); any values.
+        rng: The source of randomness.
+        draws: How often to draw.
+
+    Yields:
+        Whole numbers, shape (D, R), of `draws` draws together.
+    """
+    _, number = np.unique(group, return_inverse=True)
+    members = [np.flatnonzero(number == k) for k in range(number.max(initial=-1) + 1)]
+    count = len(members)
+    for made in at_once(draws, len(number)):
+        weights = np.zeros((made, len(number)))
+        copies = rng.multinomial(count, np.full(count, 1.0 / count), size=made)
+        for k, rows in enumerate(members):
+            # The copies of a group draw their runs one by one: all of them at once.
+            even = np.full(len(rows), 1.0 / len(rows))
+            weights[:, rows] = rng.multinomial(len(rows) * copies[:, k], even)
+        yield weights
 
 
 def _compared(values: Floats, ratio: bool | None) -> Floats:

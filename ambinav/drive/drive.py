@@ -126,14 +126,8 @@ def drive(
     runs = as_count(runs, "runs")
     deviations = _checked(rate, start_std, max_time)
     course = Course.of(route.poses, route.steering)
-    start = route.steering.oriented(route.poses)[0]
     checker = CollisionChecker(world, robot.footprint, Steering(), simulated=True)
-    why = checker.why_not(*start.tolist())
-    if why is not None:
-        raise InputError(
-            f"route: its start, ({start[0]:.2f}, {start[1]:.2f}) m, is {why}; "
-            "give a route that starts where the robot fits."
-        )
+    start = _start(route, checker)
     # Streams of their own, so that what one part draws changes nothing for the others.
     *streams, own = rng.spawn(5)
     odometry_states, reading_states, walkers, start_states = (
@@ -146,10 +140,9 @@ def drive(
     else:
         steps = 1 + math.ceil(_patience(route, course, robot, follower, max_time) * rate)
     robots = Robots(start, robot, course, follower, noise, checker, odometry_states, dt, path)
-    sight = Readings(world, scanner)
-    crowd, size = None, 0.0
+    sight, crowd = Readings(world, scanner), None
     if people is not None and people.count:
-        crowd, size = Crowd(world, people, robot.radius, robots.truth, walkers), people.radius
+        crowd = Crowd(world, people, robot.radius, robots.truth, walkers)
     context = LocalizerContext(environment, scanner, noise, runs, own)
     estimator = _localizer(localizer, context, robot, rate)
     covariance = np.zeros((runs, 3, 3))
@@ -165,8 +158,8 @@ def drive(
     looks = keep_ranges or estimator is not None or steered is not None
     for k in range(steps):
         if looks:
-            places = None if crowd is None else crowd.places
-            ranges = sight.capture(sight.true_ranges(robots.truth, places, size), reading_states)
+            others = () if crowd is None else (crowd.places, crowd.people.radius)
+            ranges = sight.capture(sight.true_ranges(robots.truth, *others), reading_states)
         belief = robots.truth.copy()
         if estimator is not None:
             fresh = np.asarray(estimator.update(robots.odometry.copy(), ranges), dtype=np.bool_)
@@ -197,6 +190,18 @@ def _checked(rate: float, start_std: ArrayLike, max_time: float | None) -> Float
             f"start_std is {deviations.tolist()}; give the deviations of x, y and heading, above 0."
         )
     return deviations
+
+
+def _start(route: Route, checker: CollisionChecker) -> Floats:
+    """The first pose; complains where the robot does not fit there."""
+    start: Floats = route.steering.oriented(route.poses)[0]
+    why = checker.why_not(*start.tolist())
+    if why is not None:
+        raise InputError(
+            f"route: its start, ({start[0]:.2f}, {start[1]:.2f}) m, is {why}; "
+            "give a route that starts where the robot fits."
+        )
+    return start
 
 
 def _patience(

@@ -11,14 +11,15 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.config import from_mapping
-from ambinav.drive.localizers import Localizer
+from ambinav.drive.localizers import Floats, Localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.plugins import Registry
+from ambinav.plugins import Calling, Registry
 from ambinav.sensing.scanner import RangeScanner
 
 DEFAULT: Final = "mcl"
@@ -103,6 +104,34 @@ LOCALIZERS: Final = Registry(
 """All localizers. The environments have those of `simulation.layout.LOCALIZERS`, compiled."""
 
 
+class _Plugged:
+    """A plug-in's localizer, whose failures name the plug-in; see `Localizer`."""
+
+    def __init__(self, made: Localizer, calling: Calling) -> None:
+        self._made = made
+        self._calling = calling
+
+    @property
+    def mean(self) -> Floats:
+        with self._calling:
+            return self._made.mean
+
+    @property
+    def covariance(self) -> Floats:
+        with self._calling:
+            return self._made.covariance
+
+    def start(self, poses: Floats, covariance: Floats) -> None:
+        with self._calling:
+            self._made.start(poses, covariance)
+
+    def update(
+        self, odometry: Floats, ranges: NDArray[np.float32]
+    ) -> NDArray[np.bool_] | NDArray[np.int64]:
+        with self._calling:
+            return self._made.update(odometry, ranges)
+
+
 @dataclass(frozen=True)
 class ChosenLocalizer:
     """A localizer with its parameters.
@@ -118,7 +147,8 @@ class ChosenLocalizer:
     @property
     def title(self) -> str:
         """The localizer in words, as reports name it."""
-        detail = self.spec.detail(self.parameters)
+        with LOCALIZERS.calling(self.spec.name):
+            detail = self.spec.detail(self.parameters)
         return f"{self.spec.title} ({detail})" if detail else self.spec.title
 
     @property
@@ -129,20 +159,25 @@ class ChosenLocalizer:
     @property
     def identity(self) -> tuple[str, Any, str]:
         """What its estimates depend on: name, parameters, and a checksum of the file it is in."""
-        code = Path(inspect.getfile(self.spec.make)).read_bytes()
+        with LOCALIZERS.calling(self.spec.name):
+            code = Path(inspect.getfile(self.spec.make)).read_bytes()
         return self.spec.name, self.parameters, hashlib.sha256(code).hexdigest()
 
     def note(self, scanner: RangeScanner) -> str | None:
         """One sentence on a localizer that cannot use the scanner; None where it can."""
-        return self.spec.note(self.parameters, scanner)
+        with LOCALIZERS.calling(self.spec.name):
+            return self.spec.note(self.parameters, scanner)
 
     def make(self, context: LocalizerContext) -> Localizer | None:
         """The localizer itself; None stands for one that knows the truth.
 
         Raises:
-            InputError: it cannot be made of these parameters.
+            InputError: it cannot be made of these parameters, or is a plug-in's and fails.
         """
-        return self.spec.make(self.parameters, context)
+        calling = LOCALIZERS.calling(self.spec.name)
+        with calling:
+            made = self.spec.make(self.parameters, context)
+        return _Plugged(made, calling) if made is not None and calling.whose else made
 
 
 def chosen_localizer(
@@ -164,8 +199,9 @@ def chosen_localizer(
     spec = LOCALIZERS.get(name)
     if given and not dataclasses.fields(spec.parameters):
         raise InputError(f"{next(iter(given))} means nothing to the localizer {name!r}; drop it")
-    values = {**spec.defaults(Motion(noise, robot, rate)), **given}
-    return ChosenLocalizer(spec, from_mapping(spec.parameters, values))
+    with LOCALIZERS.calling(name):
+        values = {**spec.defaults(Motion(noise, robot, rate)), **given}
+        return ChosenLocalizer(spec, from_mapping(spec.parameters, values))
 
 
 def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, Any] | str:
@@ -175,7 +211,8 @@ def suited(plain: Mapping[str, Any] | str, scanner: RangeScanner) -> dict[str, A
         InputError: the type is unknown.
     """
     name, given = _split(plain)
-    more = LOCALIZERS.get(name).suited(scanner, given)
+    with LOCALIZERS.calling(name):
+        more = dict(LOCALIZERS.get(name).suited(scanner, given))
     if not more:
         return plain if isinstance(plain, str) else dict(plain)
     return {"type": name, **more, **given}

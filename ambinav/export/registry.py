@@ -31,6 +31,9 @@ class Exporter:
         uses: Of a map: the options (fields of `export.options.ExportOptions`) that it looks at.
         needs: Packages that it imports and a user may not have, by the name of the import.
         extra: The optional dependencies that bring them: "geotiff" of `ambinav[geotiff]`.
+        read: Of a route: from the file's path to a `Route`, perhaps one that is not measured
+            (`Route.through`); it raises `InputError` where the file cannot be used. None: files of
+            this format are only written.
     """
 
     subject: Subject
@@ -42,11 +45,17 @@ class Exporter:
     uses: frozenset[str] = frozenset()
     needs: tuple[str, ...] = ()
     extra: str = ""
+    read: Callable[[Path], Any] | None = None
 
     @property
     def name(self) -> str:
         """The name in the registry, and of an entry point: "route-gpx"; of a map the format."""
         return self.format if self.subject == "map" else f"{self.subject}-{self.format}"
+
+    def written(self, what: Any, path: Path) -> tuple[Path, ...]:
+        """Call `write`; the failure of a plug-in is an `InputError` that names it."""
+        with EXPORTERS.calling(self.name):
+            return tuple(map(Path, self.write(what, path)))
 
 
 EXPORTERS: Final = Registry(

@@ -89,14 +89,11 @@ def linear(
                 if c < 0 or c >= nx:
                     continue
                 weight = (wx if a else 1.0 - wx) * (wy if b else 1.0 - wy)
-                low = values[r, c, t0]
-                high = values[r, c, t1]
-                if weight * (1.0 - wt) > 0.0 and not math.isnan(low):
-                    total += weight * (1.0 - wt) * low
-                    weights += weight * (1.0 - wt)
-                if weight * wt > 0.0 and not math.isnan(high):
-                    total += weight * wt * high
-                    weights += weight * wt
+                for t, share in ((t0, 1.0 - wt), (t1, wt)):
+                    value = values[r, c, t]
+                    if weight * share > 0.0 and not math.isnan(value):
+                        total += weight * share * value
+                        weights += weight * share
         if weights > 0.0:
             out[i] = total / weights
     return out
@@ -137,13 +134,20 @@ def corner(u, count):
     return low, u - low
 
 
-@kernel(forceinline=True)
-def value_at(u, v, w, values):
-    """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
-    rows, columns, headings = values.shape
+@kernel(inline="always")
+def value_on_floor(u, v, t, values):
+    """Value at lattice coordinates u (columns) and v (rows) of one of the headings."""
+    rows, columns = values.shape[0], values.shape[1]
     c, a = corner(u, columns)
     r, b = corner(v, rows)
     c1, r1 = min(c + 1, columns - 1), min(r + 1, rows - 1)
+    return bilinear(values[r, c, t], values[r, c1, t], values[r1, c, t], values[r1, c1, t], a, b)
+
+
+@kernel(forceinline=True)
+def value_at(u, v, w, values):
+    """Value at lattice coordinates u (columns), v (rows), w (headings, periodic)."""
+    headings = values.shape[2]
     turn = math.floor(w)
     share = w - turn
     t0 = int(turn) % headings
@@ -151,19 +155,8 @@ def value_at(u, v, w, values):
     for side in range(2 if headings > 1 else 1):
         t = t0 if side == 0 else (t0 + 1) % headings
         weight = 1.0 if headings == 1 else (share if side else 1.0 - share)
-        total += weight * bilinear(
-            values[r, c, t], values[r, c1, t], values[r1, c, t], values[r1, c1, t], a, b
-        )
+        total += weight * value_on_floor(u, v, t, values)
     return total
-
-
-@kernel(inline="always")
-def value_on_floor(u, v, values):
-    """As `value_at`, of a field without headings."""
-    c, a = corner(u, values.shape[1])
-    r, b = corner(v, values.shape[0])
-    c1, r1 = min(c + 1, values.shape[1] - 1), min(r + 1, values.shape[0] - 1)
-    return bilinear(values[r, c, 0], values[r, c1, 0], values[r1, c, 0], values[r1, c1, 0], a, b)
 
 
 @kernel(inline="always")

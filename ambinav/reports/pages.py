@@ -6,13 +6,13 @@ import base64
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 
 def fill(
     package: str, template: str, filters: Mapping[str, Callable[..., str]], **values: object
 ) -> str:
-    """Fill a template of a package's folder templates.
+    """Fill a template of a package's folder templates, which may build on those beside this file.
 
     Args:
         package: Such as "ambinav.audit".
@@ -21,7 +21,7 @@ def fill(
         values: What the template asks for; a missing one is an error.
     """
     templates = Environment(
-        loader=PackageLoader(package, "templates"),
+        loader=ChoiceLoader([PackageLoader(package), PackageLoader("ambinav.reports")]),
         autoescape=template.endswith(".html.j2"),
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -11,14 +11,11 @@ import numpy as np
 
 from ambinav.config import checked, read_text
 from ambinav.errors import InputError
-from ambinav.export.registry import Exporter, exporter
+from ambinav.export.registry import EXPORTERS, Exporter, exporter, formats
 from ambinav.files import replacing
 from ambinav.routes import table
 from ambinav.routes.record import Figures, Waypoint, figures, route_of, waypoints
 from ambinav.routes.route import Floats, Route
-
-FORMATS: Final = (".csv", ".geojson", ".json")
-"""Endings of files that a route can be read from again."""
 
 TRACE_STEP: Final = 0.05
 """Metres between the points that curves are drawn with for those who only know straight lines."""
@@ -43,21 +40,36 @@ def save_route(route: Route, path: str | Path) -> None:
         InputError: another ending, or the place is not writable.
     """
     path = Path(path)
-    exporter("route", path).write(route, path)
+    exporter("route", path).written(route, path)
 
 
 def load_route(path: str | Path) -> Route:
-    """Read a route that `save_route` wrote; its poses are exactly those that were saved.
+    """Read a route that `save_route` wrote; from our own formats its poses come back exactly.
 
     Raises:
-        InputError: there is no such file, or it is not a route; the message names the line or
-            field and the value.
+        InputError: there is no such file, it is not a route, or routes of its format are only
+            written; the message names the line or field and the value.
     """
     path = Path(path)
-    kind = _readable(path)
+    one = exporter("route", path)
+    if one.read is None:
+        every = (EXPORTERS.get(f"route-{name}") for name in formats("route"))
+        able = ", ".join(f".{other.format}" for other in every if other.read is not None)
+        raise InputError(f"{path}: routes are only written as .{one.format}; give one of {able}.")
+    with EXPORTERS.calling(one.name):
+        route = one.read(path)
+        if not isinstance(route, Route):
+            raise TypeError(f"it is no Route but {route!r}")
+    return route
+
+
+def _read_table(path: Path) -> Route:
+    return table.route_of_text(read_text(path), str(path))
+
+
+def _read_json(path: Path, member: str) -> Route:
+    """The route whose figures and poses are in a member of a JSON file."""
     text = read_text(path)
-    if kind == ".csv":
-        return table.route_of_text(text, str(path))
     try:
         whole = json.loads(text)
     except json.JSONDecodeError as error:
@@ -66,7 +78,6 @@ def load_route(path: str | Path) -> Route:
         ) from error
     except RecursionError as error:
         raise InputError(f"{path}: nested too deeply for a route; save it again.") from error
-    member = "properties" if kind == ".geojson" else "ambinav"
     content = whole.get(member) if isinstance(whole, dict) else None
     if not isinstance(content, dict) or not isinstance(content.get("poses"), list):
         raise InputError(
@@ -79,21 +90,6 @@ def load_route(path: str | Path) -> Route:
         for i, plain in enumerate(content["poses"])
     ]
     return route_of(checked(Figures, rest, f"{path}: {member}"), points, str(path))
-
-
-def _readable(path: Path) -> str:
-    """The ending of a route's file, in lower case.
-
-    Raises:
-        InputError: no format that can be read has this ending.
-    """
-    kind = path.suffix.lower()
-    if kind not in FORMATS:
-        raise InputError(
-            f"{path}: the ending {kind!r} names no format that routes are read from; choose "
-            f"{', '.join(FORMATS)}."
-        )
-    return kind
 
 
 def trace(route: Route, step: float = TRACE_STEP) -> Floats:
@@ -161,16 +157,19 @@ CSV: Final = Exporter(
     format="csv",
     title="figures in lines that begin with #, then a table of the poses",
     write=lambda route, path: _write(path, table.text_of(route)),
+    read=_read_table,
 )
 GEOJSON: Final = Exporter(
     subject="route",
     format="geojson",
     title="a Feature with a LineString in the map frame, figures and poses as its properties",
     write=lambda route, path: _write_json(path, _feature(route)),
+    read=lambda path: _read_json(path, "properties"),
 )
 PATH_MESSAGE: Final = Exporter(
     subject="route",
     format="json",
     title="the fields of a ROS nav_msgs/Path in the frame `map`, with figures and poses",
     write=lambda route, path: _write_json(path, _path_message(route)),
+    read=lambda path: _read_json(path, "ambinav"),
 )

@@ -72,7 +72,13 @@ _UPPER: Final = np.triu_indices(3)
 
 
 def figures(route: Route) -> Figures:
-    """The figures of a route."""
+    """The figures of a route.
+
+    Raises:
+        InputError: nobody has measured it.
+    """
+    if math.isnan(route.length):
+        raise InputError("the route is not measured; `evaluate_route` measures it on a map.")
     same = {field.name for field in fields(route)} & set(Figures.model_fields)
     return Figures.model_validate(
         {name: getattr(route, name) for name in same}

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
-from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 
 Floats = NDArray[np.float64]
 
@@ -85,6 +86,60 @@ class Route:
     iterations: int | None
     curve: tuple[tuple[float, float], ...]
     covariances: Floats | None
+
+    @classmethod
+    def through(
+        cls, points: ArrayLike, steering: Steering | None = None, planner: str = "given"
+    ) -> Route:
+        """A route whose figures nobody has measured: they are nan; `evaluate_route` measures it.
+
+        Args:
+            points: x, y in metres, or x, y and heading in radians, map frame, shape (N, 2 or 3).
+                In "r2" the headings follow from the travel.
+            steering: The kind of motion; None: straight, "r2".
+            planner: Who found it.
+
+        Raises:
+            InputError: there are fewer than two points, of another shape, or not finite.
+        """
+        steering = steering or Steering()
+        poses = np.asarray(points, dtype=np.float64)
+        if poses.ndim == 2 and poses.shape[1] == 2:
+            poses = np.column_stack([poses, np.zeros(len(poses))])
+        poses = steering.oriented(poses)
+        if len(poses) < 2:
+            raise InputError(f"poses: a route needs two or more, and there are {len(poses)}.")
+        unknown = np.full(len(poses), np.nan)
+        return cls(
+            poses=poses,
+            steering=steering,
+            planner=planner,
+            seed=None,
+            environment="",
+            scanner="",
+            layer="",
+            weight=0.0,
+            power=1.0,
+            clearance_weight=0.0,
+            comfort=0.0,
+            length=np.nan,
+            cost=np.nan,
+            exposure=np.nan,
+            zone_metres=dict.fromkeys(ZONES, np.nan),
+            longest_bad=np.nan,
+            longest_corridor=np.nan,
+            longest_open=np.nan,
+            turn=np.nan,
+            distance=unknown,
+            spent=unknown,
+            levels=unknown,
+            zones=np.full(len(poses), NOT_FREE, dtype=np.uint8),
+            seconds=0.0,
+            first_seconds=None,
+            iterations=None,
+            curve=(),
+            covariances=None,
+        )
 
     @property
     def start(self) -> tuple[float, float, float]:

@@ -24,12 +24,12 @@ class ScannerPreset:
     Attributes:
         name: What `RangeScanner.from_preset` and `--scanner` take.
         yaml: The text of its scanner file (`scanner_file`).
-        origin: Where the text is from, as messages name it.
+        origin: The file of the text, as messages name it; "" for a plug-in's.
     """
 
     name: str
     yaml: str
-    origin: str = "scanner preset"
+    origin: str = ""
 
 
 def _shipped(path: Path) -> ScannerPreset:

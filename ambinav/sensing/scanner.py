@@ -185,7 +185,8 @@ class RangeScanner:
                 plug-in cannot be used.
         """
         preset = PRESETS.get(name)
-        return cls.from_yaml_text(preset.yaml, file=preset.origin, default_name=name)
+        file = preset.origin or PRESETS.calling(name).whose
+        return cls.from_yaml_text(preset.yaml, file=file, default_name=name)
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> RangeScanner:

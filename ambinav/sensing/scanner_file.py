@@ -88,7 +88,8 @@ def _sensor(plain: object) -> RangeSensor:
     if not isinstance(plain, str):
         return RangeSensor.from_plain(plain, "sensor")
     preset = PRESETS.get(plain)
-    kinds = {part.sensor for part in parse_scanner(preset.yaml, preset.origin, plain).parts}
+    origin = preset.origin or PRESETS.calling(plain).whose
+    kinds = {part.sensor for part in parse_scanner(preset.yaml, origin, plain).parts}
     if len(kinds) != 1:
         raise InputError(
             f"the preset {plain!r} has {len(kinds)} kinds of sensor; name one that has a single "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_number, parse_yaml, read_text
+from ambinav.config import as_number, from_mapping, parse_yaml, read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import SENSOR, kind_of, refuse
@@ -20,6 +21,7 @@ from ambinav.sensing import curves
 from ambinav.sensing.calibration import CalibrationFit, StdModel
 from ambinav.sensing.curves import Curve
 from ambinav.sensing.sensor_file import parse_sensor, render_sensor
+from ambinav.sensing.sensor_models import SENSOR_MODELS
 
 MOST_BINS = 10_000_000
 NUMBERS = ("aperture", "min_range", "max_range", "resolution", "random_share", "lost_share")
@@ -243,7 +245,15 @@ class RangeSensor:
 
     @classmethod
     def from_plain(cls, plain: object, where: str) -> RangeSensor:
-        """Make a sensor of what YAML gave; `where` names the place in messages."""
+        """Make a sensor of what YAML gave; `where` names the place in messages.
+
+        With the key `model`, a sensor model makes it (`sensor_models`), of the other keys.
+
+        Raises:
+            InputError: a field or the model is of no use, or the model is a plug-in's and fails.
+        """
+        if isinstance(plain, Mapping) and "model" in plain:
+            return _modelled(dict(plain), where)
         values = parse_sensor(plain, where)
         try:
             return cls(**values)
@@ -261,6 +271,19 @@ class RangeSensor:
             with replacing(Path(path)) as fresh:
                 fresh.write_text(text, encoding="utf-8")
         return text
+
+
+def _modelled(plain: dict[str, Any], where: str) -> RangeSensor:
+    name = str(plain.pop("model"))
+    try:
+        model = SENSOR_MODELS.get(name)
+        with SENSOR_MODELS.calling(name):
+            sensor = model.make(from_mapping(model.parameters, plain))
+            if not isinstance(sensor, RangeSensor):
+                raise TypeError(f"it is no RangeSensor but {sensor!r}")
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+    return sensor
 
 
 def _true_ranges(values: ArrayLike) -> NDArray[np.float64]:

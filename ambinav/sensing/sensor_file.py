@@ -11,6 +11,10 @@ std: {polynomial: [0.002, 0.005]}
 max_incidence_deg: 25       # left out: every angle returns an echo
 random_share: 0.01          # the default
 lost_share: 0.0             # the default
+
+Or, of a model that a plug-in brings, its name and its own fields (`sensor_models`):
+
+model: stereo
 """
 
 from __future__ import annotations

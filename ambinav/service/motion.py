@@ -177,7 +177,7 @@ def _integral_arc(x, y, t, length, curvature, values, left, low, inverse):
     total = 0.0
     for i in range(count):
         if headings == 1:
-            total += value_on_floor(u + radius * sine, v - radius * cosine, values)
+            total += value_on_floor(u + radius * sine, v - radius * cosine, 0, values)
         else:
             w = (t + (i + 0.5) * each) * per_turn
             total += value_at(u + radius * sine, v - radius * cosine, w, values)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import FAST, compare
+from ambinav.ambiguity.kernel import pose_sums
 from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.kernels import kernel
@@ -28,7 +28,8 @@ def displaced_figures(
     ranges: NDArray[np.float32],
     angles: Floats,
     heading: Floats,
-    offsets: Floats,
+    steps: NDArray[np.int64],
+    spacing: float,
     free: NDArray[np.bool_],
     directions: Floats,
     beams: BeamTable,
@@ -46,7 +47,8 @@ def displaced_figures(
         ranges: Readings, shape (S, B), metres.
         angles: Their directions, shape (B,), radians, rising.
         heading: Of each scan's laser in the map frame, shape (S,), radians.
-        offsets: Displacements, shape (K, 2), metres, map frame; one of them is (0, 0).
+        steps: Displacements along y and x in steps, shape (K, 2), map frame; one is (0, 0).
+        spacing: Of a step, metres.
         free: Which of them a robot can reach, shape (S, K).
         directions: Beams to compare, shape (P,), radians.
         beams: Their limits and caps.
@@ -60,10 +62,14 @@ def displaced_figures(
     """
     slopes = surface_slopes(ranges, angles)
     sums = np.empty((len(ranges), 7))
+    # The displaced scans are the poses of a lattice around the one that was taken.
+    reach = np.abs(steps).max()
+    index = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int32)
+    index[tuple((steps + reach).T)] = np.arange(len(steps))
     run_rows(
-        _displaced, len(ranges), ranges.astype(np.float64), slopes, angles, heading, offsets, free,
-        directions, beams.limit, beams.inverse_cap, beams.use, beams.spread[0], evidence, tau,
-        *cell_variance, sums,
+        _displaced, len(ranges), ranges.astype(np.float64), slopes, angles, heading, steps,
+        spacing, index, free, directions, beams.limit, beams.inverse_cap, beams.use,
+        beams.spread[0], evidence, tau, *cell_variance, sums,
     )  # fmt: skip
     return relative_radii(sums)
 
@@ -138,53 +144,31 @@ def join(ranges, solid):
                 break
 
 
-@kernel(fastmath=FAST)
-def _moments(data, offsets, free, limit, icap, use, evidence, tau, c0, c2, out):
-    weight, count = 0.0, 0
-    mxx, mxy, myy, fxx, fxy, fyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(offsets.shape[0]):
-        if not free[k]:
-            continue
-        x, y = offsets[k, 0], offsets[k, 1]
-        count += 1
-        fxx += x * x + c0
-        fxy += x * y
-        fyy += y * y + c0
-        alike, ox, oy, _, sxx, sxy, syy, _ = compare(
-            data, 0, k + 1, limit, icap, use, evidence, tau, c0, c2
-        )
-        x += ox
-        y += oy
-        weight += alike
-        mxx += alike * (x * x + sxx)
-        mxy += alike * (x * y + sxy)
-        myy += alike * (y * y + syy)
-    out[0] = weight / count
-    out[1], out[2], out[3] = mxx / weight, mxy / weight, myy / weight
-    out[4], out[5], out[6] = fxx / count, fxy / count, fyy / count
-
-
 @kernel
 def _displaced(
-    low, high, ranges, slopes, angles, heading, offsets, free, directions, limit, icap, use,
-    spread, evidence, tau, c0, c2, sums,
+    low, high, ranges, slopes, angles, heading, steps, spacing, index, free, directions, limit,
+    icap, use, spread, evidence, tau, c0, c2, sums,
 ):  # fmt: skip
-    data = np.zeros((offsets.shape[0] + 1, 5, limit.size), dtype=np.float32)
+    data = np.zeros((steps.shape[0], 5, limit.size), dtype=np.float32)
     data[:, 4] = 1.0
     solid = np.empty(angles.size, dtype=np.int64)
+    marks = np.zeros(index.size, dtype=np.uint8)
+    middle = index.shape[0] // 2
     for s in range(low, high):
         join(ranges[s], solid)
         x, y = ranges[s] * np.cos(angles), ranges[s] * np.sin(angles)
         co, si = math.cos(heading[s]), math.sin(heading[s])
-        for k in range(-1, offsets.shape[0]):
-            ex, ey = 0.0, 0.0
-            if k >= 0:
-                if not free[s, k]:
-                    continue
-                ex = co * offsets[k, 0] + si * offsets[k, 1]
-                ey = co * offsets[k, 1] - si * offsets[k, 0]
+        for k in range(steps.shape[0]):
+            row, column = steps[k, 0], steps[k, 1]
+            marks[(row + middle) * index.shape[1] + column + middle] = 2 if free[s, k] else 0
+            if not (free[s, k] or row == column == 0):
+                continue
+            ox, oy = column * spacing, row * spacing
             displaced_returns(
-                ranges[s], slopes[s], angles, x, y, solid, heading[s], ex, ey, directions,
-                limit[0], spread, data[k + 1],
+                ranges[s], slopes[s], angles, x, y, solid, heading[s], co * ox + si * oy,
+                co * oy - si * ox, directions, limit[0], spread, data[k],
             )  # fmt: skip
-        _moments(data, offsets, free[s], limit, icap, use, evidence, tau, c0, c2, sums[s])
+        pose_sums(
+            middle, middle, index, 0, marks, steps, spacing, data, limit, icap, use, evidence, tau,
+            c0, c2, sums[s],
+        )  # fmt: skip

@@ -226,18 +226,18 @@ def _scan_says(
 ) -> dict[str, Floats]:
     """Figures of scans compared with themselves displaced, over the free neighbourhood."""
     reach = int(model.radius / SPACING + 1e-9)
-    steps = SPACING * np.arange(-reach, reach + 1)
-    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    far = np.hypot(offsets[:, 0], offsets[:, 1])
-    offsets, far = offsets[far <= model.radius + 1e-9], far[far <= model.radius + 1e-9]
+    steps = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
+    dy, dx = SPACING * steps.T
+    near = np.hypot(dx, dy) <= model.radius + 1e-9
+    steps, dx, dy = steps[near], dx[near], dy[near]
     poses = log.required_poses()[index]
     x, y = poses[:, :1], poses[:, 1:2]
-    free = np.asarray(environment.is_free(x + offsets[:, 0], y + offsets[:, 1]))
-    way = np.arctan2(offsets[:, 1], offsets[:, 0])
-    free &= np.asarray(environment.cast(x, y, way[None, :], 2.0 * model.radius)) >= far
+    free = np.asarray(environment.is_free(x + dx, y + dy))
+    way = np.arctan2(dy, dx)[None, :]
+    free &= np.asarray(environment.cast(x, y, way, 2.0 * model.radius)) >= np.hypot(dx, dy)
     table = BeamTable.of(scanner, model.map_std, model.outlier_share)
     return displaced_figures(
-        log.ranges[index], log.angles, np.ascontiguousarray(poses[:, 2]), offsets, free,
+        log.ranges[index], log.angles, np.ascontiguousarray(poses[:, 2]), steps, SPACING, free,
         np.ascontiguousarray(scanner.mounts[:, 2]), table, evidence_of(table), model.tau,
         (SPACING**2 / 4.0, model.sigma_theta**2),
     )  # fmt: skip

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav_envs.observations import ObservationPart
-from ambinav_envs.rewards import RewardTerm
+from ambinav_envs.observations import OBSERVATIONS, ObservationPart
+from ambinav_envs.rewards import REWARD_TERMS, RewardTerm
 from ambinav_envs.robot_states import Seen, Stepped
 
 Floats = NDArray[np.float64]
@@ -49,14 +49,14 @@ class PluggedFunctions:
         parts: Sequence[tuple[ObservationPart, int]],
         dt: float,
     ) -> None:
-        self._terms = tuple(terms)
-        self._parts = tuple(parts)
+        self._terms = tuple((*both, REWARD_TERMS.calling(both[0].name)) for both in terms)
+        self._parts = tuple((*both, OBSERVATIONS.calling(both[0].name)) for both in parts)
         self._dt = dt
 
     def arrays(self, count: int) -> Plugged:
         """Arrays for a step to write to."""
-        terms = {term.name: np.zeros(count) for term, _ in self._terms}
-        parts = {part.name: np.zeros((count, size), np.float32) for part, size in self._parts}
+        terms = {term.name: np.zeros(count) for term, _, _ in self._terms}
+        parts = {part.name: np.zeros((count, size), np.float32) for part, size, _ in self._parts}
         return Plugged(terms, {name: np.zeros(count) for name in terms}, parts)
 
     def after_step(
@@ -72,7 +72,7 @@ class PluggedFunctions:
             out: Their rows are written.
 
         Raises:
-            ValueError: a function gives an array of another shape than it should.
+            InputError: a function fails, or gives an array of another shape than it should.
         """
         if not (self._terms or self._parts):
             return
@@ -88,9 +88,10 @@ class PluggedFunctions:
             lost=own["lost"],
             dt=self._dt,
         )
-        for term, weight in self._terms:
+        for term, weight, calling in self._terms:
             assert term.function is not None
-            values = _shaped(term.function(stepped), (len(rows),), term.name)
+            with calling:
+                values = _shaped(term.function(stepped), (len(rows),), term.name)
             out.terms[term.name][rows] = values
             out.weighted[term.name][rows] = weight * values
             rewards[rows] += weight * values
@@ -106,9 +107,10 @@ class PluggedFunctions:
             self._show(_seen(state[rows], readings[rows]), rows, out)
 
     def _show(self, seen: Seen, rows: Rows, out: Plugged) -> None:
-        for part, size in self._parts:
+        for part, size, calling in self._parts:
             assert part.function is not None
-            values = _shaped(part.function(seen), (len(rows), size), part.name)
+            with calling:
+                values = _shaped(part.function(seen), (len(rows), size), part.name)
             out.parts[part.name][rows] = values
 
 

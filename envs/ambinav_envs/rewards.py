@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -35,59 +36,36 @@ class RewardTerm:
     function: Callable[[Stepped], NDArray[np.generic]] | None = None
 
 
-PROGRESS = RewardTerm(
-    name="progress",
-    unit="m",
-    meaning=(
+_OWN = {
+    "progress": (
+        "m",
         "metres by which the path from the true position to the goal became shorter, at the "
         "prices of `ambiguity_weight`: d - gamma d', a difference of potentials as in Ng, Harada "
         "& Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to "
-        "the goal it is"
+        "the goal it is",
     ),
-)
-ARRIVAL = RewardTerm(
-    name="arrival",
-    unit="1",
-    meaning="1 when the robot believes it is at the goal and truly is near it",
-)
-COLLISION = RewardTerm(
-    name="collision",
-    unit="1",
-    meaning="-1 when it touches a wall or a box",
-)
-TIME = RewardTerm(
-    name="time",
-    unit="s",
-    meaning="minus the seconds of the step",
-)
-AMBIGUITY = RewardTerm(
-    name="ambiguity",
-    unit="m",
-    meaning="minus the ambiguity map's layer, integrated over the metres of the step",
-)
-FISHER = RewardTerm(
-    name="fisher",
-    unit="m^2",
-    meaning="minus the layer `fisher`, likewise",
-)
-ERROR = RewardTerm(
-    name="error",
-    unit="m^2",
-    meaning="minus the error of the estimate in metres times the metres of the step; privileged",
-)
-LOST = RewardTerm(
-    name="lost",
-    unit="s",
-    meaning="minus the seconds of the step while the robot is lost; privileged",
-)
+    "arrival": ("1", "1 when the robot believes it is at the goal and truly is near it"),
+    "collision": ("1", "-1 when it touches a wall or a box"),
+    "time": ("s", "minus the seconds of the step"),
+    "ambiguity": ("m", "minus the ambiguity map's layer, integrated over the metres of the step"),
+    "fisher": ("m^2", "minus the layer `fisher`, likewise"),
+    "error": (
+        "m^2",
+        "minus the error of the estimate in metres times the metres of the step; privileged",
+    ),
+    "lost": ("s", "minus the seconds of the step while the robot is lost; privileged"),
+}
+
+
+def _own(name: str) -> RewardTerm:
+    unit, meaning = _OWN[name]
+    return RewardTerm(name=name, unit=unit, meaning=meaning)
+
 
 REWARD_TERMS: Final = Registry(
-    "reward term",
-    RewardTerm,
-    "ambinav.rewards",
-    {name: f"ambinav_envs.rewards:{name.upper()}" for name in TERMS},
+    "reward term", RewardTerm, "ambinav.rewards", {name: partial(_own, name) for name in TERMS}
 )
-"""The terms of the reward: ours, which the step computes in the order of `TERMS`, and plug-ins'."""
+"""The terms of the reward: ours, which `simulation.step.judge` computes, and those of plug-ins."""
 
 _TASK = {"progress": 1.0, "arrival": 10.0, "collision": 10.0, "time": 0.1}
 PRESETS: dict[str, dict[str, float]] = {

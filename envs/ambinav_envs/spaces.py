@@ -41,13 +41,12 @@ right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
     The parts that plug-ins bring (`NavigationParameters.observations`) come after them.
     """
     parts = (*map(OBSERVATIONS.get, View._fields), *parameters.plugged_parts)
-    return spaces.Dict(
-        {
-            part.name: spaces.Box(*part.bounds(parameters), dtype=np.float32)
-            for part in parts
-            if part.size(parameters) > 0
-        }
-    )
+    boxes: dict[str, spaces.Space[Any]] = {}
+    for part in parts:
+        with OBSERVATIONS.calling(part.name):
+            if part.size(parameters) > 0:
+                boxes[part.name] = spaces.Box(*part.bounds(parameters), dtype=np.float32)
+    return spaces.Dict(boxes)
 
 
 def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:

@@ -20,7 +20,7 @@ from ambinav.service.service import AmbiguityService
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.improve.finishing import finish, is_free, not_found, warm_up
 from ambinav_planners.problem import Problem, check_pose, make_checker
-from ambinav_planners.registry import Budget, PlannerResult, check_suits, planner
+from ambinav_planners.registry import PLANNERS, Budget, PlannerResult, check_suits, planner
 from ambinav_planners.search.limit import BadStretchLimit
 from ambinav_planners.search.reachability import check_reachable
 from ambinav_planners.seeded import call_seeded
@@ -238,7 +238,10 @@ def run(name: str, problem: Problem, budget: Budget) -> PlannerResult:
     chosen = planner(name)
     warm_up(problem)
     started = time.perf_counter()
-    found = chosen.solve(problem, budget)
+    with PLANNERS.calling(name):
+        found = chosen.solve(problem, budget)
+        if not isinstance(found, PlannerResult):
+            raise TypeError(f"it is no PlannerResult but {found!r}")
     return replace(found, seconds=time.perf_counter() - started)
 
 

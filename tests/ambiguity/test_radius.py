@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.layers.position import position_radius
 from ambinav.ambiguity.layers.registry import LAYERS
-from ambinav.ambiguity.radius import position_radius
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner

@@ -15,8 +15,7 @@ from ambinav.ambiguity.tensor import relative_radii
 from tests.real_scans.rooms import environment, log_of
 
 MODEL = AmbiguityModel(radius=0.5, map_std=0.05, tau=4.0)
-STEPS = SPACING * np.arange(-5, 6)
-OFFSETS = np.array([(x, y) for x in STEPS for y in STEPS if np.hypot(x, y) <= 0.5 + 1e-9])
+STEPS = np.array([(y, x) for y in range(-5, 6) for x in range(-5, 6) if np.hypot(x, y) <= 5])
 
 
 def figures(poses, noise=0.0, max_range=4.0, free=None):
@@ -25,8 +24,8 @@ def figures(poses, noise=0.0, max_range=4.0, free=None):
     scanner = scanner_of(log, max_range)
     table = BeamTable.of(scanner, MODEL.map_std, MODEL.outlier_share)
     found = displaced_figures(
-        log.ranges, log.angles, log.poses[:, 2].copy(), OFFSETS,
-        np.ones((len(poses), len(OFFSETS)), dtype=bool) if free is None else free,
+        log.ranges, log.angles, log.poses[:, 2].copy(), STEPS, SPACING,
+        np.ones((len(poses), len(STEPS)), dtype=bool) if free is None else free,
         scanner.mounts[:, 2].copy(), table, evidence_of(table), MODEL.tau,
         (SPACING**2 / 4, MODEL.sigma_theta**2),
     )  # fmt: skip
@@ -57,15 +56,15 @@ def test_a_scan_that_saw_nothing_tells_nothing():
     scanner = scanner_of(log, 4.0)
     table = BeamTable.of(scanner, 0.05, 0.05)
     found = displaced_figures(
-        log.ranges, log.angles, log.poses[:, 2].copy(), OFFSETS,
-        np.ones((1, len(OFFSETS)), dtype=bool), scanner.mounts[:, 2].copy(), table, None, 4.0,
+        log.ranges, log.angles, log.poses[:, 2].copy(), STEPS, SPACING,
+        np.ones((1, len(STEPS)), dtype=bool), scanner.mounts[:, 2].copy(), table, None, 4.0,
         (SPACING**2 / 4, 0.0025),
     )  # fmt: skip
     np.testing.assert_allclose(found["level"], 1.0, atol=1e-5)
 
 
 def test_only_the_free_neighbourhood_counts():
-    free = (np.abs(OFFSETS[:, 0]) < 0.05)[None]
+    free = (STEPS[:, 1] == 0)[None]
     found, _, _ = figures(np.array([(8.0, 1.0, 0.0)]), free=free)
     everything, _, _ = figures(np.array([(8.0, 1.0, 0.0)]))
     # Without the neighbours along the corridor nothing shows that the robot can slide there.

@@ -13,10 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ambinav.errors import InputError
+from ambinav.export.registry import EXPORTERS, Exporter
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.evaluate import evaluate_route
-from ambinav.routes.files import FORMATS, load_route, save_route
+from ambinav.routes.files import load_route, save_route
+from ambinav.routes.route import Route
 from ambinav.service.service import AmbiguityService
 from tests.maps import synthetic
 
@@ -24,6 +26,7 @@ STEERINGS = (
     Steering("r2"), Steering("se2"), Steering("dubins", 0.4), Steering("reeds-shepp", 0.4)
 )  # fmt: skip
 
+FORMATS = (".csv", ".geojson", ".json")
 number = st.floats(0.6, 3.4)
 pose = st.tuples(number, number, st.floats(-10.0, 10.0))
 
@@ -230,3 +233,30 @@ def test_covariances_for_all_or_none(route, tmp_path):
     path.write_text(json.dumps(whole))
     with pytest.raises(InputError, match="it has 1 of the poses"):
         load_route(path)
+
+
+def test_a_route_that_nobody_measured(service, tmp_path):
+    bare = Route.through([(1.0, 1.0), (3.0, 1.0), (3.0, 3.0)], planner="survey")
+    assert bare.poses[:, 2].tolist() == [0.0, math.pi / 2, math.pi / 2]
+    assert math.isnan(bare.cost) and bare.start[:2] == (1.0, 1.0)
+    with pytest.raises(InputError, match="not measured"):
+        save_route(bare, tmp_path / "bare.csv")
+    assert not list(tmp_path.iterdir())
+    measured = evaluate_route(service, bare.poses, bare.steering, planner=bare.planner)
+    save_route(measured, tmp_path / "bare.csv")
+    assert load_route(tmp_path / "bare.csv").length == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("points", [[(0.0, 0.0)], [(0.0, math.nan), (1.0, 1.0)], [(0.0,), (1.0,)]])
+def test_points_that_make_no_route(points):
+    with pytest.raises(InputError, match="poses"):
+        Route.through(points)
+
+
+def test_a_format_that_is_only_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(EXPORTERS, "_registered", {})
+    EXPORTERS.register(Exporter(subject="route", format="kml", title="", write=lambda *_: ()))
+    with pytest.raises(
+        InputError, match=r"only written as .kml; give one of .csv, .geojson, .json"
+    ):
+        load_route(tmp_path / "route.kml")

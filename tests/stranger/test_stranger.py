@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from ambinav import RangeScanner
+
 ROOT = Path(__file__).parents[2]
 PLUGIN = Path(__file__).parent / "plugin"
 FLOOR = """\
@@ -35,6 +37,59 @@ localizer: {type: confident, std: 0.2}
 pairs: [{name: along, start: [1.5, 1.5], goal: [10.0, 1.5]}]
 routes: [{kind: planner, planner: straight}]
 drive: {runs: 2, seed: 1}
+"""
+STEREO = """\
+parts:
+  - sensor: {model: stereo, max_range: 3, baseline: 0.05, focal_length: 400}
+    planar: {beams: 24, aperture_deg: 360}
+"""
+BROKEN = """\
+import json, shutil
+import stranger_exporter, stranger_layer, stranger_localizer, stranger_map_reader
+import stranger_observation, stranger_planner, stranger_reward, stranger_sensor_model
+from typer.testing import CliRunner
+from ambinav.cli import app
+
+def fails(*given, **options):
+    return [][1]
+
+def empty(*given, **options):
+    return None
+
+MAP = ["map", "floor.txt", "-s", "stranger-lidar", "--spacing", "0.5", "-o", "none.zarr"]
+PLAN = ["plan", "floor.zarr", "--start", "1.5", "1.5", "--goal", "10", "1.5",
+        "--planner", "straight", "--robot-radius", "0.1", "-o", "none.wkt"]
+CASES = [
+    (stranger_layer.LAYER, "compute", [*MAP, "--layers", "seen_range"]),
+    (stranger_layer.LAYER, "why_not", [*MAP, "--layers", "seen_range"]),
+    (stranger_map_reader.READER, "read", MAP),
+    (stranger_sensor_model.MODEL, "make", [*MAP[:3], "stereo.yaml", *MAP[4:]]),
+    (stranger_planner.PLANNER, "solve", PLAN),
+    (stranger_exporter.EXPORTER, "write", PLAN),
+    (stranger_exporter.EXPORTER, "read", ["compare", "read.yaml", "-o", "none"]),
+    (stranger_localizer.LOCALIZER, "detail", ["compare", "scenario.yaml", "-o", "none"]),
+    (stranger_reward.TERM, "function", ["train", "training.yaml", "-o", "untrained"]),
+    (stranger_observation.PART, "function", ["train", "training.yaml", "-o", "untrained"]),
+    (stranger_observation.PART, "size", ["train", "training.yaml", "-o", "untrained"]),
+]
+said = []
+for entry, field, command in CASES:
+    # None is what these two may give.
+    for function in (fails,) if field in ("why_not", "detail") else (fails, empty):
+        whole = getattr(entry, field)
+        object.__setattr__(entry, field, function)
+        shutil.rmtree("untrained", ignore_errors=True)
+        done = CliRunner().invoke(app, command)
+        said.append([type(entry).__name__, field, function.__name__, done.exit_code, done.output])
+        object.__setattr__(entry, field, whole)
+print(json.dumps(said))
+"""
+TRAIN = """\
+algorithm: ppo
+steps: 64
+envs: 2
+environment: {id: ambinav/Navigation-v0, map: floor.txt, scanner: stranger-lidar,
+    localizer: odometry, reward: {progress: 1.0, nearness: 0.5}, observations: [nearest]}
 """
 TRAINING = """\
 import gymnasium, json, numpy as np, ambinav_envs
@@ -133,6 +188,22 @@ def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     assert "planner 'straight' found no" in told
 
 
+def test_a_sensor_model(folder: Path) -> None:
+    from ambinav import AmbiguityMap
+
+    (folder / "stereo.yaml").write_text(STEREO)
+    options = ("--scanner", "stereo.yaml", "--spacing", "0.5", "-o", "stereo.zarr")
+    ambinav(folder, "map", "floor.txt", *options)
+    # Stored without the plug-in's model, which is not installed here.
+    stored = RangeScanner.from_yaml_text(
+        AmbiguityMap.open(folder / "stereo.zarr").dataset.attrs["scanner_yaml"]
+    )
+    assert stored.sensors[0].std_at(2.0) == pytest.approx(2.0**2 * 0.1 / (400 * 0.05))
+    (folder / "wrong.yaml").write_text(STEREO.replace("baseline: 0.05", "baseline: -1"))
+    said = ambinav(folder, "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
+    assert "wrong.yaml: parts[0].sensor: baseline is -1" in said
+
+
 @pytest.mark.slow
 def test_a_localizer(folder: Path) -> None:
     ambinav(folder, "compare", "scenario.yaml", "-o", "compared")
@@ -147,6 +218,34 @@ def test_a_reward_and_an_observation(folder: Path) -> None:
     assert terms["nearness"] == pytest.approx(min(nearest, 0.5) - 0.5)
     assert weighted["nearness"] == 0.5 * terms["nearness"]
     assert reward == pytest.approx(sum(weighted.values()))
+
+
+@pytest.mark.slow
+def test_a_file_of_a_plug_ins_format_is_compared(folder: Path) -> None:
+    (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
+    text = SCENARIO.replace("{kind: planner, planner: straight}", "{kind: file, file: given.wkt}")
+    (folder / "read.yaml").write_text(text.replace("type: confident, std: 0.2", "type: odometry"))
+    ambinav(folder, "compare", "read.yaml", "-o", "read")
+    report = json.loads((folder / "read" / "report.json").read_text())
+    assert report["plans"][0]["planner"] == "wkt"
+    assert report["plans"][0]["length_m"] == pytest.approx(8.5)
+
+
+@pytest.mark.slow
+def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
+    (folder / "stereo.yaml").write_text(STEREO)
+    (folder / "read.yaml").write_text(
+        SCENARIO.replace("{kind: planner, planner: straight}", "{kind: file, file: given.wkt}")
+    )
+    (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
+    (folder / "training.yaml").write_text(TRAIN)
+    for kind, field, function, status, said in json.loads(run(folder, "-c", BROKEN)):
+        case = (kind, field, function, said)
+        assert status == 2, case
+        assert "of the plug-in stranger" in said, case
+        assert said.strip().endswith("; fix it, or uninstall stranger."), case
+        if function == "fails":
+            assert "fails failed (IndexError: list index out of range" in said, case
 
 
 def test_a_broken_plug_in_is_named(folder: Path) -> None:

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.context import LayerContext
-from ambinav.ambiguity.layers.registry import Layer, chosen_layers
+from ambinav.ambiguity.layers.registry import LAYERS, Layer, chosen_layers
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.maps import schema
@@ -57,7 +57,8 @@ def with_layers(
     added: dict[str, xr.DataArray] = {}
     for done, layer in enumerate(chosen):
         given = dict(options.get(layer.name, {}))
-        added |= _variables(layer, context, layer.compute(context, **given), given)
+        with LAYERS.calling(layer.name):
+            added |= _variables(layer, context, layer.compute(context, **given), given)
         if report is not None:
             report((done + 1) / len(chosen))
     dataset = amap.dataset.drop_vars(_left_over(amap, chosen) - added.keys())

@@ -47,6 +47,7 @@ the pose; its evidence counts with the probability that it is not.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +82,53 @@ SHIFTS = np.array(
 WEIGHTS = np.array([1 / 2, *[1 / 12] * 6])
 
 
+class Neighbourhood(NamedTuple):
+    """Where the cells around a pose are, of poses `first` and on; see `kernel.neighbourhood_sums`.
+
+    Attributes:
+        first: Running number of the first pose in `links` and `rows`.
+        rows_columns: See `Lattice`.
+        running: See `Lattice.index`.
+        links: See `Lattice`.
+        steps: To the eight neighbours of a cell.
+        offsets: Row and column steps of the disc, shape (N, 2).
+        rows: The scans of each cell's quarters, see `_quarters`.
+    """
+
+    first: int
+    rows_columns: NDArray[np.int32]
+    running: NDArray[np.int32]
+    links: NDArray[np.uint8]
+    steps: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    rows: NDArray[np.int32]
+
+
+class Comparison(NamedTuple):
+    """What `kernel.compare` takes besides two scans and evidence; see `neighbourhood_sums`."""
+
+    limit: NDArray[np.float32]
+    inverse_cap: NDArray[np.float32]
+    use: NDArray[np.float32]
+    tau: float
+    c0: float
+    c2: float
+
+
+class Posterior(NamedTuple):
+    """The mean over noise that moves the posterior.
+
+    Attributes:
+        prior: What is known of the pose before the scan, 1 / square metres.
+        shifts: Points of the rule for the mean, deviations, shape (7, 2).
+        weights: Their weights.
+    """
+
+    prior: float
+    shifts: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
 def coastal_entropy(
     context: LayerContext, *, people: float = PEOPLE
 ) -> dict[str, NDArray[np.float32]]:
@@ -104,19 +152,25 @@ def coastal_entropy(
     share, inverse_cap = _known_pose(table)
     evidences = _evidence(table, share)
     # What is known before the scan is the neighbourhood.
-    prior = 4.0 / model.radius**2
+    posterior = Posterior(4.0 / model.radius**2, SHIFTS, WEIGHTS)
+    comparison = Comparison(
+        table.limit, inverse_cap, table.use, model.tau,
+        (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2,
+    )  # fmt: skip
     offsets = _disc(steps, model.radius / lattice.spacing)
     found = np.empty((2, len(context.points[0]), len(context.headings)), dtype=np.float32)
     for h in range(len(context.headings)):
         links = context.links(h)
         for band in bands(context, steps, 2 * (1 + len(QUARTERS))):
             data, rows = _quarters(context, h, band.part)
+            around = Neighbourhood(
+                band.first, lattice.rows_columns, lattice.index, links[band.first : band.last],
+                STEPS, offsets, rows,
+            )  # fmt: skip
             run_rows(
-                _entropies, band.end - band.begin, band.begin, band.first, lattice.rows_columns,
-                lattice.index, links[band.first : band.last], STEPS, offsets, rows,
-                _known(data, table, share, people), table.limit, inverse_cap, table.use, evidences,
-                model.tau, (lattice.spacing / 2) ** 2 / SQUARE, model.sigma_theta**2, prior, SHIFTS,
-                WEIGHTS, found[:, band.begin : band.end, h], least=8,
+                _entropies, band.end - band.begin, band.begin, around,
+                _known(data, table, share, people), comparison, evidences, posterior,
+                found[:, band.begin : band.end, h], least=8,
             )  # fmt: skip
     entropy, gain = (context.spread(values) for values in found)
     return {"coastal_entropy": entropy, "coastal_entropy_gain": gain}
@@ -220,10 +274,7 @@ def _known(
 
 
 @kernel(fastmath=FAST)
-def likelihoods(
-    row, column, index, first, marks, offsets, rows, data, limit, icap, use, evidence, tau, c0, c2,
-    scan, cell, found,
-):  # fmt: skip
+def likelihoods(row, column, marks, around, data, comparison, evidence, scan, cell, found):
     """Compare the pose with itself, then with the quarters of each marked cell.
 
     Written a row each: which scan, int32, `scan`; which cell, -1 for the pose itself, int32,
@@ -233,6 +284,8 @@ def likelihoods(
     Returns:
         How many rows there are.
     """
+    first, _, index, _, _, offsets, rows = around
+    limit, icap, use, tau, c0, c2 = comparison
     k = np.abs(offsets).max()
     side = 2 * k + 1
     p = index[row, column] - first
@@ -279,8 +332,9 @@ def noise_root(xx, xy, yy, c0, prior):
 
 
 @kernel
-def entropy_of(cell, found, count, c0, prior, shifts, weights, scratch):
+def entropy_of(cell, found, count, c0, posterior, scratch):
     """Expected entropy of the cells that `likelihoods` has compared, nats; and their number."""
+    prior, shifts, weights = posterior
     xx, xy, yy = noise_root(found[0, 3], found[0, 4], found[0, 5], c0, prior)
     expected, cells = 0.0, 0
     for k in range(weights.size):
@@ -309,10 +363,8 @@ def entropy_of(cell, found, count, c0, prior, shifts, weights, scratch):
 
 
 @kernel
-def _entropies(
-    low, high, begin, first, rows_columns, index, links, steps, offsets, rows, data, limit, icap,
-    use, evidence, tau, c0, c2, prior, shifts, weights, out,
-):  # fmt: skip
+def _entropies(low, high, begin, around, data, comparison, evidence, posterior, out):
+    first, rows_columns, index, links, steps, offsets, rows = around
     side = 2 * np.abs(offsets).max() + 1
     marks = np.empty(side * side, dtype=np.uint8)
     queue = np.empty(side * side, dtype=np.int32)
@@ -323,10 +375,9 @@ def _entropies(
         row, column = rows_columns[begin + i, 0], rows_columns[begin + i, 1]
         reach(row, column, index, first, links, offsets, side, steps, marks, queue)
         count = likelihoods(
-            row, column, index, first, marks, offsets, rows, data, limit, icap, use, evidence, tau,
-            c0, c2, scan, cell, found,
-        )  # fmt: skip
-        nats, cells = entropy_of(cell, found, count, c0, prior, shifts, weights, scratch)
+            row, column, marks, around, data, comparison, evidence, scan, cell, found
+        )
+        nats, cells = entropy_of(cell, found, count, comparison.c0, posterior, scratch)
         most = math.log2(cells)
         bits = min(max(nats / math.log(2.0), 0.0), most)
         out[0, i], out[1, i] = bits, most - bits

@@ -136,18 +136,23 @@ def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> t
             found |= {
                 one.name: one
                 for one in every
-                if not one.slow and (scanner is None or one.why_not(scanner) is None)
+                if not one.slow and (scanner is None or _reason(one, scanner) is None)
             }
             continue
         try:
             one = LAYERS.get(name)
         except InputError as error:
             raise InputError(f"layers: {error}") from error
-        reason = None if scanner is None else one.why_not(scanner)
+        reason = None if scanner is None else _reason(one, scanner)
         if reason is not None:
             raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
         found[name] = one
     return tuple(found.values())
+
+
+def _reason(layer: Layer, scanner: RangeScanner) -> str | None:
+    with LAYERS.calling(layer.name):
+        return layer.why_not(scanner)
 
 
 def _called(scanner: RangeScanner | None) -> str:

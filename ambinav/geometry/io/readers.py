@@ -76,7 +76,11 @@ def read(path: str | Path, **options: Any) -> Environment:
             raise InputError(
                 f"{path}: {name} means nothing for {reader.title} (.{suffix}); leave it out."
             )
-    return reader.read(path, **given)
+    with READERS.calling(suffix):
+        environment = reader.read(path, **given)
+        if not isinstance(environment, Environment):
+            raise TypeError(f"it is no Environment but {environment!r}")
+    return environment
 
 
 def _read_map_server(

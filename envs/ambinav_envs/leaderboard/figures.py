@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.drive.bootstrap import Interval
+from ambinav.drive.bootstrap import Interval, grouped_weights, percentiles
 from ambinav.reports.table import Cell, Cells, Figure, csv_cells
-from ambinav_envs.leaderboard.draws import episode_weights, interval_of, ratios
 
 if TYPE_CHECKING:
     from ambinav_envs.evaluation import Episodes
@@ -93,6 +92,13 @@ class Row(Cells[EpisodeFigure]):
     cells: tuple[Cell[EpisodeFigure], ...]
 
 
+def ratios(above: Floats, below: Floats) -> Floats:
+    """Above by below; nan where nothing is below."""
+    out = np.full(np.shape(below), np.nan)
+    np.divide(above, below, out=out, where=below > 0.0)
+    return out
+
+
 def make_rows(
     setting: str, found: Mapping[str, Episodes], baseline: str | None, seed: int
 ) -> tuple[Row, ...]:
@@ -111,7 +117,7 @@ def make_rows(
     sums: dict[str, list[Floats]] = {name: [] for name in found}
     keys = [one.building for one in found.values()]
     rng = np.random.default_rng([seed, zlib.crc32(setting.encode())])
-    for weights in episode_weights(keys[0], rng) if keys else ():
+    for weights in grouped_weights(keys[0], rng) if keys else ():
         for name in found:
             sums[name].append(weights @ columns[name])
     return tuple(
@@ -141,11 +147,11 @@ def _cells(columns: Floats, drawn: Floats) -> tuple[Cell[EpisodeFigure], ...]:
     counts = np.count_nonzero(columns[..., 1::2], axis=1)
     cells = []
     for k, figure in enumerate(FIGURES):
-        own = interval_of(value[0, 0, k], over[0, :, k], counts[0, k])
+        own = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:
             apart, drawn_apart = (one[1, :, k] - one[2, :, k] for one in (value, over))
-            difference = interval_of(apart[0], drawn_apart, counts[1, k])
+            difference = percentiles(apart[0], drawn_apart, counts[1, k])
         cells.append(Cell(figure, own, difference))
     return tuple(cells)
 

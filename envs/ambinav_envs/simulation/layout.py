@@ -22,10 +22,22 @@ EKF, PERFECT, ODOMETRY, MCL = range(4)
 LOCALIZERS = ("ekf", "perfect", "odometry", "mcl")
 """Names of the localizers, by code."""
 
-TERMS = (
-    "progress", "arrival", "collision", "time", "ambiguity", "fisher", "error", "lost",
-)  # fmt: skip
-"""The terms of the reward, in the order in which all arrays hold them."""
+
+class Terms(NamedTuple):
+    """Our terms of the reward in a step; `step.judge` gives them by name, see `rewards`."""
+
+    progress: float
+    arrival: float
+    collision: float
+    time: float
+    ambiguity: float
+    fisher: float
+    error: float
+    lost: float
+
+
+TERMS = Terms._fields
+"""Their names, in the order in which arrays have them."""
 
 # Columns of the table of figures that a step makes: the reward, its terms as they are and times
 # their weights, other figures of a step, and three poses.

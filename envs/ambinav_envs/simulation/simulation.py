@@ -19,6 +19,7 @@ from ambinav.localization.random import states_of_each, uniform
 from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task, draw_task
+from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import Plugged, PluggedFunctions
 from ambinav_envs.simulation.layout import (
@@ -388,7 +389,10 @@ def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
 
 def _plugged(p: NavigationParameters) -> PluggedFunctions:
     """What plug-ins compute after the kernel."""
-    parts = [(part, part.size(p)) for part in p.plugged_parts]
+    parts = []
+    for part in p.plugged_parts:
+        with OBSERVATIONS.calling(part.name):
+            parts.append((part, part.size(p)))
     return PluggedFunctions(p.plugged_terms, parts, p.dt)
 
 

@@ -39,13 +39,13 @@ from ambinav_envs.simulation.layout import (
     RUNNING,
     SHORTEST,
     START,
-    TERMS,
     TIMEOUT,
     TRAVELLED,
     TRUE_POSE,
     VALUES,
     WALKERS,
     WEIGHTED,
+    Terms,
 )
 from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
@@ -150,19 +150,18 @@ def judge(layers, goals, state, settings, i, figures):
     if now < math.inf:
         state.distance = now
     state.outcome = outcome_of(state, settings)
-    # In the order of `TERMS`.
-    terms = (
-        distance - settings.gamma * state.distance,
-        1.0 if state.outcome == ARRIVED else 0.0,
-        -1.0 if state.collided else 0.0,
-        -settings.dt,
-        0.0 - exposed,
-        0.0 - bound,
-        0.0 - off * state.driven,
-        -settings.dt if state.lost else 0.0,
+    terms = Terms(
+        progress=distance - settings.gamma * state.distance,
+        arrival=1.0 if state.outcome == ARRIVED else 0.0,
+        collision=-1.0 if state.collided else 0.0,
+        time=-settings.dt,
+        ambiguity=0.0 - exposed,
+        fisher=0.0 - bound,
+        error=0.0 - off * state.driven,
+        lost=-settings.dt if state.lost else 0.0,
     )
     total = 0.0
-    for k in range(len(TERMS)):
+    for k in range(len(terms)):
         # A weight of 0 gives 0 and not -0.
         part = settings.weights[k] * terms[k] + 0.0
         figures[i, VALUES + k], figures[i, WEIGHTED + k] = terms[k], part

@@ -239,7 +239,7 @@ class Run:
                 if math.isfinite(value):
                     self.model.logger.record(f"{kind}/{name}", value)
         self.progress.add(row)
-        # TensorBoard's writer is a thread: Ctrl-C within a call that wakes it would leave it asleep,
+        # TensorBoard's writer is a thread: Ctrl-C within a call that wakes it can leave it asleep,
         # and who closes it waits for its next flush, up to two minutes.
         with holding_interrupts():
             self.model.logger.dump(steps)

@@ -43,14 +43,17 @@ from ambinav_planners.belief.information import Information
 from ambinav_planners.belief.model import BeliefModel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
+    ROOM,
     SearchPath,
+    add_label,
     check_node,
     cost_to_go,
     drop_first,
     grown,
+    more_room,
     motions_back,
+    no_labels,
     path_back,
-    push,
 )
 
 Floats = NDArray[np.float64]
@@ -259,28 +262,22 @@ def _search(graph, growth, terms, ahead, start, goal):
     least = np.full(nodes, math.inf)  # the lowest variance that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its variance
     waiting_var = np.full(nodes, math.inf)
-    room = 1024
-    at = np.empty(room, dtype=np.int32)
-    parent = np.empty(room, dtype=np.int64)
-    motion = np.empty(room, dtype=np.int64)
-    spent = np.empty(room)
-    var = np.empty(room)
-    keys = np.empty(room)
-    items = np.empty(room, dtype=np.int64)
-    at[0], parent[0], motion[0], spent[0], var[0] = start, -1, -1, 0.0, variance
-    push(keys, items, 0, ahead[start], 0)
+    labels = no_labels()
+    add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
+    var = np.empty(ROOM)
+    var[0] = variance
     count, size, taken = 1, 1, 0
     while size > 0:
-        label = items[0]
-        drop_first(keys, items, size)
+        label = labels.items[0]
+        drop_first(labels.keys, labels.items, size)
         size -= 1
-        node, so_far, before = at[label], spent[label], var[label]
+        node, so_far, before = labels.at[label], labels.spent[label], var[label]
         if before * margin >= least[node]:
             continue
         least[node] = before
         taken += 1
         if node == goal and before <= most_at_goal:
-            return motions_back(label, parent, motion), so_far, taken
+            return motions_back(label, labels.parent, labels.motion), so_far, taken
         sigma = math.sqrt(before)
         for e in range(first[node], first[node + 1]):
             to = target[e]
@@ -305,13 +302,9 @@ def _search(graph, growth, terms, ahead, start, goal):
                 continue
             if total <= waiting_cost[to]:
                 waiting_cost[to], waiting_var[to] = total, p
-            if count == at.size:
-                at, parent, motion = grown(at), grown(parent), grown(motion)
-                spent, var = grown(spent), grown(var)
-            if size == keys.size:
-                keys, items = grown(keys), grown(items)
-            at[count], parent[count], motion[count] = to, label, e
-            spent[count], var[count] = total, p
-            push(keys, items, size, total + ahead[to], count)
+            if count == labels.at.size:
+                labels, var = more_room(labels), grown(var)
+            add_label(labels, count, size, to, label, e, total, total + ahead[to])
+            var[count] = p
             count, size = count + 1, size + 1
     return np.empty(0, dtype=np.int64), math.inf, -1

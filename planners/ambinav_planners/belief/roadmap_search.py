@@ -25,14 +25,17 @@ from ambinav.kernels import kernel
 from ambinav_planners.belief.roadmap import BeliefRoadmap, turn_on_the_spot
 from ambinav_planners.belief.transfer import carried, compose
 from ambinav_planners.search.labels import (
+    ROOM,
     SearchPath,
+    add_label,
     check_node,
     cost_to_go,
     drop_first,
     grown,
+    more_room,
     motions_back,
+    no_labels,
     path_back,
-    push,
     reversed_graph,
 )
 
@@ -297,58 +300,48 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal):
     weight, weak, most, most_at_goal, _, _ = terms
     nodes = first.size - 1
     newest = np.full(nodes, -1, dtype=np.int64)  # last label of each node that was gone on with
-    room = 1024
-    at = np.empty(room, dtype=np.int32)
-    parent = np.empty(room, dtype=np.int64)
-    motion = np.empty(room, dtype=np.int64)
-    before = np.empty(room, dtype=np.int64)  # the label of the same node before it
-    gone = np.empty(room)
-    found = np.empty((room, 3, 3))
-    keys = np.empty(room)
-    items = np.empty(room, dtype=np.int64)
-    at[0], parent[0], motion[0], gone[0], found[0] = start, -1, -1, 0.0, covariance
-    push(keys, items, 0, ahead[start], 0)
+    labels = no_labels()
+    add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
+    before = np.empty(ROOM, dtype=np.int64)  # the label of the same node before it
+    found = np.empty((ROOM, 3, 3))
+    found[0] = covariance
     count, size, taken = 1, 1, 0
     best, best_label = math.inf, -1
-    while size > 0 and keys[0] + floor < best:
-        label = items[0]
-        drop_first(keys, items, size)
+    while size > 0 and labels.keys[0] + floor < best:
+        label = labels.items[0]
+        drop_first(labels.keys, labels.items, size)
         size -= 1
-        node = at[label]
-        last = motion[label]
+        node, last, gone = labels.at[label], labels.motion[label], labels.spent[label]
         own = found[label]
-        if _covered(newest[node], before, found, motion, own, last, heading, odometry, terms):
+        if _covered(
+            newest[node], before, found, labels.motion, own, last, heading, odometry, terms
+        ):
             continue
         before[label], newest[node] = newest[node], label
         taken += 1
         if node == goal:
             left = _deviation(found[label], weak)
-            total = gone[label] + weight * left
+            total = gone + weight * left
             if total < best and left <= most_at_goal:
                 best, best_label = total, label
         for e in range(first[node], first[node + 1]):
             to = target[e]
-            total = gone[label] + length[e]
+            total = gone + length[e]
             if total + ahead[to] + floor >= best:
                 continue
             ready = _turned(found[label], last, e, heading, odometry)
             ending = carried(carry[e], noise[e], seen[e], ready)
             if _deviation(ending, weak) > most:
                 continue
-            if _covered(newest[to], before, found, motion, ending, e, heading, odometry, terms):
+            if _covered(
+                newest[to], before, found, labels.motion, ending, e, heading, odometry, terms
+            ):
                 continue
-            if count == at.size:
-                at, parent, motion = grown(at), grown(parent), grown(motion)
-                before, gone = grown(before), grown(gone)
-                more = np.empty((2 * count, 3, 3))
-                more[:count] = found
-                found = more
-            if size == keys.size:
-                keys, items = grown(keys), grown(items)
-            at[count], parent[count], motion[count] = to, label, e
-            gone[count], found[count] = total, ending
-            push(keys, items, size, total + ahead[to], count)
+            if count == labels.at.size:
+                labels, before, found = more_room(labels), grown(before), grown(found)
+            add_label(labels, count, size, to, label, e, total, total + ahead[to])
+            found[count] = ending
             count, size = count + 1, size + 1
     if best_label < 0:
         return np.empty(0, dtype=np.int64), math.inf, -1
-    return motions_back(best_label, parent, motion), best, taken
+    return motions_back(best_label, labels.parent, labels.motion), best, taken

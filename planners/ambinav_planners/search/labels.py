@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,29 @@ from ambinav.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
 
 Floats = NDArray[np.float64]
+
+ROOM = 1024
+"""Labels that there is room for at first."""
+
+
+class Labels(NamedTuple):
+    """The labels of a search and the heap of those that wait; their second amounts stand apart.
+
+    Attributes:
+        at: int32: the node of each label.
+        parent: int64: the label that it came from; -1 for the first one.
+        motion: int64: the motion that it came by.
+        spent: Its cost.
+        keys: Of the heap, cost plus cost to go.
+        items: int64: the labels in the heap.
+    """
+
+    at: NDArray[np.int32]
+    parent: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    spent: Floats
+    keys: Floats
+    items: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +99,38 @@ def cost_to_go(graph: MotionGraph, cost: Floats, goal: int) -> Floats:
 @kernel
 def grown(array):
     """A copy of twice the length."""
-    out = np.empty(2 * array.size, dtype=array.dtype)
-    out[: array.size] = array
+    out = np.empty((2 * len(array), *array.shape[1:]), dtype=array.dtype)
+    out[: len(array)] = array
     return out
+
+
+@kernel
+def no_labels():
+    """Room for the first labels, in which there are none."""
+    room = ROOM
+    return Labels(
+        np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int64),
+        np.empty(room, dtype=np.int64), np.empty(room), np.empty(room),
+        np.empty(room, dtype=np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def more_room(labels):
+    """The labels, with room for twice as many."""
+    return Labels(
+        grown(labels.at), grown(labels.parent), grown(labels.motion), grown(labels.spent),
+        grown(labels.keys), grown(labels.items),
+    )  # fmt: skip
+
+
+# Inlined by LLVM, which takes the counting of references to seven arrays out of each call.
+@kernel(forceinline=True)
+def add_label(labels, count, size, node, parent, motion, spent, key):
+    """Add a label to `count`, for which there must be room; it waits with `size` others."""
+    labels.at[count], labels.parent[count], labels.motion[count] = node, parent, motion
+    labels.spent[count] = spent
+    push(labels.keys, labels.items, size, key, count)
 
 
 @kernel
@@ -152,8 +205,8 @@ def reversed_graph(first, target):
 def _dijkstra(first, target, motion, cost, start):
     nodes = first.size - 1
     best = np.full(nodes, math.inf)
-    keys = np.empty(1024)
-    items = np.empty(1024, dtype=np.int64)
+    keys = np.empty(ROOM)
+    items = np.empty(ROOM, dtype=np.int64)
     best[start] = 0.0
     push(keys, items, 0, 0.0, start)
     size = 1

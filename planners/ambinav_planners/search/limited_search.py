@@ -19,14 +19,17 @@ from ambinav.errors import InputError
 from ambinav.kernels import kernel
 from ambinav_planners.search.graph import MotionGraph
 from ambinav_planners.search.labels import (
+    ROOM,
     SearchPath,
+    add_label,
     check_node,
     cost_to_go,
     drop_first,
     grown,
+    more_room,
     motions_back,
+    no_labels,
     path_back,
-    push,
 )
 from ambinav_planners.search.stretches import Stretches
 
@@ -87,28 +90,22 @@ def _search(
     least = np.full(nodes, math.inf)  # the shortest running stretch that a node was left with
     waiting_cost = np.full(nodes, math.inf)  # the cheapest label in the heap, and its stretch
     waiting_run = np.full(nodes, math.inf)
-    room = 1024
-    at = np.empty(room, dtype=np.int32)
-    parent = np.empty(room, dtype=np.int64)
-    motion = np.empty(room, dtype=np.int64)
-    spent = np.empty(room)
-    run = np.empty(room)
-    keys = np.empty(room)
-    items = np.empty(room, dtype=np.int64)
-    at[0], parent[0], motion[0], spent[0], run[0] = start, -1, -1, 0.0, 0.0
-    push(keys, items, 0, ahead[start], 0)
+    labels = no_labels()
+    add_label(labels, 0, 0, start, -1, -1, 0.0, ahead[start])
+    run = np.empty(ROOM)
+    run[0] = 0.0
     count, size, taken = 1, 1, 0
     while size > 0:
-        label = items[0]
-        drop_first(keys, items, size)
+        label = labels.items[0]
+        drop_first(labels.keys, labels.items, size)
         size -= 1
-        node, so_far, behind = at[label], spent[label], run[label]
+        node, so_far, behind = labels.at[label], labels.spent[label], run[label]
         if behind >= least[node]:
             continue
         least[node] = behind
         taken += 1
         if node == goal:
-            return motions_back(label, parent, motion), so_far, taken
+            return motions_back(label, labels.parent, labels.motion), so_far, taken
         for e in range(first[node], first[node + 1]):
             to = target[e]
             if behind + head[e] > limit or longest[e] > limit or ahead[to] == math.inf:
@@ -121,13 +118,9 @@ def _search(
                 continue
             if total <= waiting_cost[to]:
                 waiting_cost[to], waiting_run[to] = total, stretch
-            if count == at.size:
-                at, parent, motion = grown(at), grown(parent), grown(motion)
-                spent, run = grown(spent), grown(run)
-            if size == keys.size:
-                keys, items = grown(keys), grown(items)
-            at[count], parent[count], motion[count] = to, label, e
-            spent[count], run[count] = total, stretch
-            push(keys, items, size, total + ahead[to], count)
+            if count == labels.at.size:
+                labels, run = more_room(labels), grown(run)
+            add_label(labels, count, size, to, label, e, total, total + ahead[to])
+            run[count] = stretch
             count, size = count + 1, size + 1
     return np.empty(0, dtype=np.int64), math.inf, -1

@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
-from ambinav.cli import app, options
+from ambinav.cli import app
+from ambinav.cli.map_options import MapOptions
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plotting.maps import plot_layer
 from ambinav.sensing import RangeScanner
@@ -152,7 +153,7 @@ def test_bad_layers_are_one_sentence_and_status_2(
     def never(*arguments: object, **values: object) -> None:
         raise AssertionError("the map was built for nothing")
 
-    monkeypatch.setattr(options, "make_map", never)
+    monkeypatch.setattr(MapOptions, "build", never)
     before = sorted(folder.iterdir())
     arguments = [command, *ARGUMENTS, "-s", scanner, "-o", "out.zarr", "--layers", names]
     result = CliRunner().invoke(app, arguments)

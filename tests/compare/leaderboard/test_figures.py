@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ambinav.drive.bootstrap import grouped_weights
 from ambinav.reports.table import difference_text, value_text
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.draws import episode_weights
 from ambinav_envs.leaderboard.figures import make_rows, to_csv
 from ambinav_envs.leaderboard.report import criterion_text
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
@@ -73,7 +73,7 @@ def test_episodes_of_one_building_say_less() -> None:
 
 def test_draws_hold_as_many_buildings_and_episodes_of_each() -> None:
     buildings = np.array(["a", "b", "a", "c", "c", "c"])
-    (weights,) = episode_weights(buildings, np.random.default_rng(0), 50)
+    (weights,) = grouped_weights(buildings, np.random.default_rng(0), 50)
     assert weights.shape == (50, 6)
     copies = [
         weights[:, buildings == key].sum(axis=1) / n for key, n in (("a", 2), ("b", 1), ("c", 3))

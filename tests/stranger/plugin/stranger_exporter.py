@@ -1,10 +1,13 @@
-"""An exporter: routes as well-known text, which databases and GIS programs read."""
+"""Routes as well-known text, which databases and GIS programs know: an exporter that also reads."""
 
 import shapely
 
+from ambinav.config import read_text
+from ambinav.errors import InputError
 from ambinav.export.registry import Exporter
 from ambinav.files import replacing
 from ambinav.routes.files import trace
+from ambinav.routes.route import Route
 
 
 def write(route, path):
@@ -14,4 +17,13 @@ def write(route, path):
     return (path,)
 
 
-EXPORTER = Exporter(subject="route", format="wkt", title="the course as WKT", write=write)
+def read(path):
+    """The route along a LINESTRING; what it costs is measured on the map where it is used."""
+    try:
+        line = shapely.from_wkt(read_text(path))
+    except shapely.errors.GEOSException as error:
+        raise InputError(f"{path}: no well-known text ({error}); give a LINESTRING.") from error
+    return Route.through(shapely.get_coordinates(line), planner="wkt")
+
+
+EXPORTER = Exporter(subject="route", format="wkt", title="the course", write=write, read=read)
