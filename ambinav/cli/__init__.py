@@ -65,7 +65,10 @@ def _main(
 
 
 def main() -> None:
-    """Run the command line; exit status 0, 2 (your input), 1 (our fault) or 130 (interrupted)."""
+    """Run the command line; exit status 0, 2 (your input), 1 (our fault), 130 (interrupted) or 3.
+
+    3 says that a condition of `--fail-if` holds.
+    """
     # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
     interrupts.install()
     try:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ambinav.cli import options
+from ambinav.cli.gate import AuditGate
 from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from ambinav.audit.document import Document
 
 
+@options.grouped
 def audit(
     map_file: options.MapFile,
     scanner: options.Scanner,
@@ -59,6 +61,8 @@ def audit(
     ] = None,
     pictures: options.Pictures = "png",
     as_json: options.AsJson = False,
+    *,
+    gate: AuditGate,
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
 
@@ -66,7 +70,7 @@ def audit(
 
     Writes report.html (stands alone), report.md, report.json and the pictures.
 
-    Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out`
+    Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
     """
     with reporting():
         options.check_numbers(spacing, radius, headings, map_std)
@@ -76,6 +80,8 @@ def audit(
             raise InputError(f"--places: {places} is negative; give 0 or more.")
         from ambinav.audit.report import FOLDER
 
+        conditions = gate.conditions(output)
+        aliasing = gate.aliasing(conditions, aliasing)
         check_writable(output)
         FOLDER.check(output)
         if keep is not None:
@@ -129,6 +135,7 @@ def audit(
             _show(report, output)
             if keep is not None:
                 typer.echo(f"map: {keep}")
+        gate.judge(conditions, report, map_file, as_json=as_json)
 
 
 def _show(report: Document, output: Path) -> None:
