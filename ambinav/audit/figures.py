@@ -67,9 +67,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
         return 100.0 * (share if at_heading is None else at_heading)
 
     heading = "everywhere; where the heading does not matter, the same as without"
-    yield told(
-        name, "%", f"share {_COUNTED} in the {name} zone", lambda zone: 100.0 * zone.share
-    )
+    yield told(name, "%", f"share {_COUNTED} in the {name} zone", lambda zone: 100.0 * zone.share)
     yield told(
         f"{name} area", "m²", f"area {_COUNTED} in the {name} zone", lambda zone: zone.area_m2
     )

@@ -16,6 +16,7 @@ from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
 from ambinav.cli.compare import compare
 from ambinav.cli.demo import demo
+from ambinav.cli.diff import diff
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
@@ -33,6 +34,7 @@ app.command("audit")(audit)
 app.command("map")(build)
 app.command("plan")(plan)
 app.command("compare")(compare)
+app.command("diff")(diff)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("benchmark")(benchmark)

@@ -23,6 +23,12 @@ def _audit_quantities() -> Quantities:
     return QUANTITIES
 
 
+def _diff_quantities() -> Quantities:
+    from ambinav.diff.figures import QUANTITIES
+
+    return QUANTITIES
+
+
 def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None], list[str] | None]:
     """What `--fail-if list` does: name the figures, and end."""
 
@@ -161,3 +167,25 @@ class AuditGate(Gate):
                 f'--fail-if: "{about[0]}" is about aliased places; leave --no-aliasing out.'
             )
         return True if about else wanted
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffGate(Gate):
+    """The gate of a difference."""
+
+    PANEL: ClassVar[str] = "Gate"
+    COMMAND = "diff"
+    FIGURES = (_diff_quantities,)
+
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help='End with status 3 where this holds, e.g. "new open area > 1 m2" or "worse area '
+            '> 5 m2"; may be given again. "list" names all figures.',
+            show_default="none",
+            callback=_lister(_diff_quantities),
+            is_eager=True,
+        ),
+    ] = None

@@ -17,9 +17,7 @@ from ambinav.files import write_text
 from ambinav.reports.conditions import Condition, Outcome
 from ambinav.version import __version__
 
-SCHEMA: Final = (
-    "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
-)
+SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
 
 
 def sarif(outcomes: Sequence[Outcome], command: str, map_file: Path) -> dict[str, Any]:
