@@ -252,7 +252,7 @@ def _table(found: Difference) -> NDArray[np.float64]:
     size = len(STATES)
     codes = found.before.state.astype(np.intp) * size + found.after.state
     counts = np.bincount(codes.ravel(), minlength=size * size)
-    return counts.reshape(size, size) * found.lattice.cell_area
+    return np.asarray(counts.reshape(size, size) * found.lattice.cell_area, dtype=np.float64)
 
 
 def _zones(table: NDArray[np.float64]) -> tuple[ZonePart, ...]:

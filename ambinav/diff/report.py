@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -75,10 +76,11 @@ def draw(found: Difference, report: Document) -> Figure:
 
 
 def _filled(template: str, report: Document, picture: str) -> str:
-    filters = {
+    filters: dict[str, Callable[..., str]] = {
         "m2": lambda area: f"{area:,.1f} m²",
         "share": lambda share: f"{100.0 * share:.1f} %",
         "change": lambda value: f"{value:+.3f}",
+        "md": _in_a_table,
     }
     seen = {state for one in report.transitions for state in (one.before, one.after)}
     states = [state for state in STATES if state in seen]
@@ -87,3 +89,8 @@ def _filled(template: str, report: Document, picture: str) -> str:
         "ambinav.diff", template, filters, report=report, picture=picture,
         states=states, cells=cells,
     )  # fmt: skip
+
+
+def _in_a_table(text: str) -> str:
+    """A text of the user's in a table of Markdown: no bar ends the cell, no tag is begun."""
+    return text.replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")

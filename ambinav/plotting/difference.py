@@ -39,6 +39,8 @@ _BELOW: Final = 1.6
 """Inches between panels; below one is room for a legend."""
 _WALLS: Final = 2.6
 """Points, of walls that are new or gone."""
+_DASHES: Final = (2.0, 1.0)
+"""Of walls that are gone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,9 @@ def plot_difference(
     known = np.abs(change.rise[np.isfinite(change.rise)])
     most = max(float(known.max(initial=0.0)), LEAST_SCALE)
     image = floor.paint(change.rise, change.bounds, cmap=style.CHANGE, norm=Normalize(-most, most))
-    floor.stretches(change.gone_walls, colors=style.GONE, linewidths=_WALLS, linestyles=(0, (2, 1)))
+    floor.stretches(
+        change.gone_walls, colors=style.GONE, linewidths=_WALLS, linestyles=(0, _DASHES)
+    )
     floor.stretches(change.new_walls, colors=style.NEW, linewidths=_WALLS)
     floor.colour_bar(image, "level after less level before (red: worse)")
     floor.legend(_change_legend(change), below=True)
@@ -155,12 +159,10 @@ def _change_legend(change: ChangeLayer) -> list[Artist]:
     ):
         if mask.any():
             entries.append(colour_patch(colour, label))
-    for walls, colour, dashes, label in (
-        (change.new_walls, style.NEW, "-", "new wall"),
-        (change.gone_walls, style.GONE, (0, (2, 1)), "wall gone"),
-    ):
-        if len(walls):
-            entries.append(
-                Line2D([], [], color=colour, linewidth=_WALLS, linestyle=dashes, label=label)
-            )
+    if len(change.new_walls):
+        entries.append(Line2D([], [], color=style.NEW, linewidth=_WALLS, label="new wall"))
+    if len(change.gone_walls):
+        gone = Line2D([], [], color=style.GONE, linewidth=_WALLS, label="wall gone")
+        gone.set_linestyle((0, _DASHES))
+        entries.append(gone)
     return entries
