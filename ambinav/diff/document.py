@@ -21,6 +21,8 @@ from ambinav.version import __version__
 FORMAT: Final = "ambinav-diff/1"
 WALLS: Final = 10
 """Stretches of wall that are listed, of either kind."""
+UNLIKE: Final = 0.4
+"""Share of the walls that either map has for itself, from which the two may not fit together."""
 
 
 def _rounded(digits: int) -> AfterValidator:
@@ -116,6 +118,8 @@ class WallsPart(_Part):
     tolerance_m: Metres = Field(description="a wall may be so far off and still be the same")
     new_m: Metres = Field(description="length of all that only the second map has")
     gone_m: Metres = Field(description="length of all that only the first map has")
+    before_m: Metres = Field(description="length of all walls of the first map")
+    after_m: Metres = Field(description="length of all walls of the second map")
     new: tuple[Stretch, ...] = Field(description="ax, ay, bx, by; the longest first")
     gone: tuple[Stretch, ...]
 
@@ -183,6 +187,8 @@ def document(found: Difference, places: int) -> Document:
             tolerance_m=found.wall_tolerance,
             new_m=total_length(found.new_walls),
             gone_m=total_length(found.gone_walls),
+            before_m=_wall_length(found.first),
+            after_m=_wall_length(found.second),
             new=_longest(found.new_walls),
             gone=_longest(found.gone_walls),
         ),
@@ -200,6 +206,11 @@ def summary(report: Document) -> str:
         return "The maps are identical: every layer, wall and parameter is the same."
     sentences = []
     level, walls = report.level, report.walls
+    if walls.gone_m > UNLIKE * walls.before_m and walls.new_m > UNLIKE * walls.after_m:
+        sentences.append(
+            f"More than {UNLIKE:.0%} of the walls of either map are not in the other: these may be "
+            "different buildings, or maps of one that lie elsewhere or are turned in their frame."
+        )
     floor = report.new_floor_m2 + report.gone_floor_m2
     moved = level is not None and (level.largest_rise > 0.0 or level.largest_fall < 0.0)
     if not (floor or report.changed_zone_m2 or moved):
@@ -245,6 +256,11 @@ def _map(
         counted_area_m2=area,
         own_layers=own_layers,
     )
+
+
+def _wall_length(amap: AmbiguityMap) -> float:
+    segments = amap.segments
+    return float(segments.lengths[segments.walls].sum())
 
 
 def _table(found: Difference) -> NDArray[np.float64]:

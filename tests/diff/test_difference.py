@@ -187,6 +187,15 @@ def test_maps_that_do_not_overlap_are_refused():
         compared(first, first.assign_coords(x=first["x"] + 500.0))
 
 
+def test_maps_that_do_not_fit_together_are_told():
+    """A map whose walls all lie elsewhere: its origin was lost, say."""
+    first, second = synthetic.dataset(), synthetic.dataset()
+    second["segments"].values[:] += 0.7
+    _, report = compared(first, second)
+    assert report.summary.startswith("More than 40% of the walls of either map are not in the")
+    assert report.walls.before_m == report.walls.after_m
+
+
 def test_maps_in_other_frames_are_refused():
     second = synthetic.dataset()
     second.attrs["frame"] = "earth"
