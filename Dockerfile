@@ -27,10 +27,11 @@ ENV PATH=/opt/ambinav/bin:$PATH \
 
 USER 10001
 WORKDIR /home/ambinav
-# Machine code for the first map and its costs. On another kind of processor it is made again, once.
+# Machine code for the first map. On another kind of processor it is made again, once, so it lies
+# where whoever --user names can write: numba refuses to work without.
 RUN ambinav map "$(python -c 'from ambinav.demo import BUILDING; print(BUILDING)')" \
         --scanner turtlebot3-lds --spacing 0.5 -o /tmp/warm.zarr \
-    && rm -r /tmp/warm.zarr
+    && rm -r /tmp/warm.zarr && chmod -R a+rwX /home/ambinav
 
 EXPOSE 8765
 HEALTHCHECK --interval=30s --timeout=5s --start-period=30s \

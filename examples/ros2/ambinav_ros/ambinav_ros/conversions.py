@@ -65,8 +65,7 @@ def occupancy_grid(amap: AmbiguityMap, layer: str = "level") -> Grid:
     free = np.asarray(amap.dataset["free"].values, dtype=np.bool_) & np.isfinite(values)
     data = np.full(values.shape, UNKNOWN, dtype=np.int8)
     data[free] = np.clip(np.rint(100.0 * values[free]), 0, 100).astype(np.int8)
-    height, width = data.shape
-    return Grid(width, height, amap.spacing, amap.bounds[:2], data.ravel())
+    return Grid(data.shape[1], data.shape[0], amap.spacing, amap.bounds[:2], data.ravel())
 
 
 def yaw_of(quaternion: Quaternion) -> float:
@@ -203,4 +202,6 @@ def _mean_cost(service: AmbiguityService, x: Floats, y: Floats) -> Floats:
         stands = np.isfinite(cost)
         total[stands] += cost[stands]
         number += stands
-    return np.divide(total, number, out=np.full(x.shape, math.inf), where=number > 0)
+    mean = np.full(x.shape, math.inf)
+    np.divide(total, number, out=mean, where=number > 0)
+    return mean
