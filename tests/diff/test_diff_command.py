@@ -148,3 +148,8 @@ def test_maps_apart_are_refused_in_one_sentence(folder):
     result = run("a.zarr", "far.zarr")
     assert result.exit_code == 2
     assert "does not overlap a.zarr" in result.stderr
+
+
+def test_help_shows_an_example():
+    text = " ".join(run("--help").stdout.split())
+    assert "Example: ambinav diff before.zarr after.zarr" in text
