@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -37,6 +38,8 @@ _PANEL: Final = 9.0
 _BESIDE: Final = 1.0
 _BELOW: Final = 1.6
 """Inches between panels; below one is room for a legend."""
+_LETTER: Final = 0.11
+"""Inches of a letter of a title, about."""
 _WALLS: Final = 2.6
 """Points, of walls that are new or gone."""
 _DASHES: Final = (2.0, 1.0)
@@ -85,8 +88,9 @@ def plot_difference(
     views = np.array([view(first), view(second)])
     low, high = views[:, :2].min(axis=0), views[:, 2:].max(axis=0)
     bounds: Bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    panels, inches = _panels(bounds)
+    panels, width, inches = _panels(bounds)
     for axes, amap, part, title in zip(panels, (first, second), parts, titles, strict=False):
+        title = "\n".join(textwrap.wrap(title, max(int(width / _LETTER), 12)))
         floor = FloorFigure(amap, axes, title, bounds=bounds, longest=inches)
         paint_zones(floor, "mean", part)
         if axes is panels[1]:
@@ -111,8 +115,11 @@ def plot_difference(
     return panels[0].figure  # type: ignore[return-value]
 
 
-def _panels(bounds: Bounds) -> tuple[list[Axes], float]:
-    """Three axes of the same size: one below another where the floor is wide; inches of one."""
+def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
+    """Three axes of one size, one below another where the floor is wide; its width and diagonal.
+
+    Both in inches.
+    """
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     scale = _PANEL / max(width, height)
     if height > width:
@@ -125,7 +132,7 @@ def _panels(bounds: Bounds) -> tuple[list[Axes], float]:
         (0.0, (2 - k) * (h + _BELOW)) if stacked else (k * (w + _BESIDE), 0.0) for k in range(3)
     ]
     axes = [figure.add_axes((x / across, y / down, w / across, h / down)) for x, y in places]
-    return axes, math.hypot(w, h)
+    return axes, w, math.hypot(w, h)
 
 
 def _zone_legend(
