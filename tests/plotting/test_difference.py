@@ -14,7 +14,7 @@ from ambinav.maps.floor_parts import FloorParts
 from ambinav.plotting import style
 from ambinav.plotting.difference import ChangeLayer, plot_difference
 from tests.maps import synthetic
-from tests.plotting.test_maps import byte, colour_at
+from tests.plotting.test_maps import byte
 from tests.plotting.test_style import apart, lab
 
 SCALE = [to_hex(colormaps[style.CHANGE](share)) for share in np.linspace(0.0, 1.0, 9)]
@@ -59,6 +59,13 @@ def drawn():
 
 def test_the_third_panel_shows_the_change(drawn):
     first, second, third = drawn.axes[:3]
+    drawn.canvas.draw()
+    pixels = np.asarray(drawn.canvas.buffer_rgba())
+
+    def colour_at(axes, x: float, y: float) -> tuple[int, int, int]:
+        column, row = axes.transData.transform((x, y))
+        return tuple(pixels[pixels.shape[0] - 1 - int(row), int(column), :3].tolist())
+
     for axes in (first, second):
         assert colour_at(axes, 1.0, 2.0) == byte(style.ZONE_COLOURS[0])
         assert colour_at(axes, 21.0, 5.0) == byte(style.ZONE_COLOURS[3])
