@@ -76,6 +76,16 @@ def test_one_parameter_is_told_and_nothing_else(headings):
     )
 
 
+def test_a_map_with_headings_is_held_against_one_without():
+    found, report = compared(synthetic.dataset(4), synthetic.dataset())
+    assert (report.first.headings, report.second.headings) == (4, None)
+    assert "level_mean" in report.first.own_layers and report.second.own_layers == ()
+    # The mean over the four headings is 0.75 of the level without.
+    rise = found.rise[np.isfinite(found.rise)]
+    np.testing.assert_allclose(rise, 0.25 * found.after.level[np.isfinite(found.rise)], atol=1e-6)
+    assert report.changed_zone_m2 == 0.0
+
+
 def test_two_scanners_are_told_by_their_values():
     first, second = synthetic.dataset(), synthetic.dataset()
     second.attrs["scanner_yaml"] = first.attrs["scanner_yaml"].replace("4.0", "6.0")
