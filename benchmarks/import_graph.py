@@ -31,7 +31,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("export.formats", "reports"),
     ("plotting",),
     ("audit", "demo"),
-    ("compare",),
+    ("compare", "diff"),
     ("ambinav_envs", "ambinav_planners"),
     ("ambinav_envs.leaderboard",),
     ("cli",),

@@ -16,6 +16,7 @@ from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
 from ambinav.cli.compare import compare
 from ambinav.cli.demo import demo
+from ambinav.cli.diff import diff
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.export import export
 from ambinav.cli.map import build
@@ -35,6 +36,7 @@ app.command("map")(build)
 app.command("plan")(plan)
 app.command("export")(export)
 app.command("compare")(compare)
+app.command("diff")(diff)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("benchmark")(benchmark)
@@ -67,7 +69,10 @@ def _main(
 
 
 def main() -> None:
-    """Run the command line; exit status 0, 2 (your input), 1 (our fault) or 130 (interrupted)."""
+    """Run the command line; exit status 0, 2 (your input), 1 (our fault), 130 (interrupted) or 3.
+
+    3 says that a condition of `--fail-if` holds.
+    """
     # An interrupted or terminated run unwinds, so that it removes what it had begun to write.
     interrupts.install()
     try:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.map_options import BuildingOptions, MapOptions
+from ambinav.cli.gate import AuditGate
+from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
@@ -22,33 +23,6 @@ if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReachOptions:
-    """Which floor counts: what the robot reaches."""
-
-    PANEL: ClassVar[str] = "Robot"
-
-    robot_radius: Annotated[
-        float | None,
-        typer.Option(
-            "--robot-radius",
-            metavar="M",
-            help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
-            "count.",
-            show_default="the scanner's robot_radius, or 0.2",
-        ),
-    ] = None
-    start: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            "--start",
-            metavar="X Y",
-            help="Where the robot starts, map frame, metres.",
-            show_default="the largest piece of floor",
-        ),
-    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +97,7 @@ def audit(
     making: MapOptions,
     robot: ReachOptions,
     reported: ReportOptions,
+    gate: AuditGate,
     as_json: options.AsJson = False,
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
@@ -131,11 +106,13 @@ def audit(
 
     Writes report.html (stands alone), report.md, report.json and the pictures.
 
-    Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out`
+    Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
     """
     with reporting():
         making.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        conditions = gate.conditions(output)
+        reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
         reported.check(output)
         environment, chosen = making.load(map_file, scanner, building)
         from ambinav.audit.audit import robot_radius
@@ -153,6 +130,7 @@ def audit(
             _show(report, output)
             if reported.keep is not None:
                 typer.echo(f"map: {reported.keep}")
+        gate.judge(conditions, report, map_file, as_json=as_json)
 
 
 def _examine(

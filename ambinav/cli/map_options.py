@@ -1,4 +1,4 @@
-"""Groups of options on a building, and on the map that is made of it."""
+"""Groups of options on a building, on the map that is made of it, and on the floor that counts."""
 
 from __future__ import annotations
 
@@ -209,3 +209,30 @@ class MapOptions:
 
         names = [name.strip() for name in self.layers.split(",")]
         return tuple(layer.name for layer in chosen_layers(names, scanner))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReachOptions:
+    """Which floor counts: what the robot reaches."""
+
+    PANEL: ClassVar[str] = "Robot"
+
+    robot_radius: Annotated[
+        float | None,
+        typer.Option(
+            "--robot-radius",
+            metavar="M",
+            help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
+            "count.",
+            show_default="the scanner's robot_radius, or 0.2",
+        ),
+    ] = None
+    start: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--start",
+            metavar="X Y",
+            help="Where the robot starts, map frame, metres.",
+            show_default="the largest piece of floor",
+        ),
+    ] = None

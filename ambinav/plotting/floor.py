@@ -98,9 +98,9 @@ class FloorFigure:
             self._scale_bar(width)
         ax.set_title(title, fontsize=self._font + 2, loc="left")
 
-    def paint(self, values: NDArray[Any], **scale: Any) -> AxesImage:
-        """Lay values (ny, nx), or colours (ny, nx, 4), over the cells of the map."""
-        xmin, ymin, xmax, ymax = self.amap.bounds
+    def paint(self, values: NDArray[Any], bounds: Bounds | None = None, **scale: Any) -> AxesImage:
+        """Lay values (ny, nx), or colours (ny, nx, 4), over the map's cells, or bounds."""
+        xmin, ymin, xmax, ymax = bounds or self.amap.bounds
         return self._image(values, (xmin, xmax, ymin, ymax), _CELLS, **scale)
 
     def paint_parts(self, picture: NDArray[np.float64], parts: FloorParts) -> None:
@@ -216,6 +216,10 @@ class FloorFigure:
         bar = root_figure(self.axes).colorbar(image, cax=place)
         bar.set_label(label, fontsize=self._font)
         bar.outline.set_linewidth(0.5)
+
+    def stretches(self, ends: NDArray[np.float64], **look: Any) -> None:
+        """Draw straight lines over the walls, by their end points, shape (N, 4)."""
+        self._lines(ends.reshape(-1, 2, 2), zorder=_STROKES, **look)
 
     def finish(self) -> Axes:
         """Fit a figure of its own around the floor and its legends; returns the axes."""

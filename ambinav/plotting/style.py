@@ -47,6 +47,16 @@ SILENT: Final = "#D95F0E"
 SLIDE: Final = "#7B1FA2"
 """Direction in which a robot slides unseen."""
 
+CHANGE: Final = "RdBu_r"
+"""Matplotlib's name of the scale of a change: blue is better, red worse, white the same; told apart
+by the colour-blind (ColorBrewer)."""
+NEW: Final = "#009E73"
+GONE: Final = "#9A4C95"
+"""Walls that only the later or only the earlier of two maps has; gone ones are dashed too."""
+NEW_FLOOR: Final = "#B9E4C9"
+GONE_FLOOR: Final = "#DCC3E3"
+"""Floor of the same."""
+
 ROBOT: Final = "#111111"
 ESTIMATE: Final = "#6A1B9A"
 """A robot and its trail; where it believes it is."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
-# Two shares of the same count may differ by rounding.
-ROUNDING: Final = 1e-9
+from ambinav.reports.conditions import Limit
 
 
 @dataclass(frozen=True)
@@ -27,12 +25,12 @@ class AcceptanceCriterion:
 
     def lost_met(self, ours: float, baseline: float) -> bool:
         """Whether few enough are lost; where none was, none may be."""
-        return ours <= self.lost * baseline + ROUNDING
+        return Limit("<=", self.lost * baseline).holds(ours)
 
     def error_met(self, ours: float, baseline: float) -> bool:
         """Whether the error is small enough."""
-        return ours <= self.error * baseline + ROUNDING
+        return Limit("<=", self.error * baseline).holds(ours)
 
     def length_met(self, ratio: float) -> bool:
         """Whether the route is short enough, by its length over the baseline's."""
-        return ratio <= 1.0 + self.extra + ROUNDING
+        return Limit("<=", 1.0 + self.extra).holds(ratio)

@@ -16,6 +16,7 @@ COPIED: Final = {
     ROOT / "configs" / "README.md": "configs.md",
     ROOT / "benchmarks" / "README.md": "benchmarks.md",
     ROOT / "examples" / "README.md": "examples.md",
+    ROOT / "examples" / "ros2" / "README.md": "ros2.md",
 }
 """Pages from outside docs/, by the name that they have in `_generated`."""
 RESULTS: Final = ROOT / "benchmarks" / "results"

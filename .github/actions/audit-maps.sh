@@ -1,0 +1,84 @@
+#!/usr/bin/env bash
+# What action.yml runs: audits the maps named in MAPS, one a line, each into a folder of its own.
+#   AMBINAV     the command                 SCANNER  a preset or a file
+#   MAPS        files, patterns or folders  OUTPUT   folder of the reports
+#   CONDITIONS  one a line, or nothing      OPTIONS  further options, separated by blanks
+# Ends with 3 where a condition holds, else with the first other status that is not 0.
+# All maps are audited, whatever becomes of one.
+set -uo pipefail
+: "${AMBINAV:?}" "${SCANNER:?}" "${OUTPUT:?}" "${MAPS?}" "${CONDITIONS?}" "${OPTIONS?}"
+shopt -s globstar nullglob
+
+is_map() { # a map_server file, not the parameters of a node that lie beside it
+    grep -qE '^image *:' "$1" && grep -qE '^resolution *:' "$1"
+}
+
+maps=()
+while IFS= read -r line; do
+    line="${line#"${line%%[![:space:]]*}"}"
+    line="${line%"${line##*[![:space:]]}"}"
+    [[ -n "$line" ]] || continue
+    if [[ -d "$line" ]]; then
+        found=()
+        for file in "${line%/}"/**/*.yaml "${line%/}"/**/*.yml; do
+            is_map "$file" && found+=("$file")
+        done
+    elif [[ -e "$line" ]]; then
+        found=("$line")
+    else
+        IFS= # so that blanks in a pattern do not part it
+        # shellcheck disable=SC2206 # a pattern is to be expanded
+        found=($line)
+        unset IFS
+        [[ -e "${found[0]:-}" ]] || found=() # what is no pattern stays as it is
+    fi
+    if ((${#found[@]} == 0)); then
+        echo "ambinav: error: $line: there is no such map; name a map file, a pattern or a folder of maps." >&2
+        exit 2
+    fi
+    maps+=("${found[@]}")
+done <<<"$MAPS"
+if ((${#maps[@]} == 0)); then
+    echo "ambinav: error: map: no map is named; name a map file, a pattern or a folder of maps." >&2
+    exit 2
+fi
+
+conditions=()
+while IFS= read -r line; do
+    [[ -n "${line//[[:space:]]/}" ]] && conditions+=(--fail-if "$line")
+done <<<"$CONDITIONS"
+read -ra options <<<"$OPTIONS"
+
+held=0
+status=0
+for map in "${maps[@]}"; do
+    name="${map#./}"
+    name="${name//\//__}"
+    gate=()
+    if ((${#conditions[@]})); then
+        gate=("${conditions[@]}" --junit "$OUTPUT/junit/$name.xml" --sarif "$OUTPUT/sarif/$name.sarif")
+    fi
+    echo "::group::$map"
+    "$AMBINAV" audit "$map" --scanner "$SCANNER" -o "$OUTPUT/$name" "${options[@]}" "${gate[@]}"
+    code=$?
+    echo "::endgroup::"
+    if ((code == 3)); then
+        held=3
+        echo "::error file=$map::a condition of the audit holds; see the report in $OUTPUT/$name"
+    elif ((code != 0)); then
+        ((status == 0)) && status=$code
+        echo "::error file=$map::the audit ended with status $code"
+    fi
+    if [[ -n "${GITHUB_STEP_SUMMARY:-}" && -f "$OUTPUT/$name/report.json" ]]; then
+        python3 - "$OUTPUT/$name/report.json" "$map" "$code" >>"$GITHUB_STEP_SUMMARY" <<'PYTHON'
+import json
+import sys
+
+path, name, code = sys.argv[1:]
+word = {"0": "passed", "3": "failed"}.get(code, f"ended with status {code}")
+with open(path, encoding="utf-8") as file:
+    print(f"### {name}: {word}\n\n{json.load(file)['summary']}\n")
+PYTHON
+    fi
+done
+exit $((held ? held : status))

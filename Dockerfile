@@ -1,0 +1,41 @@
+# Serves ambiguity maps over HTTP: docs/howto/docker.md.
+#   docker build -t ambinav .
+#   docker run --rm -p 8765:8765 -v "$PWD/maps:/maps" ambinav /maps/office.zarr
+FROM python:3.11-slim-bookworm AS build
+
+WORKDIR /src
+COPY pyproject.toml README.md LICENSE constraints.txt ./
+COPY ambinav ambinav
+COPY envs envs
+COPY planners planners
+RUN python -m venv /opt/ambinav \
+    && /opt/ambinav/bin/pip install --no-cache-dir --constraint constraints.txt ".[serve]"
+
+FROM python:3.11-slim-bookworm
+
+# The owner of the files in /maps must be able to let this user read them; --user gives another one.
+RUN useradd --create-home --uid 10001 ambinav
+COPY --from=build /opt/ambinav /opt/ambinav
+# Code is not writable for whoever runs it; what is compiled and kept lies in the user's folder.
+ENV PATH=/opt/ambinav/bin:$PATH \
+    PYTHONDONTWRITEBYTECODE=1 \
+    PYTHONUNBUFFERED=1 \
+    MPLBACKEND=agg \
+    MPLCONFIGDIR=/home/ambinav/.cache/matplotlib \
+    NUMBA_CACHE_DIR=/home/ambinav/.cache/numba \
+    XDG_CACHE_HOME=/home/ambinav/.cache
+
+USER 10001
+WORKDIR /home/ambinav
+# Machine code for the first map. On another kind of processor it is made again, once, so it lies
+# where whoever --user names can write: numba refuses to work without.
+RUN ambinav map "$(python -c 'from ambinav.demo import BUILDING; print(BUILDING)')" \
+        --scanner turtlebot3-lds --spacing 0.5 -o /tmp/warm.zarr \
+    && rm -r /tmp/warm.zarr && chmod -R a+rwX /home/ambinav
+
+EXPOSE 8765
+HEALTHCHECK --interval=30s --timeout=5s --start-period=30s \
+    CMD ["python", "-c", "import socket; socket.create_connection(('127.0.0.1', 8765), 3).close()"]
+# Within a container localhost is the container. AMBINAV_TOKEN asks callers for a token.
+ENTRYPOINT ["ambinav", "serve", "--host", "0.0.0.0", "--port", "8765"]
+CMD ["/maps/map.zarr"]

@@ -1,0 +1,239 @@
+"""`ambinav diff`: what has changed from one ambiguity map to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.gate import DiffGate
+from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+from ambinav.mistaken import STORE, kind_of_path
+
+if TYPE_CHECKING:
+    from ambinav.diff.document import Document
+    from ambinav.geometry.collision.reach import Reach
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+
+_MAP = "An ambiguity map, or with --scanner a building."
+
+
+@options.grouped
+def diff(
+    first: Annotated[Path, typer.Argument(metavar="A", help=_MAP, show_default=False)],
+    second: Annotated[Path, typer.Argument(metavar="B", help=_MAP, show_default=False)],
+    *,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for the report; an earlier one there is replaced.",
+            show_default="only printed",
+        ),
+    ] = None,
+    scanner: Annotated[
+        str | None,
+        typer.Option(
+            "--scanner",
+            "-s",
+            metavar="PRESET|FILE",
+            help="For buildings: the scanner whose maps are compared.",
+            show_default="none: A and B are maps",
+        ),
+    ] = None,
+    scanner_b: Annotated[
+        str | None,
+        typer.Option(
+            "--scanner-b",
+            metavar="PRESET|FILE",
+            help="For B, where it is another one.",
+            show_default="as --scanner",
+        ),
+    ] = None,
+    building: BuildingOptions,
+    making: MapOptions,
+    robot: ReachOptions,
+    wall_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            "--wall-tolerance",
+            metavar="M",
+            help="How far a wall may be off and still be the same, metres.",
+            show_default="two cells of the occupancy map, at least 0.1",
+        ),
+    ] = None,
+    places: Annotated[
+        int, typer.Option("--places", metavar="N", help="How many changed regions to list.")
+    ] = 10,
+    pictures: options.Pictures = "png",
+    gate: DiffGate,
+    as_json: options.AsJson = False,
+) -> None:
+    """Tell what has changed from A to B: zones, level, walls, parameters.
+
+    Two maps, two scanners or two versions, registered by the map frame. The options on building and
+    map are for buildings, of which maps are made first.
+
+    Example: `ambinav diff before.zarr after.zarr -o changes --fail-if "new open area > 1 m2"`
+    """
+    with reporting():
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        above_zero(wall_tolerance, "--wall-tolerance", "0.1")
+        options.check_pictures(pictures)
+        if places < 0:
+            raise InputError(f"--places: {places} is negative; give 0 or more.")
+        conditions = gate.conditions(output)
+        if output is not None:
+            from ambinav.diff.report import FOLDER
+
+            check_writable(output)
+            FOLDER.check(output)
+        scanners = scanner, scanner_b or scanner
+        _check_scanners((first, second), scanners, scanner_b)
+        from ambinav.diff.difference import difference
+        from ambinav.diff.document import document
+
+        with progress_bars(as_json) as bars:
+            amaps = [
+                _open(path, named, building, making, bars(f"map {letter}"))
+                for path, named, letter in zip((first, second), scanners, "AB", strict=True)
+            ]
+        reach = _reach(amaps[0], robot), _reach(amaps[1], robot)
+        found = difference(amaps[0], amaps[1], reach, wall_tolerance=wall_tolerance)
+        report = document(found, places)
+        if output is not None:
+            from ambinav.diff.report import write_report
+
+            write_report(found, report, output, pictures)
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(report, output)
+        gate.judge(conditions, report, second, as_json=as_json)
+
+
+def _is_map(path: Path) -> bool:
+    return kind_of_path(path) == STORE
+
+
+def _check_scanners(
+    paths: tuple[Path, Path], scanners: tuple[str | None, str | None], scanner_b: str | None
+) -> None:
+    """Check that buildings, and only they, come with a scanner.
+
+    Raises:
+        InputError: they do not.
+    """
+    for path, named in zip(paths, scanners, strict=True):
+        if not _is_map(path) and named is None:
+            raise InputError(
+                f"{path}: this is not an ambiguity map; give a building with --scanner PRESET, or "
+                "a map made by `ambinav map`."
+            )
+    if scanners[0] is not None and all(map(_is_map, paths)):
+        raise InputError(
+            f"--scanner: {scanners[0]} is for buildings, but {paths[0]} and {paths[1]} are maps; "
+            "leave it out."
+        )
+    if scanner_b is not None and _is_map(paths[1]):
+        raise InputError(
+            f"--scanner-b: {scanner_b} is for a building, but {paths[1]} is a map; leave it out."
+        )
+
+
+def _open(
+    path: Path,
+    scanner: str | None,
+    building: BuildingOptions,
+    making: MapOptions,
+    progress: Progress,
+) -> AmbiguityMap:
+    """Read a map, or make that of a building.
+
+    Raises:
+        InputError: it cannot be read or made.
+    """
+    from ambinav.maps.ambiguity_map import AmbiguityMap
+
+    if scanner is None or _is_map(path):
+        return AmbiguityMap.open(path)
+    environment, chosen = making.load(path, scanner, building)
+    making.announce(environment, chosen)
+    made = making.build(environment, chosen, progress)
+    made.source = str(path)
+    return made
+
+
+def _reach(amap: AmbiguityMap, robot: ReachOptions) -> Reach:
+    """What a robot reaches in a map's building: the scanner's, where nobody says how large.
+
+    Raises:
+        InputError: it fits nowhere, or not at the start.
+    """
+    from ambinav.audit.audit import robot_radius as radius_of
+    from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
+    from ambinav.sensing.scanner import RangeScanner
+
+    robot_radius = robot.robot_radius
+    if robot_radius is None:
+        text = amap.dataset.attrs.get("scanner_yaml")
+        robot_radius = (
+            ROBOT_RADIUS
+            if text is None
+            else radius_of(RangeScanner.from_yaml_text(text, file=f"{amap.source}: scanner_yaml"))
+        )
+    return find_reach(amap.environment, robot_radius, robot.start)
+
+
+def _show(report: Document, output: Path | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    console.print(Text(report.summary))
+    if report.identical:
+        return
+    for name, part, letter in (("A", report.first, "B"), ("B", report.second, "A")):
+        if part.own_layers:
+            console.print(
+                Text(f"layers of {name} that {letter} lacks: {', '.join(part.own_layers)}")
+            )
+    zones = Table(box=None, pad_edge=False)
+    for title in ("zone", "A", "B", "share A", "share B", "new", "lost"):
+        zones.add_column(title, justify="left" if title == "zone" else "right")
+    for zone in report.zones:
+        zones.add_row(
+            zone.zone,
+            *(f"{area:,.1f} m²" for area in (zone.before_m2, zone.after_m2)),
+            *(f"{share:.1%}" for share in (zone.before_share, zone.after_share)),
+            *(f"{area:,.1f} m²" for area in (zone.new_m2, zone.lost_m2)),
+        )
+    console.print("", zones, sep="\n")
+    if report.regions:
+        regions = Table(box=None, pad_edge=False)
+        for title in ("no.", "kind", "x, y", "area", "change", "A", "B"):
+            right = title in ("no.", "x, y", "area", "change")
+            regions.add_column(title, justify="right" if right else "left")
+        for one in report.regions:
+            regions.add_row(
+                str(one.number), one.kind, f"{one.x_m:.1f}, {one.y_m:.1f} m",
+                f"{one.area_m2:,.1f} m²", f"{one.change:+.2f}", one.before, one.after,
+            )  # fmt: skip
+        console.print("", regions, sep="\n")
+    if report.parameters:
+        table = Table(box=None, pad_edge=False)
+        for title in ("parameter", "A", "B"):
+            table.add_column(title, overflow="fold")
+        for each in report.parameters:
+            table.add_row(Text(each.name), Text(each.before), Text(each.after))
+        console.print("", table, sep="\n")
+    if output is not None:
+        console.print("", Text(f"report: {output / 'diff.html'}"), sep="\n", soft_wrap=True)

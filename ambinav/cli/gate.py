@@ -1,0 +1,191 @@
+"""Conditions that make a command end with status 3, and the files that say which held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import typer
+
+from ambinav.cli.running import check_file, reporting
+from ambinav.errors import InputError
+from ambinav.reports.conditions import Condition, Quantities, judge, parse_condition
+
+HOLDS = 3
+"""Exit status where a condition holds."""
+
+
+def _audit_quantities() -> Quantities:
+    from ambinav.audit.figures import QUANTITIES
+
+    return QUANTITIES
+
+
+def _diff_quantities() -> Quantities:
+    from ambinav.diff.figures import QUANTITIES
+
+    return QUANTITIES
+
+
+def _lister(quantities: Callable[[], Quantities]) -> Callable[[list[str] | None], list[str] | None]:
+    """What `--fail-if list` does: name the figures, and end."""
+
+    def listed(given: list[str] | None) -> list[str] | None:
+        if not given or "list" not in given:
+            return given
+        with reporting():
+            known = quantities().values()
+            width = max(len(quantity.name) for quantity in known)
+            for quantity in known:
+                typer.echo(f"{quantity.name:{width}}  {quantity.unit:2}  {quantity.meaning}")
+        raise typer.Exit
+
+    return listed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gate:
+    """What both gates have."""
+
+    COMMAND: ClassVar[str]
+    """Of the command line."""
+    FIGURES: ClassVar[tuple[Callable[[], Quantities]]]
+    """Gives what conditions may name; in a tuple, so that it is no method."""
+
+    fail_if: list[str] | None = None
+    junit: Annotated[
+        Path | None,
+        typer.Option(
+            "--junit",
+            metavar="FILE",
+            help="Write JUnit XML, with a test case for each condition.",
+            show_default="none",
+        ),
+    ] = None
+    sarif: Annotated[
+        Path | None,
+        typer.Option(
+            "--sarif",
+            metavar="FILE",
+            help="Write SARIF 2.1.0, with a result for each condition that holds.",
+            show_default="none",
+        ),
+    ] = None
+
+    def conditions(self, output: Path | None) -> tuple[Condition, ...]:
+        """Read the conditions, and check the files, before the long work.
+
+        Args:
+            output: The report's folder, in which other files have no place.
+
+        Raises:
+            InputError: a condition cannot be read, or a file cannot be written or has nothing to
+                say.
+        """
+        given = self.fail_if or []
+        found = tuple(parse_condition(text, self.FIGURES[0]()) for text in given)
+        files = {"--junit": self.junit, "--sarif": self.sarif}
+        chosen = {option: path for option, path in files.items() if path is not None}
+        for option, path in chosen.items():
+            if not found:
+                raise InputError(
+                    f"{option}: {path} would be about no condition; add --fail-if CONDITION."
+                )
+            if output is not None and path.absolute().is_relative_to(output.absolute()):
+                raise InputError(
+                    f"{option}: {path} lies in the report's folder {output}, which is replaced as "
+                    "a whole; choose another place."
+                )
+            check_file(path)
+        if len(chosen) == 2 and len({path.absolute() for path in chosen.values()}) == 1:
+            raise InputError(f"--sarif: {self.sarif} is also given as --junit; name two files.")
+        return found
+
+    def judge(
+        self, conditions: tuple[Condition, ...], report: object, map_file: Path, *, as_json: bool
+    ) -> None:
+        """Hold the conditions against a report, write the files, and say what came out.
+
+        Args:
+            conditions: As `conditions` gave them.
+            report: What their quantities read.
+            map_file: The map that it is about.
+            as_json: Whether stdout belongs to JSON, so that stderr is spoken to.
+
+        Raises:
+            typer.Exit: with status 3: a condition holds.
+            InputError: the report lacks a figure, or a file cannot be written.
+        """
+        from ambinav.reports.junit import write_junit
+        from ambinav.reports.sarif import write_sarif
+
+        outcomes = [judge(condition, report) for condition in conditions]
+        if self.junit is not None:
+            write_junit(outcomes, f"ambinav {self.COMMAND} {map_file}", self.junit)
+        if self.sarif is not None:
+            write_sarif(outcomes, self.COMMAND, map_file, self.sarif)
+        for outcome in outcomes:
+            typer.echo(f"{'failed' if outcome.holds else 'passed'}: {outcome.text}", err=as_json)
+        if any(outcome.holds for outcome in outcomes):
+            raise typer.Exit(HOLDS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AuditGate(Gate):
+    """The gate of an audit."""
+
+    PANEL: ClassVar[str] = "Gate"
+    COMMAND = "audit"
+    FIGURES = (_audit_quantities,)
+
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help='End with status 3 where this holds, e.g. "open > 2 %" or "longest open stretch '
+            '> 4 m"; may be given again. "list" names all figures.',
+            show_default="none",
+            callback=_lister(_audit_quantities),
+            is_eager=True,
+        ),
+    ] = None
+
+    def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
+        """Whether to seek aliased places: a condition on them asks for it.
+
+        Raises:
+            InputError: it was refused.
+        """
+        from ambinav.audit.figures import ALIASING
+
+        about = [one for one in conditions if one.quantity.name in ALIASING]
+        if about and wanted is False:
+            raise InputError(
+                f'--fail-if: "{about[0]}" is about aliased places; leave --no-aliasing out.'
+            )
+        return True if about else wanted
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffGate(Gate):
+    """The gate of a difference."""
+
+    PANEL: ClassVar[str] = "Gate"
+    COMMAND = "diff"
+    FIGURES = (_diff_quantities,)
+
+    fail_if: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fail-if",
+            metavar="CONDITION",
+            help='End with status 3 where this holds, e.g. "new open area > 1 m2" or "worse area '
+            '> 5 m2"; may be given again. "list" names all figures.',
+            show_default="none",
+            callback=_lister(_diff_quantities),
+            is_eager=True,
+        ),
+    ] = None

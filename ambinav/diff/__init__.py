@@ -1,0 +1,1 @@
+"""Two ambiguity maps held against each other: two buildings, scanners or versions."""

@@ -1,0 +1,83 @@
+"""What two maps were made of and with, as far as it differs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.reports.pages import cell
+
+_PLAIN: Final = ("environment", "environment_sha256", "scanner", "cost_layer", "ambinav_version")
+_JSON: Final = ("environment_resolution", "parameters", "versions")
+_RESULTS: Final = frozenset({"parameters.free_poses"})
+"""Not chosen by anybody: they follow from the rest."""
+_ABSENT: Final = "-"
+
+
+@dataclass(frozen=True)
+class Differing:
+    """A parameter that differs.
+
+    Attributes:
+        name: With dots between what is nested: "scanner.parts.0.sensor.max_range".
+        first: Value in the first map, as text; "-": it has none.
+        second: The same in the second map.
+    """
+
+    name: str
+    first: str
+    second: str
+
+
+def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Differing, ...]:
+    """Parameters, scanner, building and versions, as far as they differ, in the maps' order."""
+    ours, theirs = (dict(_parameters(amap.dataset.attrs)) for amap in (first, second))
+    return tuple(
+        Differing(name, _text(ours, name), _text(theirs, name))
+        for name in dict.fromkeys([*ours, *theirs])
+        if name not in _RESULTS and ours.get(name, _ABSENT) != theirs.get(name, _ABSENT)
+    )
+
+
+def same_content(first: AmbiguityMap, second: AmbiguityMap) -> bool:
+    """Whether all layers, walls and outlines are the same, bit for bit."""
+    ours, theirs = first.dataset, second.dataset
+    if set(ours.variables) != set(theirs.variables):
+        return False
+    return all(
+        ours[name].dims == theirs[name].dims
+        and np.array_equal(
+            ours[name].values, theirs[name].values, equal_nan=ours[name].dtype.kind == "f"
+        )
+        for name in ours.variables
+    )
+
+
+def _parameters(attrs: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
+    for name in _PLAIN:
+        yield name, attrs.get(name, _ABSENT)
+    yield from _flat("scanner", yaml.safe_load(attrs.get("scanner_yaml", "")))
+    for name in _JSON:
+        yield from _flat(name, json.loads(attrs.get(name, "null")))
+
+
+def _flat(name: str, value: object) -> Iterator[tuple[str, object]]:
+    """A nested value as single ones with dotted names."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _flat(f"{name}.{key}", part)
+    elif isinstance(value, list) and any(isinstance(part, Mapping | list) for part in value):
+        for key, part in enumerate(value):
+            yield from _flat(f"{name}.{key}", part)
+    elif value is not None:
+        yield name, value
+
+
+def _text(values: Mapping[str, object], name: str) -> str:
+    return cell(values[name]) if name in values else _ABSENT

@@ -1,0 +1,68 @@
+"""Walls that one map has and another has not."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.geometry.segments import Segments
+
+CLOSE: Final = 0.1
+"""Metres: walls this near to each other are one, where both maps are drawn."""
+CELLS: Final = 2.0
+"""The same in cells of an occupancy map: outlines are simplified to about so much."""
+
+
+def tolerance(*resolutions: float | None) -> float:
+    """How far apart two walls may lie and still be one, metres.
+
+    Args:
+        resolutions: Cell sizes of the maps, metres; None for a drawn one.
+    """
+    return max(CLOSE, *(CELLS * cell for cell in resolutions if cell is not None), CLOSE)
+
+
+def missing_walls(walls: Segments, others: Segments, close: float) -> NDArray[np.float64]:
+    """Stretches of walls that are farther than `close` from every wall of another map.
+
+    Frontiers to unknown space are no walls. Stretches shorter than `close` are left out.
+
+    Args:
+        walls: What stretches are of.
+        others: What they are held against.
+        close: Metres, above zero.
+
+    Returns:
+        End points, columns ax, ay, bx, by, metres, shape (N, 4).
+    """
+    ours, theirs = walls.xy[walls.walls], others.xy[others.walls]
+    known = {tuple(row) for row in np.round(theirs, 6).tolist()}
+    fresh = [tuple(row) not in known for row in np.round(ours, 6).tolist()]
+    lines = shapely.linestrings(ours[np.array(fresh, dtype=np.bool_)].reshape(-1, 2, 2))
+    if not len(lines):
+        return np.empty((0, 4))
+    if len(theirs):
+        around = shapely.linestrings(theirs.reshape(-1, 2, 2))
+        tree = shapely.STRtree(around)
+        index, near = tree.query(lines, predicate="dwithin", distance=close)
+        order = np.argsort(index, kind="stable")
+        which, starts = np.unique(index[order], return_index=True)
+        covers = shapely.buffer(around, close)
+        # Where nothing is near there is still one part, an empty one.
+        for line, hits in zip(which.tolist(), np.split(near[order], starts[1:]), strict=False):
+            lines[line] = shapely.difference(lines[line], shapely.union_all(covers[hits]))
+    parts = shapely.get_parts(lines)
+    parts = parts[shapely.length(parts) >= close]
+    return np.array(
+        [shapely.get_coordinates(part)[[0, -1]].ravel() for part in parts], dtype=np.float64
+    ).reshape(-1, 4)
+
+
+def total_length(stretches: NDArray[np.float64]) -> float:
+    """Length of stretches as `missing_walls` gives them, metres."""
+    return float(
+        np.hypot(stretches[:, 2] - stretches[:, 0], stretches[:, 3] - stretches[:, 1]).sum()
+    )

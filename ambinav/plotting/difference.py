@@ -1,0 +1,175 @@
+"""Two ambiguity maps and what has changed, in three panels."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.zones import ZONES
+from ambinav.plotting import style
+from ambinav.plotting.canvas import new_figure
+from ambinav.plotting.floor import (
+    Bounds,
+    FloorFigure,
+    colour_patch,
+    label_points,
+    unexplored_patch,
+    view,
+)
+from ambinav.plotting.maps import paint_zones
+
+LEAST_SCALE: Final = 0.1
+"""Change in level that the ends of the scale stand for, at least: noise stays pale."""
+_PANEL: Final = 9.0
+"""Inches of the longer side of a panel, at most."""
+_BESIDE: Final = 1.0
+_BELOW: Final = 1.6
+"""Inches between panels; below one is room for a legend."""
+_LETTER: Final = 0.11
+"""Inches of a letter of a title, about."""
+_WALLS: Final = 2.6
+"""Points, of walls that are new or gone."""
+_DASHES: Final = (2.0, 1.0)
+"""Of walls that are gone."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChangeLayer:
+    """What the third panel shows, on cells that cover both maps.
+
+    Attributes:
+        bounds: (xmin, ymin, xmax, ymax) of the cells, metres.
+        rise: Level after less level before, shape (ny, nx); nan where floor counts in one or none.
+        new_floor: Cells that count after only, bool, shape (ny, nx).
+        gone_floor: Cells that count before only.
+        new_walls: Only in the second map: ax, ay, bx, by, metres, shape (N, 4).
+        gone_walls: Only in the first.
+        labels: x, y and number of the regions that are listed.
+    """
+
+    bounds: Bounds
+    rise: NDArray[np.float64]
+    new_floor: NDArray[np.bool_]
+    gone_floor: NDArray[np.bool_]
+    new_walls: NDArray[np.float64]
+    gone_walls: NDArray[np.float64]
+    labels: Sequence[tuple[float, float, str]] = ()
+
+
+def plot_difference(
+    first: AmbiguityMap,
+    second: AmbiguityMap,
+    parts: tuple[FloorParts, FloorParts],
+    change: ChangeLayer,
+    titles: tuple[str, str],
+) -> Figure:
+    """Draw the zones of both maps and the change of the level, side by side or one below another.
+
+    Args:
+        first: The map before.
+        second: The map after.
+        parts: Which floor counts in either.
+        change: What has changed.
+        titles: Of the first two panels.
+    """
+    views = np.array([view(first), view(second)])
+    low, high = views[:, :2].min(axis=0), views[:, 2:].max(axis=0)
+    bounds: Bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    panels, width, inches = _panels(bounds)
+    for axes, amap, part, title in zip(panels, (first, second), parts, titles, strict=False):
+        title = "\n".join(textwrap.wrap(title, max(int(width / _LETTER), 12)))
+        floor = FloorFigure(amap, axes, title, bounds=bounds, longest=inches)
+        paint_zones(floor, "mean", part)
+        if axes is panels[1]:
+            floor.legend(_zone_legend(first, second, parts), below=True)
+    floor = FloorFigure(second, panels[2], "Change of the level", bounds=bounds, longest=inches)
+    tints = np.zeros((*change.rise.shape, 4))
+    for mask, colour in (
+        (change.new_floor, style.NEW_FLOOR), (change.gone_floor, style.GONE_FLOOR)
+    ):  # fmt: skip
+        tints[mask] = to_rgba(colour)
+    floor.paint(tints, change.bounds)
+    known = np.abs(change.rise[np.isfinite(change.rise)])
+    most = max(float(known.max(initial=0.0)), LEAST_SCALE)
+    image = floor.paint(change.rise, change.bounds, cmap=style.CHANGE, norm=Normalize(-most, most))
+    floor.stretches(
+        change.gone_walls, colors=style.GONE, linewidths=_WALLS, linestyles=(0, _DASHES)
+    )
+    floor.stretches(change.new_walls, colors=style.NEW, linewidths=_WALLS)
+    floor.colour_bar(image, "level after less level before (red: worse)")
+    floor.legend(_change_legend(change), below=True)
+    label_points(panels[2], change.labels)
+    return panels[0].figure  # type: ignore[return-value]
+
+
+def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
+    """Three axes of one size, one below another where the floor is wide; its width and diagonal.
+
+    Both in inches.
+    """
+    width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
+    scale = _PANEL / max(width, height)
+    if height > width:
+        scale = min(scale, 0.6 * _PANEL / width)
+    w, h = width * scale, height * scale
+    stacked = width > 1.1 * height
+    across, down = (w, 3 * h + 2 * _BELOW) if stacked else (3 * w + 2 * _BESIDE, h)
+    figure = new_figure(across, down, laid_out=False)
+    places = [
+        (0.0, (2 - k) * (h + _BELOW)) if stacked else (k * (w + _BESIDE), 0.0) for k in range(3)
+    ]
+    axes = [figure.add_axes((x / across, y / down, w / across, h / down)) for x, y in places]
+    return axes, w, math.hypot(w, h)
+
+
+def _zone_legend(
+    first: AmbiguityMap, second: AmbiguityMap, parts: tuple[FloorParts, FloorParts]
+) -> list[Artist]:
+    """Colours of the zones, with their shares before and after."""
+    shares = [
+        amap.zone_shares("mean", part.counted)
+        for amap, part in zip((first, second), parts, strict=True)
+    ]
+    entries: list[Artist] = [
+        colour_patch(
+            style.ZONE_COLOURS[code],
+            f"{name}\n{shares[0][code].share:.0%} → {shares[1][code].share:.0%}",
+        )
+        for code, name in enumerate(ZONES)
+    ]
+    if any(part.unexplored.any() for part in parts):
+        entries.append(unexplored_patch("unexplored"))
+    if any(part.unreachable.any() for part in parts):
+        entries.append(colour_patch(style.UNREACHABLE, "not\nreachable"))
+    return entries
+
+
+def _change_legend(change: ChangeLayer) -> list[Artist]:
+    """Entries for what there is."""
+    entries: list[Artist] = []
+    for mask, colour, label in (
+        (change.new_floor, style.NEW_FLOOR, "new floor"),
+        (change.gone_floor, style.GONE_FLOOR, "floor gone"),
+    ):
+        if mask.any():
+            entries.append(colour_patch(colour, label))
+    if len(change.new_walls):
+        entries.append(Line2D([], [], color=style.NEW, linewidth=_WALLS, label="new wall"))
+    if len(change.gone_walls):
+        gone = Line2D([], [], color=style.GONE, linewidth=_WALLS, label="wall gone")
+        gone.set_linestyle((0, _DASHES))
+        entries.append(gone)
+    return entries

@@ -1,0 +1,217 @@
+"""Conditions on the figures of a report, as people write them: NAME OP NUMBER UNIT.
+
+    open > 2 %        longest open stretch >= 4 m        places > 3
+
+A name is one of the report's quantities, in any case, with spaces, hyphens or underscores; OP is
+one of > >= < <=; the unit is the quantity's own.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ambinav.errors import InputError
+
+ROUNDING: Final = 1e-9
+"""Two shares of the same count may differ by rounding: a value on a limit is on it."""
+UNITS: Final = {
+    "%": "%", "percent": "%", "m": "m", "metres": "m", "meters": "m",
+    "m2": "m²", "m^2": "m²", "m²": "m²", "sqm": "m²", "": "",
+}  # fmt: skip
+"""Units by their spellings; "" is that of a number."""
+_NAME: Final = re.compile(r"[^\W\d]+(?:[\s_-]+[^\W\d]+)*")
+_OPERATOR: Final = re.compile(r">=|<=|≥|≤|>|<")
+_NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A bound that a value is held against.
+
+    Attributes:
+        operator: ">", ">=", "<" or "<=".
+        number: In the value's unit.
+    """
+
+    operator: str
+    number: float
+
+    def holds(self, value: float) -> bool:
+        """Whether the value stands in that relation to the number; not where it is nan."""
+        match self.operator:
+            case ">":
+                return value > self.number + ROUNDING
+            case ">=":
+                return value >= self.number - ROUNDING
+            case "<":
+                return value < self.number - ROUNDING
+            case _:
+                return value <= self.number + ROUNDING
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A figure of a report that conditions may name.
+
+    Attributes:
+        name: In words, lower-case.
+        unit: "%", "m", "m²", or "" of a number.
+        meaning: What it is, without a full stop.
+        read: Takes the report, gives the value in that unit; None where the report lacks it.
+        where: Takes the report, says in a sentence where the figure comes from, or nothing.
+        needs: Why the report may lack the value, and the remedy.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    read: Callable[[Any], float | None]
+    where: Callable[[Any], str] = lambda report: ""
+    needs: str = ""
+
+
+Quantities = Mapping[str, Quantity]
+
+
+def catalogue(*quantities: Quantity) -> Quantities:
+    """Quantities by their names."""
+    return {quantity.name: quantity for quantity in quantities}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition on a report.
+
+    Attributes:
+        quantity: On which of its figures.
+        limit: What it is compared with.
+    """
+
+    quantity: Quantity
+    limit: Limit
+
+    def __str__(self) -> str:
+        """As it is written: `open > 2 %`."""
+        unit = f" {self.quantity.unit}" if self.quantity.unit else ""
+        return f"{self.quantity.name} {self.limit.operator} {self.limit.number:.10g}{unit}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A condition and what the report says.
+
+    Attributes:
+        condition: The condition.
+        value: Of the quantity, in its unit.
+        where: Where the value comes from, a sentence or nothing.
+    """
+
+    condition: Condition
+    value: float
+    where: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether the condition holds, so that the gate is shut."""
+        return self.condition.limit.holds(self.value)
+
+    @property
+    def text(self) -> str:
+        """The value and the condition in a sentence."""
+        quantity = self.condition.quantity
+        unit = f" {quantity.unit}" if quantity.unit else ""
+        verb = "holds" if self.holds else "does not hold"
+        said = f'{quantity.name} is {self.value:.6g}{unit}: "{self.condition}" {verb}.'
+        return f"{said} {self.where}" if self.where and self.holds else said
+
+
+def judge(condition: Condition, report: object) -> Outcome:
+    """Hold a condition against a report.
+
+    Raises:
+        InputError: the report lacks the value.
+    """
+    value = condition.quantity.read(report)
+    if value is None or math.isnan(value):
+        raise InputError(
+            f'--fail-if: "{condition}": there is no figure for {condition.quantity.name}, '
+            f"{condition.quantity.needs}."
+        )
+    return Outcome(condition, value, condition.quantity.where(report))
+
+
+def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if") -> Condition:
+    """Read a condition.
+
+    Args:
+        text: NAME OP NUMBER UNIT.
+        quantities: What it may name.
+        option: Named in messages.
+
+    Raises:
+        InputError: it cannot be read, names no quantity, or has another unit; the message gives
+            the position, counted from 1.
+    """
+    name, at = _take(_NAME, text, 0, "the name of a figure", option)
+    operator, at = _take(_OPERATOR, text, at, "one of > >= < <=", option)
+    number, at = _take(_NUMBER, text, at, "a number", option)
+    unit = text[at:].strip()
+    quantity = quantities.get(" ".join(re.split(r"[\s_-]+", name.lower())))
+    if quantity is None:
+        raise InputError(f"{option}: {text!r}: {_unknown(name, quantities)}")
+    known = UNITS.get(unit.lower())
+    limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
+    meant = Condition(quantity, limit)
+    if not math.isfinite(limit.number):
+        raise InputError(f"{option}: {text!r}: {number} is too large a number; give a limit.")
+    if known is None:
+        start = text.index(unit, at) + 1
+        offer = f"the unit {quantity.unit!r}" if quantity.unit else "nothing more"
+        raise InputError(
+            f"{option}: {text!r}: at position {start} stands {unit!r} where {offer} is expected; "
+            f'write "{meant}".'
+        )
+    if known != quantity.unit:
+        has = f"is in {quantity.unit}" if quantity.unit else "is a number without a unit"
+        given = f"not in {known}" if known else "and the condition gives no unit"
+        raise InputError(
+            f'{option}: {text!r}: {quantity.name} {has}, {given}; write "{meant}"'
+            f"{_in_that_unit(quantity, known, quantities)}."
+        )
+    return meant
+
+
+def _take(
+    pattern: re.Pattern[str], text: str, at: int, expected: str, option: str
+) -> tuple[str, int]:
+    """What matches next, and the index after it."""
+    at += len(text[at:]) - len(text[at:].lstrip())
+    found = pattern.match(text, at)
+    if found is None:
+        stands = f"stands {text[at:]!r}" if at < len(text) else "it ends"
+        raise InputError(
+            f"{option}: {text!r}: at position {at + 1} {stands} where {expected} is expected; "
+            'write NAME > NUMBER UNIT, e.g. "open > 2 %".'
+        )
+    return found.group(), found.end()
+
+
+def _unknown(name: str, quantities: Quantities) -> str:
+    plain = " ".join(re.split(r"[\s_-]+", name.lower()))
+    close = difflib.get_close_matches(plain, quantities, n=3, cutoff=0.5)
+    close = close or [known for known in quantities if plain in known or known in plain][:3]
+    offer = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
+    return f"{name!r} is no figure of the report; {offer}`--fail-if list` names them all."
+
+
+def _in_that_unit(quantity: Quantity, unit: str, quantities: Quantities) -> str:
+    """An offer of figures of the same matter in a unit, or nothing."""
+    words = set(quantity.name.split())
+    near = [q.name for q in quantities.values() if q.unit == unit and words & set(q.name.split())]
+    best = difflib.get_close_matches(quantity.name, near, n=1, cutoff=0.0) if unit else []
+    return f", or take {best[0]!r}, which is in {unit}" if best else ""

@@ -1,0 +1,49 @@
+"""The outcome of a gate as JUnit XML: a test case for each condition, failed where it holds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+from ambinav.files import write_text
+from ambinav.reports.conditions import Outcome
+
+# XML 1.0 has no place for these, not even escaped; a file's name may hold them.
+_NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def junit(outcomes: Sequence[Outcome], suite: str) -> str:
+    """The document.
+
+    Args:
+        outcomes: Of the conditions, in their order.
+        suite: Name of the suite, such as "ambinav audit maps/office.yaml".
+    """
+    failures = sum(outcome.holds for outcome in outcomes)
+    counts = {"tests": str(len(outcomes)), "failures": str(failures), "errors": "0"}
+    root = ElementTree.Element("testsuites", counts)
+    tests = ElementTree.SubElement(root, "testsuite", {"name": _plain(suite)} | counts)
+    for outcome in outcomes:
+        name = str(outcome.condition)
+        case = ElementTree.SubElement(
+            tests, "testcase", {"classname": _plain(suite), "name": f"not: {name}"}
+        )
+        if outcome.holds:
+            told = {"type": "condition", "message": _plain(outcome.text)}
+            ElementTree.SubElement(case, "failure", told)
+        else:
+            ElementTree.SubElement(case, "system-out").text = _plain(outcome.text)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
+
+
+def write_junit(outcomes: Sequence[Outcome], suite: str, path: Path) -> None:
+    """Write the document, whole or not at all; raises as `ambinav.files.replacing` does."""
+    write_text(path, '<?xml version="1.0" encoding="UTF-8"?>\n' + junit(outcomes, suite))
+
+
+def _plain(text: str) -> str:
+    return _NO_XML.sub("\ufffd", text)

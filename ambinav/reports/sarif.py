@@ -1,0 +1,103 @@
+"""The outcome of a gate as SARIF 2.1.0: a result for each condition that holds, at the map's file.
+
+OASIS, "Static Analysis Results Interchange Format (SARIF) Version 2.1.0", 2020. Code scanning of
+repositories reads it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+from ambinav.files import write_text
+from ambinav.reports.conditions import Condition, Outcome
+from ambinav.version import __version__
+
+SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
+
+
+def sarif(outcomes: Sequence[Outcome], command: str, map_file: Path) -> dict[str, Any]:
+    """The document as plain values.
+
+    Args:
+        outcomes: Of the conditions, in their order.
+        command: Of the command line, such as "audit"; rules are named after it.
+        map_file: What the results are about; relative to the working folder if it lies in it.
+    """
+    rules = list(dict.fromkeys(_rule_id(command, outcome.condition) for outcome in outcomes))
+    described = {_rule_id(command, outcome.condition): outcome.condition for outcome in outcomes}
+    location = _location(map_file)
+    where = location["artifactLocation"]["uri"]
+    return {
+        "$schema": SCHEMA,
+        "version": "2.1.0",
+        "runs": [
+            {
+                "tool": {
+                    "driver": {
+                        "name": "ambinav",
+                        "version": __version__,
+                        "rules": [_rule(name, described[name]) for name in rules],
+                    }
+                },
+                # Results of several maps are kept apart by the part before the last slash.
+                "automationDetails": {"id": f"ambinav-{command}/{where}/"},
+                "columnKind": "unicodeCodePoints",
+                "results": [
+                    _result(outcome, command, rules, location)
+                    for outcome in outcomes
+                    if outcome.holds
+                ],
+            }
+        ],
+    }
+
+
+def write_sarif(outcomes: Sequence[Outcome], command: str, map_file: Path, path: Path) -> None:
+    """Write the document, whole or not at all; raises as `ambinav.files.replacing` does."""
+    write_text(path, json.dumps(sarif(outcomes, command, map_file), indent=2) + "\n")
+
+
+def _rule_id(command: str, condition: Condition) -> str:
+    return f"{command}/{condition.quantity.name.replace(' ', '-')}"
+
+
+def _rule(name: str, condition: Condition) -> dict[str, Any]:
+    quantity = condition.quantity
+    unit = f", in {quantity.unit}" if quantity.unit else ""
+    return {
+        "id": name,
+        "shortDescription": {"text": f"Limit on: {quantity.name}."},
+        "fullDescription": {"text": f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}{unit}."},
+        "defaultConfiguration": {"level": "error"},
+    }
+
+
+def _result(
+    outcome: Outcome, command: str, rules: list[str], location: dict[str, Any]
+) -> dict[str, Any]:
+    name = _rule_id(command, outcome.condition)
+    where = location["artifactLocation"]["uri"]
+    same = hashlib.sha256(f"{where}\n{outcome.condition}".encode()).hexdigest()
+    return {
+        "ruleId": name,
+        "ruleIndex": rules.index(name),
+        "level": "error",
+        "message": {"text": outcome.text},
+        "locations": [{"physicalLocation": location}],
+        "partialFingerprints": {"condition/v1": same},
+    }
+
+
+def _location(path: Path) -> dict[str, Any]:
+    """A file by its address; of a folder, as maps are stored in, no line can be named."""
+    whole, here = path.absolute(), Path.cwd()
+    line = {} if path.is_dir() else {"region": {"startLine": 1}}
+    if whole.is_relative_to(here):
+        uri = quote(whole.relative_to(here).as_posix())
+        return {"artifactLocation": {"uri": uri, "uriBaseId": "%SRCROOT%"}, **line}
+    return {"artifactLocation": {"uri": whole.as_uri()}, **line}

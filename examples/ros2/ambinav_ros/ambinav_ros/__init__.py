@@ -1,0 +1,1 @@
+"""Ambiguity maps in ROS 2; all but `node` runs without it."""

@@ -1,0 +1,135 @@
+"""The GitHub Action: its file is consistent, and its script audits what it is told to."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+ACTION = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+SCRIPT = ROOT / ".github" / "actions" / "audit-maps.sh"
+STUB = """#!/usr/bin/env bash
+printf '%s\\n' "$*" >> "$CALLS"
+case "$2" in *worse*) exit 3;; *broken*) exit 2;; *) exit 0;; esac
+"""
+MAP = "image: office.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
+
+
+@pytest.fixture
+def repository(tmp_path, monkeypatch):
+    """A repository of maps as slam_toolbox and nav2 leave them, and a stub of the command."""
+    for name in ("maps/office.yaml", "maps/hall 2/worse.yaml", "maps/hall 2/broken.yml"):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(MAP)
+    (tmp_path / "maps" / "nav2_params.yaml").write_text("amcl:\n  ros__parameters: {}\n")
+    (tmp_path / "maps" / "office.pgm").write_bytes(b"P5 1 1 255\n\0")
+    stub = tmp_path / "bin" / "ambinav"
+    stub.parent.mkdir()
+    stub.write_text(STUB)
+    stub.chmod(stub.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(repository: Path, maps: str, conditions: str = "", options: str = ""):
+    told = {
+        "AMBINAV": str(repository / "bin" / "ambinav"), "MAPS": maps, "SCANNER": "robot.yaml",
+        "CONDITIONS": conditions, "OUTPUT": "out", "OPTIONS": options, "CALLS": "calls",
+    }  # fmt: skip
+    done = subprocess.run(
+        ["bash", str(SCRIPT)],
+        env={**os.environ, **told, "GITHUB_STEP_SUMMARY": ""},
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    calls = repository / "calls"
+    return done, calls.read_text().splitlines() if calls.exists() else []
+
+
+def test_a_map_is_audited_with_its_conditions(repository):
+    done, calls = run(
+        repository,
+        "maps/office.yaml",
+        "open > 2 %\n\n  places > 3\n",
+        "--spacing 0.2 --no-aliasing",
+    )
+    assert done.returncode == 0, done.stderr
+    assert calls == [
+        "audit maps/office.yaml --scanner robot.yaml -o out/maps__office.yaml --spacing 0.2 "
+        "--no-aliasing --fail-if open > 2 % --fail-if   places > 3 "
+        "--junit out/junit/maps__office.yaml.xml --sarif out/sarif/maps__office.yaml.sarif"
+    ]
+
+
+def test_without_conditions_there_is_no_gate(repository):
+    done, calls = run(repository, "maps/office.yaml\n")
+    assert done.returncode == 0
+    assert calls == ["audit maps/office.yaml --scanner robot.yaml -o out/maps__office.yaml"]
+
+
+@pytest.mark.parametrize("maps", ["maps", "maps/", "  ./maps  \n"])
+def test_of_a_folder_only_maps_are_audited_and_all_of_them(repository, maps):
+    done, calls = run(repository, maps)
+    names = {re.search(r"audit (.*) --scanner", call)[1] for call in calls}
+    assert {Path(name) for name in names} == {
+        Path("maps/office.yaml"), Path("maps/hall 2/worse.yaml"), Path("maps/hall 2/broken.yml")
+    }  # fmt: skip
+    assert done.returncode == 3
+    assert "::error file=" in done.stdout and "ended with status 2" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("maps", "status", "number"),
+    [
+        ("maps/**/*.yaml", 3, 3),  # a pattern takes what it says: the parameters too
+        ("maps/hall 2/*.yaml", 3, 1),
+        ("maps/hall 2/broken.yml\nmaps/office.yaml", 2, 2),
+    ],
+)
+def test_patterns_and_status(repository, maps, status, number):
+    done, calls = run(repository, maps)
+    assert (done.returncode, len(calls)) == (status, number)
+
+
+@pytest.mark.parametrize("maps", ["", " \n", "map/*.yaml", "maps/office.yaml\nmissing.yaml", "bin"])
+def test_no_map_is_no_passed_gate(repository, maps):
+    done, calls = run(repository, maps)
+    assert done.returncode == 2 and not calls
+    assert done.stderr.count("\n") == 1 and "name a map file, a pattern or a folder" in done.stderr
+
+
+def test_nothing_of_the_caller_is_run_as_code(repository):
+    done, calls = run(repository, "$(touch hit)", "$(touch hit)`touch hit`", "$(touch hit)")
+    assert done.returncode == 2 and not calls
+    done, _ = run(repository, "maps/office.yaml", "open > $(touch hit) %", "`touch hit`")
+    assert not (repository / "hit").exists()
+
+
+def test_the_action_uses_what_it_declares():
+    text = (ROOT / "action.yml").read_text(encoding="utf-8")
+    assert ACTION["runs"]["using"] == "composite"
+    used = set(re.findall(r"inputs\.([a-z-]+)", text))
+    assert used == set(ACTION["inputs"])
+    for entry in (*ACTION["inputs"].values(), *ACTION["outputs"].values()):
+        assert entry["description"]
+    for name, entry in ACTION["inputs"].items():
+        assert entry.get("required") or "default" in entry, name
+    for step in ACTION["runs"]["steps"]:
+        assert ("run" in step) != ("uses" in step)
+        if "run" in step:
+            # What a caller writes reaches the shell as a variable, never as its text.
+            assert step["shell"] == "bash" and "${{" not in step["run"]
+        else:
+            assert re.fullmatch(r"[\w-]+/[\w/-]+@v\d+", step["uses"])
+
+
+def test_the_script_is_given_all_that_it_reads():
+    (step,) = (one for one in ACTION["runs"]["steps"] if SCRIPT.name in one.get("run", ""))
+    read = set(re.findall(r"\$\{?([A-Z]{3,})\b", SCRIPT.read_text(encoding="utf-8")))
+    assert read - {"GITHUB", "RUNNER"} <= set(step["env"])
