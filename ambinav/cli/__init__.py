@@ -20,6 +20,7 @@ from ambinav.cli.evaluate import evaluate
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
+from ambinav.cli.store import store
 from ambinav.cli.train import train
 
 app = typer.Typer(
@@ -39,6 +40,7 @@ app.command("benchmark")(benchmark)
 app.command("demo")(demo)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
+app.add_typer(store)
 
 
 def _show_version(wanted: bool) -> None:

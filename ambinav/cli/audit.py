@@ -58,6 +58,7 @@ def audit(
         ),
     ] = None,
     pictures: options.Pictures = "png",
+    no_store: options.NoStore = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Report where a building leaves a scanner lost: pictures, zones, the worst places.
@@ -96,9 +97,6 @@ def audit(
 
         # Before the long work: a start inside a wall is told at once.
         reach = find_reach(environment, robot_radius or radius_of(chosen), start)
-        options.announce(
-            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
-        )
         with progress_bars(as_json) as bars:
             amap = options.make_map(
                 environment,
@@ -109,6 +107,7 @@ def audit(
                 map_std=map_std,
                 progress=bars("ambiguity"),
                 layers=names,
+                no_store=no_store,
             )
             from ambinav.audit.aliasing import find_aliasing
             from ambinav.audit.audit import audit as examine

@@ -64,6 +64,7 @@ def compare(
     ] = None,
     pictures: options.Pictures = "png",
     force: options.Force = False,
+    no_store: options.NoStore = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive routes with a localizer in the loop, and compare how it fares on them.
@@ -95,6 +96,7 @@ def compare(
                     jobs=jobs or os.cpu_count() or 1,
                     bars=bars,
                     image_format=pictures,
+                    store=options.store_of(no_store),
                 )
         except KeyboardInterrupt:
             kept = output / WORK

@@ -42,6 +42,7 @@ def build(
             "never stand in one.",
         ),
     ] = 0.0,
+    no_store: options.NoStore = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
@@ -58,9 +59,6 @@ def build(
         check_target(output)
         names = options.layer_names(layers, scanner)
         environment, chosen = options.load(map_file, scanner, spacing, level, unit)
-        options.announce(
-            environment, chosen, spacing=spacing, radius=radius, headings=headings, layers=names
-        )
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             amap = options.make_map(
@@ -73,6 +71,7 @@ def build(
                 progress=bars("ambiguity"),
                 layers=names,
                 robot_radius=robot_radius,
+                no_store=no_store,
             )
         seconds = time.perf_counter() - start
         amap.save(output)

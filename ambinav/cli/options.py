@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
+    from ambinav.store.map_store import MapStore
 
 LONG_SECONDS = 60.0
 """A map that takes longer is announced."""
@@ -130,6 +131,13 @@ Start = Annotated[
 Pictures = Annotated[
     str,
     typer.Option("--pictures", metavar="png|svg", help="Format of the pictures in the report."),
+]
+NoStore = Annotated[
+    bool,
+    typer.Option(
+        "--no-store",
+        help="Compute the map, though it may have been computed before, and do not keep it.",
+    ),
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
@@ -316,13 +324,19 @@ def make_map(
     progress: Progress,
     layers: tuple[str, ...] = (),
     robot_radius: float = 0.0,
+    no_store: bool = False,
 ) -> AmbiguityMap:
-    """Build the map.
+    """Open the map from the store, or announce, build and keep it.
 
     Raises:
-        InputError: an option does not suit this building.
+        InputError: an option does not suit this building, or see `MapStore.of_user`.
     """
     from ambinav.ambiguity.build import build_map
+
+    def before_build() -> None:
+        announce(
+            environment, scanner, spacing=spacing, radius=radius, headings=headings, layers=layers
+        )
 
     return build_map(
         environment,
@@ -334,4 +348,18 @@ def make_map(
         progress=progress,
         layers=layers,
         robot_radius=robot_radius,
+        store=store_of(no_store, before_build),
     )
+
+
+def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:
+    """The user's store, which says on stderr what it does; with `--no-store` one without a folder.
+
+    Raises:
+        InputError: see `MapStore.of_user`.
+    """
+    from ambinav.store.map_store import MapStore
+
+    if no_store:
+        return MapStore(None, before_build=before_build)
+    return MapStore.of_user(note, before_build)
