@@ -45,9 +45,11 @@ def build_lock(
         yield None
         return
     with file:
-        yield lambda: os.utime(file.fileno())
-        # Before it is let go: who opens the file from now on finds it gone, and makes another.
-        _remove(path, file)
+        try:
+            yield lambda: os.utime(file.fileno())
+        finally:
+            # Before it is let go: who has the file open finds it gone, and makes another.
+            _remove(path, file)
 
 
 def try_lock(path: Path) -> contextlib.AbstractContextManager[object] | None:

@@ -33,7 +33,7 @@ _LONGEST_LINE: Final = 100
 _LONGEST_ABOUT: Final = 100_000_000
 # Bytes of a variable that are compressed at a time; the compressor takes at most 2 GB.
 _PIECE: Final = 1 << 28
-# Level 1 packs twice as fast as level 0 (3), into as much (benchmarks/results/store.md).
+# Level 1 packs twice as fast as level 0 (3), into as much (benchmarks/results/store-speed.md).
 _LEVEL: Final = 1
 
 
