@@ -47,12 +47,13 @@ SPACING = 0.05
 """Of those that are built, metres."""
 CELLS = 400
 """Along each side of the large ones: some 5 MB that no compression makes smaller."""
-LONGEST = 0.4
-"""Seconds after the latest kill by which the next comes."""
+BETWEEN_KILLS = 4.0
+"""By when the next kill comes at the latest: the time that a process takes for so many maps, as
+the two come to `LAST` each before the first kill."""
 STANDSTILL = 60.0
 """Seconds without a map after which a process counts as locked."""
 LAST = 20
-"""Maps that each process takes at the end, without a kill."""
+"""Maps that each process takes at the beginning and at the end, without a kill."""
 
 
 LIMIT = 12_000_000
@@ -75,6 +76,7 @@ class Outcome:
         damaged: Entries that were, or were set aside.
         left_before: Locks and half-written files at the end.
         left: Those that the next clean-up left there.
+        longest: Seconds between two kills at the most.
         seconds: All of it.
     """
 
@@ -87,6 +89,7 @@ class Outcome:
     damaged: list[str] = field(default_factory=list)
     left_before: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
+    longest: float = 0.0
     seconds: float = 0.0
 
     @property
@@ -231,18 +234,19 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
     outcome = Outcome()
     work = Work(folder)
     rng = np.random.default_rng(seed)
+    begun = time.monotonic()
     workers = [Worker(work, k) for k in range(WORKERS)]
     try:
+        _until_all_took(workers, outcome, LAST)
+        outcome.longest = BETWEEN_KILLS * (time.monotonic() - begun) / LAST
         for k in range(kills):
-            _listen(workers, outcome, rng.uniform(0.0, LONGEST))
+            _listen(workers, outcome, rng.uniform(0.0, outcome.longest))
             which = int(rng.integers(WORKERS))
             workers[which].end(signal.SIGKILL, outcome)
             outcome.kills += 1
             outcome.killed_while[PHASES[workers[which].phase[0]]] += 1
             workers[which] = Worker(work, WORKERS + k)
-        goal = [one.taken + LAST for one in workers]
-        while any(one.taken < wanted for one, wanted in zip(workers, goal, strict=True)):
-            _listen(workers, outcome, 0.5)
+        _until_all_took(workers, outcome, LAST)
     except TimeoutError:
         outcome.standstill = True
     finally:
@@ -256,6 +260,13 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
     outcome.left = _left(folder)
     outcome.seconds = time.monotonic() - start
     return outcome
+
+
+def _until_all_took(workers: Sequence[Worker], outcome: Outcome, count: int) -> None:
+    """Wait until each process has taken so many more maps; raises as `_listen` does."""
+    goal = [one.taken + count for one in workers]
+    while any(one.taken < wanted for one, wanted in zip(workers, goal, strict=True)):
+        _listen(workers, outcome, 0.01)
 
 
 def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None:
@@ -296,8 +307,8 @@ def text(outcome: Outcome, seed: int) -> str:
     ]
     return (
         f"{WORKERS} processes, {BUILT} maps that are built and {MADE} of 5 MB that are copied, "
-        f"room for {LIMIT / 1e6:.0f} MB; a kill 0 to {LONGEST:g} s after the one before, seed "
-        f"{seed}.\n\n{table(('', 'count'), rows)}\n\n"
+        f"room for {LIMIT / 1e6:.0f} MB; a kill 0 to {outcome.longest:.2f} s after the one "
+        f"before, seed {seed}.\n\n{table(('', 'count'), rows)}\n\n"
         f"**{'Passed' if outcome.is_good else 'FAILED'}.**"
     )
 

@@ -70,7 +70,8 @@ from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.stored import map_key
 room = an.environment_from_shapes([shapely.box(0, 0, 4, 3)])
 laser = an.RangeScanner.load("rplidar-a1")
-print(map_key(room, laser, laser, AmbiguityModel(0.5, 0.02, 1.0), 0.1, None, ()))
+model = AmbiguityModel(radius=0.5, map_std=0.02, tau=1.0)
+print(map_key(room, laser, laser, model, 0.1, None, ()))
 assert sys.modules["ambinav"].__file__.startswith(sys.argv[1])
 """
 
