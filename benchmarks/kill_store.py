@@ -2,10 +2,10 @@
 
 Two processes take maps from one store, which has room for some of them only, so that they build,
 keep, open and remove all the time. One of the two, at random, is killed (SIGKILL) at a random
-moment, and another takes its place. Every map that any of them got is compared, bit for bit, with
-the one that was built before without a store. In the end two run without a kill, and the store is
-verified. Status 1: a map was another, an entry was damaged, nothing came from a process for a
-minute, or something was left behind.
+moment, every second time at one while it writes, and another takes its place. Every map that any
+of them got is compared, bit for bit, with the one that was built before without a store. In the end
+two run without a kill, and the store is verified. Status 1: a map was another, an entry was
+damaged, nothing came from a process for a minute, or something was left behind.
 
     python benchmarks/kill_store.py --out benchmarks/results/store.md
 """
@@ -13,6 +13,7 @@ minute, or something was left behind.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import mmap
@@ -25,7 +26,7 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,31 +36,45 @@ from harness import report, table
 
 import ambinav as an
 from ambinav.ambiguity.build import build_map
+from ambinav.files import replacing
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.content_digest import map_digest
-from ambinav.store import upkeep
+from ambinav.store import map_store, upkeep
 from ambinav.store.map_store import MapStore
 
 WORKERS = 2
 BUILT, MADE = 4, 3
 """Maps that are built, and large ones that are only copied, so that much is written."""
-SPACING = 0.05
+SPACING = 0.1
 """Of those that are built, metres."""
-CELLS = 400
-"""Along each side of the large ones: some 5 MB that no compression makes smaller."""
+CELLS = 1000
+"""Along each side of the large ones: some 30 MB that no compression makes smaller."""
 BETWEEN_KILLS = 4.0
 """By when the next kill comes at the latest: the time that a process takes for so many maps, as
 the two come to `LAST` each before the first kill."""
 STANDSTILL = 60.0
 """Seconds without a map after which a process counts as locked."""
-LAST = 20
+LAST = 10
 """Maps that each process takes at the beginning and at the end, without a kill."""
 
 
-LIMIT = 12_000_000
+LIMIT = 70_000_000
 """Bytes: two of the large maps have room, and all that are built."""
-PHASES = ("between two maps", "opening, or waiting", "building", "keeping")
-BETWEEN, OPENING, BUILDING, KEEPING = range(4)
+PHASES = (
+    "between two maps",
+    "opening, or waiting",
+    "building",
+    "packing",
+    "writing",
+    "cleaning up",
+)
+BETWEEN, OPENING, BUILDING, PACKING, WRITING, CLEANING = range(len(PHASES))
+AIMED = 2
+"""Of so many kills one waits until the process writes, which takes it little of its time, and then
+for `WHILE_WRITING` seconds at the most."""
+WHILE_WRITING = 0.02
+PATIENCE = 5.0
+"""Seconds that it waits for that."""
 
 
 @dataclass
@@ -205,12 +220,20 @@ class Work:
             phase[0] = number
 
         def share_done(share: float) -> None:
-            at(KEEPING if share >= 1.0 else BUILDING)
+            at(PACKING if share >= 1.0 else BUILDING)
 
         def copied(alive: object) -> AmbiguityMap:
-            at(KEEPING)
+            at(PACKING)
             return self.large[k - BUILT]
 
+        @contextlib.contextmanager
+        def writing(path: Path) -> Iterator[Path]:
+            with replacing(path) as fresh:
+                at(WRITING)
+                yield fresh
+            at(CLEANING)
+
+        map_store.replacing = writing
         store = MapStore(self.folder, LIMIT, opened.append, lambda: at(BUILDING))
         at(OPENING)
         if k < BUILT:
@@ -242,6 +265,11 @@ def study(folder: Path, kills: int, seed: int) -> Outcome:
         for k in range(kills):
             _listen(workers, outcome, rng.uniform(0.0, outcome.longest))
             which = int(rng.integers(WORKERS))
+            if k % AIMED == 0:
+                phase, until = workers[which].phase, time.monotonic() + PATIENCE
+                while phase[0] != WRITING and time.monotonic() < until:
+                    _listen(workers, outcome, 0.0005)
+                time.sleep(rng.uniform(0.0, WHILE_WRITING))
             workers[which].end(signal.SIGKILL, outcome)
             outcome.kills += 1
             outcome.killed_while[PHASES[workers[which].phase[0]]] += 1
@@ -276,7 +304,7 @@ def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None
         TimeoutError: one has written nothing for `STANDSTILL`.
     """
     until = time.monotonic() + seconds
-    while (left := until - time.monotonic()) > 0:
+    while (left := until - time.monotonic()) > 0.0:
         select.select([one.lines for one in workers], [], [], left)
         for one in workers:
             one.hear(outcome)
@@ -306,9 +334,10 @@ def text(outcome: Outcome, seed: int) -> str:
         ("seconds", f"{outcome.seconds:.0f}"),
     ]
     return (
-        f"{WORKERS} processes, {BUILT} maps that are built and {MADE} of 5 MB that are copied, "
+        f"{WORKERS} processes, {BUILT} maps that are built and {MADE} of 30 MB that are copied, "
         f"room for {LIMIT / 1e6:.0f} MB; a kill 0 to {outcome.longest:.2f} s after the one "
-        f"before, seed {seed}.\n\n{table(('', 'count'), rows)}\n\n"
+        f"before, every second one while an entry is written, seed {seed}.\n\n"
+        f"{table(('', 'count'), rows)}\n\n"
         f"**{'Passed' if outcome.is_good else 'FAILED'}.**"
     )
 
