@@ -76,7 +76,7 @@ def test_it_can_be_switched_off(folder, computes, monkeypatch) -> None:
     for _ in range(2):
         assert "store" not in run(*MAP).stderr
     assert len(computes) == 2 and not (folder / "cache").exists()
-    assert "AMBINAV_CACHE is empty" in run("store", "list", status=2).stderr
+    assert "no map is kept: AMBINAV_CACHE is empty" in run("store", "list", status=2).stderr
 
 
 @pytest.mark.slow

@@ -98,7 +98,7 @@ def _attempt(path: Path) -> tuple[BinaryIO | None, float | None]:
             return file, None
         still = 0.0  # its holder was done, and removed the file, after it was opened here
     except BlockingIOError:
-        still = time.time() - os.fstat(file.fileno()).st_mtime
+        still = abs(time.time() - os.fstat(file.fileno()).st_mtime)
     except OSError:
         file.close()
         return None, None

@@ -92,7 +92,9 @@ class MapStore:
             InputError: nothing is kept.
         """
         if self.folder is None:
-            raise InputError(f"{VARIABLE} is empty, so that no map is kept; name a folder in it.")
+            raise InputError(
+                f"no map is kept: {VARIABLE} is empty, or there is no home; name a folder in it."
+            )
         return self.folder
 
     def opened_or_built(

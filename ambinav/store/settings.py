@@ -24,13 +24,16 @@ def cache_folder() -> Path | None:
     """What ambinav keeps is in this folder: $AMBINAV_CACHE, else `ambinav` in the user's cache.
 
     Returns:
-        None if the variable is set and empty. The folder need not exist.
+        None if the variable is set and empty, or the user has no home. The folder need not exist.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen is not None:
         return Path(chosen) if chosen else None
     base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "ambinav"
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "ambinav"
+    except RuntimeError:  # as in a container whose user nobody has entered
+        return None
 
 
 def size_limit() -> int:

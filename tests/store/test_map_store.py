@@ -477,6 +477,12 @@ def test_the_folder(tmp_path, monkeypatch) -> None:
     assert cache_folder() == tmp_path / ".cache" / "ambinav"
     assert MapStore.of_user().folder == tmp_path / ".cache" / "ambinav" / "maps"
 
+    def nowhere() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert MapStore.of_user().folder is None
+
 
 def test_a_file_in_place_of_the_folder_is_said_before_the_work(tmp_path, monkeypatch) -> None:
     (tmp_path / "file").write_text("in the way")
