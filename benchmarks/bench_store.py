@@ -2,10 +2,10 @@
 
 A laser of 60 beams and 5 m (4 spacings where that is more) on a lattice of at most `MOST_POSES`
 points of free floor; the last rows are one large floor at the spacing of 0.1 m, for a laser that
-looks all around and for one that does not. *key*: the digest of building, scanner, parameters and
-code, without the sources themselves, which are read once in a process. *open*: from the key to the
-map, reading, checksum and unpacking; the file was written just before and lies in memory. *zarr*:
-to open the same map as `AmbiguityMap.save` writes it. *times*: build over key and open together.
+looks all around and for one that does not. *open*: all that `build_map` does where the map is kept:
+the digest of building, scanner and parameters (that of the sources is made once in a process),
+reading, checksum, unpacking; the file was written just before and lies in memory. *times*: build
+over open. *zarr*: to open the same map as `AmbiguityMap.save` writes it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ REPEATS = 5
 LEVELS = (0, 1, 6)
 LIBRARIES = ("ambinav", "numba", "numpy", "numcodecs", "xarray", "zarr")
 HEAD = (
-    "map", "scanner", "spacing, m", "cells", "build, s", "key, ms", "open, ms", "times",
+    "map", "scanner", "spacing, m", "cells", "build, s", "open, ms", "times",
     "zarr, ms", "raw, MB", "kept, MB",
 )  # fmt: skip
 
@@ -68,23 +68,20 @@ def row(
 
     building, amap = timed(lambda: take(store))
     (file,) = folder.glob("*.map")
-    wholes, opens = [], []
+    opens = []
     for _ in range(REPEATS):
-        whole, again = timed(lambda: take(store))
-        opening, _ = timed(lambda: store.opened_or_built(file.stem, lambda alive: amap))
-        wholes.append(1e3 * whole)
-        opens.append(1e3 * opening)
+        seconds, again = timed(lambda: take(store))
+        opens.append(1e3 * seconds)
     if not again.dataset.identical(amap.dataset):
         raise SystemExit(f"{env.name}: the map that was opened is another")
     amap.save(folder / "map.zarr")
     zarr = [1e3 * timed(lambda: AmbiguityMap.open(folder / "map.zarr"))[0] for _ in range(REPEATS)]
-    ratio = 1e3 * building / float(np.median(wholes))
-    keys = [whole - opening for whole, opening in zip(wholes, opens, strict=True)]
+    ratio = 1e3 * building / float(np.median(opens))
     variables = amap.dataset.variables.values()
     cells = math.prod(amap.possible.shape)
     found = (
         env.name, scanner.name, f"{spacing:.2g}", f"{cells:,}", f"{building:.2f}",
-        f"{np.median(keys):.1f}", spread(opens, 1), f"{ratio:,.0f}", spread(zarr, 1),
+        spread(opens, 1), f"{ratio:,.0f}", spread(zarr, 1),
         f"{sum(one.values.nbytes for one in variables) / 1e6:.2f}",
         f"{file.stat().st_size / 1e6:.2f}",
     )  # fmt: skip
