@@ -60,19 +60,12 @@ LAST = 10
 
 LIMIT = 70_000_000
 """Bytes: two of the large maps have room, and all that are built."""
-PHASES = (
-    "between two maps",
-    "opening, or waiting",
-    "building",
-    "packing",
-    "writing",
-    "cleaning up",
-)
-BETWEEN, OPENING, BUILDING, PACKING, WRITING, CLEANING = range(len(PHASES))
+PHASES = ("between two maps", "opening, or waiting", "building", "packing", "writing")
+BETWEEN, OPENING, BUILDING, PACKING, WRITING = range(len(PHASES))
 AIMED = 2
 """Of so many kills one waits until the process writes, which takes it little of its time, and then
 for `WHILE_WRITING` seconds at the most."""
-WHILE_WRITING = 0.02
+WHILE_WRITING = 0.01
 PATIENCE = 5.0
 """Seconds that it waits for that."""
 
@@ -231,7 +224,6 @@ class Work:
             with replacing(path) as fresh:
                 at(WRITING)
                 yield fresh
-            at(CLEANING)
 
         map_store.replacing = writing
         store = MapStore(self.folder, LIMIT, opened.append, lambda: at(BUILDING))

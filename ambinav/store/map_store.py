@@ -198,6 +198,8 @@ class MapStore:
                 f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
                 f"raise {LIMIT_VARIABLE}",
             )
+        # Before, not after: whoever is killed in between leaves less than the limit, not more.
+        self.make_room(self.limit - size)
         try:
             with replacing(path) as fresh, fresh.open("xb") as file:
                 file.writelines(parts)
@@ -206,7 +208,6 @@ class MapStore:
                 getattr(error.__cause__ or error, "strerror", None) or str(error).rstrip("."),
                 f"set {VARIABLE} to a folder with room that is writable, or leave it empty",
             )
-        self.make_room(self.limit, but=path)
 
     def _not_kept(self, reason: str, remedy: str) -> None:
         warnings.warn(
@@ -234,12 +235,10 @@ class MapStore:
                     times[path] = (path.suffix == ENTRY, path.stat().st_mtime_ns)
         return sorted(times, key=times.__getitem__)
 
-    def make_room(self, limit: int, but: Path | None = None) -> list[Path]:
+    def make_room(self, limit: int) -> list[Path]:
         """Remove left-overs, and the first of `files` until the rest takes at most `limit` bytes.
 
-        Args:
-            limit: Bytes.
-            but: One that stays. What a newer ambinav keeps stays too, and does not count.
+        What a newer ambinav keeps stays, and does not count.
 
         Returns:
             The entries that are gone.
@@ -254,8 +253,7 @@ class MapStore:
         for path, size in sizes.items():
             if total <= limit:
                 break
-            if path != but:
-                # Another process may be doing the same.
+            with contextlib.suppress(OSError):  # of another user, or on a disk that is read only
                 path.unlink(missing_ok=True)
                 gone.append(path)
                 total -= size
