@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -20,9 +17,9 @@ from ambinav.ambiguity.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store import build_lock, entry
 from ambinav.store.map_store import MapStore
-from ambinav.store.settings import LIMIT, cache_folder, parse_size, size_limit, size_text
+from ambinav.store.settings import LIMIT
 from tests.maps import synthetic
-from tests.store.scenes import build, laser, python, room
+from tests.store.scenes import build, laser, names, python, room, same
 
 
 @pytest.fixture
@@ -44,24 +41,9 @@ def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
-def names(store: MapStore) -> list[str]:
-    return sorted(path.name for path in store.place.iterdir())
-
-
 def the_map(store: MapStore) -> Path:
     (path,) = store.place.glob("*.map")
     return path
-
-
-def same(one: an.AmbiguityMap, other: an.AmbiguityMap) -> bool:
-    """Bit for bit, but for the time at which it was made."""
-    made = {"created": ""}
-    first, second = one.dataset.assign_attrs(made), other.dataset.assign_attrs(made)
-    return first.identical(second) and all(
-        first[name].values.tobytes() == second[name].values.tobytes()
-        and first[name].dtype == second[name].dtype
-        for name in first.variables
-    )
 
 
 # -- what is opened ------------------------------------------------------------------------------
@@ -325,190 +307,6 @@ def test_what_the_build_raises_is_raised_and_nothing_stays(store) -> None:
         assert names(store) == []
     with pytest.raises(an.InputError, match="radius"):
         build(store, radius=0.1)
-
-
-# -- two at once ---------------------------------------------------------------------------------
-
-
-def test_two_threads_build_one_map_once(store, computes) -> None:
-    inside, go_on, told = threading.Event(), threading.Event(), threading.Event()
-    found: dict[str, tuple[an.AmbiguityMap, bool]] = {}
-
-    def slow(alive):
-        inside.set()
-        assert go_on.wait(60)
-        return an.AmbiguityMap(synthetic.dataset())
-
-    def take(name, place, make):
-        found[name] = place.opened_or_built("a" * 32, make)
-
-    waiting = MapStore(store.folder, tell=lambda text: told.set())
-    first = threading.Thread(target=take, args=("first", store, slow))
-    second = threading.Thread(target=take, args=("second", waiting, pytest.fail))
-    first.start()
-    assert inside.wait(60)
-    second.start()
-    assert told.wait(60) and second.is_alive()  # "waiting for it"
-    go_on.set()
-    for one in (first, second):
-        one.join(60)
-    assert (found["first"][1], found["second"][1]) == (False, True)
-    assert same(found["first"][0], found["second"][0])
-    assert names(store) == ["a" * 32 + ".map"]
-
-
-def test_a_map_of_another_key_waits_for_nobody(store) -> None:
-    def outer(alive):
-        return store.opened_or_built("b" * 32, inner)[0]
-
-    def inner(alive):
-        return an.AmbiguityMap(synthetic.dataset())
-
-    assert not store.opened_or_built("a" * 32, outer)[1]
-    assert len(names(store)) == 2
-
-
-HOLDER = """
-import sys, time
-from pathlib import Path
-from ambinav.store.build_lock import build_lock
-with build_lock(Path(sys.argv[1]), 60.0, lambda: None) as alive:
-    assert alive is not None
-    print("held", flush=True)
-    time.sleep(300)
-"""
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_holder_that_is_killed_or_stopped_holds_up_nobody(store, number) -> None:
-    """The lock of a killed one is gone at once; one that stands still is waited for in vain."""
-    store.place.mkdir()
-    lock = store.place / f"{'a' * 32}.lock"
-    process = python(HOLDER, str(lock))
-    try:
-        assert process.stdout.readline() == "held\n"
-        impatient = MapStore(store.folder, patience=0.3)
-        os.kill(process.pid, number)
-        if number == signal.SIGKILL:
-            process.wait(60)
-        start = time.monotonic()
-        amap, opened = impatient.opened_or_built(
-            "a" * 32, lambda alive: an.AmbiguityMap(synthetic.dataset())
-        )
-        assert not opened and time.monotonic() - start < 30.0
-        assert lock.exists() == (number == signal.SIGSTOP)
-    finally:
-        process.kill()
-        process.communicate(timeout=60)
-    assert store.opened_or_built("a" * 32, pytest.fail)[0].dataset.identical(amap.dataset)
-
-
-def test_a_holder_at_work_is_not_given_up(tmp_path) -> None:
-    lock = tmp_path / "a.lock"
-    over, waits = threading.Event(), threading.Event()
-    with build_lock.build_lock(lock, 60.0, pytest.fail) as alive:
-        assert alive is not None
-
-        def wait_for_it() -> None:
-            with build_lock.build_lock(lock, 1.0, waits.set) as own:
-                assert own is not None and over.is_set()
-                waits.clear()
-
-        waiter = threading.Thread(target=wait_for_it)
-        waiter.start()
-        assert waits.wait(60)
-        end = time.monotonic() + 1.5
-        while time.monotonic() < end:
-            alive()
-            time.sleep(0.02)
-        over.set()
-    waiter.join(60)
-    assert not waits.is_set() and not lock.exists()
-
-
-def test_one_lock_has_one_holder(tmp_path) -> None:
-    """Though its file comes and goes all the time."""
-    lock, inside, most = tmp_path / "a.lock", [0], [0]
-
-    def work() -> None:
-        for _ in range(100):
-            with build_lock.build_lock(lock, 60.0, lambda: None) as alive:
-                assert alive is not None
-                inside[0] += 1
-                most[0] = max(most[0], inside[0])
-                time.sleep(0)
-                inside[0] -= 1
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build_lock, "POLL", 0.0001)
-        threads = [threading.Thread(target=work) for _ in range(4)]
-        for one in threads:
-            one.start()
-        for one in threads:
-            one.join(60)
-    assert most == [1] and not lock.exists()
-
-
-def test_without_locks_both_build(store, monkeypatch) -> None:
-    import fcntl
-
-    def none(*arguments):
-        raise OSError(95, "Operation not supported")
-
-    monkeypatch.setattr(fcntl, "flock", none)
-    make = lambda alive: an.AmbiguityMap(synthetic.dataset())  # noqa: E731
-    assert not store.opened_or_built("a" * 32, make)[1]
-    assert store.opened_or_built("a" * 32, make)[1]
-
-
-# -- settings ------------------------------------------------------------------------------------
-
-
-def test_the_folder(tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "mine"))
-    assert cache_folder() == tmp_path / "mine"
-    monkeypatch.setenv("AMBINAV_CACHE", "")
-    assert cache_folder() is None and MapStore.of_user().folder is None
-    monkeypatch.delenv("AMBINAV_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache_folder() == tmp_path / "xdg" / "ambinav"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert cache_folder() == tmp_path / ".cache" / "ambinav"
-    assert MapStore.of_user().folder == tmp_path / ".cache" / "ambinav" / "maps"
-
-    def nowhere() -> Path:
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr(Path, "home", nowhere)
-    assert MapStore.of_user().folder is None
-
-
-def test_a_file_in_place_of_the_folder_is_said_before_the_work(tmp_path, monkeypatch) -> None:
-    (tmp_path / "file").write_text("in the way")
-    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "file"))
-    with pytest.raises(an.InputError, match=r"AMBINAV_CACHE is .*file', where no map can be kept"):
-        build(True)
-
-
-@pytest.mark.parametrize(
-    ("text", "size"),
-    [("0", 0), ("17", 17), ("2G", 2_000_000_000), ("500 MB", 500_000_000), ("1.5 kB", 1500)],
-)
-def test_sizes(text, size, monkeypatch) -> None:
-    assert parse_size(text, "here") == size
-    monkeypatch.setenv("AMBINAV_CACHE_LIMIT", text)
-    assert size_limit() == size == MapStore.of_user().limit
-    monkeypatch.setenv("AMBINAV_CACHE_LIMIT", "")
-    assert size_limit() == LIMIT
-    assert parse_size(size_text(size), "here") == size
-
-
-@pytest.mark.parametrize("text", ["-1", "1 XB", "much", "1e9", "nan", "1,5 GB"])
-def test_no_sizes(text, monkeypatch) -> None:
-    monkeypatch.setenv("AMBINAV_CACHE_LIMIT", text)
-    with pytest.raises(an.InputError, match=r"AMBINAV_CACHE_LIMIT: .* is no size; give e\.g\."):
-        MapStore.of_user()
 
 
 def test_no_warning_in_a_plain_run(store) -> None:
