@@ -24,7 +24,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("geometry.collision",),
     ("geometry.io",),
     ("maps", "sensing"),
-    ("export", "localization", "service"),
+    ("export", "localization", "service", "store"),
     ("ambiguity", "routes"),
     ("ambinav", "drive"),
     ("logs",),

@@ -14,6 +14,7 @@ import argparse
 import csv
 import hashlib
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -147,6 +148,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--against", type=Path, help="digests from before, by --out")
     args = parser.parse_args()
+    os.environ["AMBINAV_CACHE"] = ""  # what is computed counts, not what was kept
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         found = maps(folder) | routes(folder) | drives(folder) | episodes() | training(folder)

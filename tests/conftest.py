@@ -59,8 +59,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Maps of buildings are kept in the tests' own folder: the user's may hold those of other code,
-    which is said by a warning.
+    """Maps are kept in the tests' own folder, never in the user's.
+
+    The commands open what an earlier test built: one that is about computing gives `--no-store`.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))

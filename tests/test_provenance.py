@@ -65,9 +65,13 @@ from ambinav.provenance import code_digest
 print(code_digest())
 from ambinav_envs.leaderboard.store import key_of
 print(key_of({"a": 1}))
-from ambinav_envs.buildings.cache import code_folder
-from pathlib import Path
-print(code_folder(Path("x")))
+import shapely, ambinav as an
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.stored import map_key
+room = an.environment_from_shapes([shapely.box(0, 0, 4, 3)])
+laser = an.RangeScanner.load("rplidar-a1")
+model = AmbiguityModel(radius=0.5, map_std=0.02, tau=1.0)
+print(map_key(room, laser, laser, model, 0.1, None, ()))
 assert sys.modules["ambinav"].__file__.startswith(sys.argv[1])
 """
 

@@ -7,12 +7,13 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.cost_layer import cost_layer
-from ambinav.ambiguity.dataset import LatticeSums, assemble
+from ambinav.ambiguity.dataset import LatticeSums, assemble, labels
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
@@ -26,6 +27,9 @@ from ambinav.geometry.lattice import Lattice
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
+
+if TYPE_CHECKING:
+    from ambinav.store.map_store import MapStore
 
 # Headings of a map whose scanner does not look all around.
 HEADINGS = 8
@@ -56,6 +60,7 @@ def build_map(
     high: float = 0.65,
     robot_radius: float = 0.0,
     layers: str | Iterable[str] = (),
+    store: bool | MapStore = False,
 ) -> AmbiguityMap:
     """Compute how ambiguous every free pose of `env` is for `scanner`.
 
@@ -82,6 +87,9 @@ def build_map(
             a wall, the pose is impossible: it has no value, and is no neighbour of others.
         layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`); the one
             that costs read by default (`ambinav.ambiguity.cost_layer`) is there anyway.
+        store: Whether a map that was computed before with the same input is opened instead, and
+            this one kept: True for the user's own store ($AMBINAV_CACHE), or a store. False
+            computes, whatever was computed before. Maps with layers of plug-ins are not kept.
 
     Returns:
         The map; its dataset's layers are named in `AmbiguityMap`.
@@ -127,10 +135,12 @@ def build_map(
         robot_radius=robot_radius,
     )
     theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
-    lattice, possible = standing_lattice(
-        Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta, robot_radius
-    )
-    with _reporter(progress, f"{env.name}, {scanner.name}") as report:
+
+    def compute(report: Callable[[float], None]) -> AmbiguityMap:
+        lattice, possible = standing_lattice(
+            Lattice.over(env, spacing), mounted, np.zeros(1) if theta is None else theta,
+            robot_radius,
+        )  # fmt: skip
         parts = 1 + len(names)
         found = _compute(
             lattice, possible, thinned, model, theta, lambda share: report(share / parts)
@@ -145,7 +155,16 @@ def build_map(
                 environment=env,
                 report=lambda share: report((1 + share * len(names)) / parts),
             )
-    return amap
+        return amap
+
+    with _reporter(progress, f"{env.name}, {scanner.name}") as report:
+        if store is False:
+            return compute(report)
+        from ambinav.ambiguity.stored import map_key, opened_or_computed
+
+        key = map_key(env, scanner, thinned, model, spacing, theta, names)
+        own = None if store is True else store
+        return opened_or_computed(key, labels(env, scanner), compute, report, own)
 
 
 def _thin(scanner: RangeScanner, max_beams: int | None) -> RangeScanner:

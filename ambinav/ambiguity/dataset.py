@@ -19,6 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.tensor import classify, relative_radii
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import solid_cells
 from ambinav.geometry.principal_axes import principal_axes
@@ -135,6 +136,16 @@ def _outline(free: BaseGeometry) -> NDArray[np.uint8]:
     return np.frombuffer(shapely.to_wkb(free), dtype=np.uint8).copy()
 
 
+def labels(env: Environment, scanner: RangeScanner) -> dict[str, str]:
+    """Attributes that say what a building is called and where it lies, and decide no number."""
+    return {
+        "title": f"Ambiguity map of {env.name} for {scanner.name}",
+        "environment": env.name,
+        "environment_source": "" if env.source is None else str(env.source),
+        "environment_notes": json.dumps(list(env.notes)),
+    }
+
+
 def _attributes(title: str, unit: str) -> dict[str, str]:
     """What a variable says of itself."""
     return {"long_name": title, "units": unit}
@@ -194,15 +205,12 @@ def _provenance(
     }
     versions = {name: importlib.metadata.version(name) for name in LIBRARIES}
     return {
-        "title": f"Ambiguity map of {env.name} for {scanner.name}",
+        **labels(env, scanner),
         "frame": "map",
         "units": "metres, radians",
-        "environment": env.name,
-        "environment_source": "" if env.source is None else str(env.source),
         "environment_sha256": env.checksum,
         "environment_resolution": json.dumps(env.resolution),
         "collision": "floor" if env.drivable is None else "drivable",
-        "environment_notes": json.dumps(list(env.notes)),
         "environment_extent": json.dumps(
             [] if env.extent is None else shapely.get_coordinates(env.extent)[:4].tolist()
         ),

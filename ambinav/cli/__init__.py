@@ -22,6 +22,7 @@ from ambinav.cli.export import export
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
+from ambinav.cli.store import store
 from ambinav.cli.train import train
 
 app = typer.Typer(
@@ -43,6 +44,7 @@ app.command("benchmark")(benchmark)
 app.command("demo")(demo)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
+app.add_typer(store)
 
 
 def _show_version(wanted: bool) -> None:

@@ -120,7 +120,6 @@ def audit(
 
         # Before the long work: a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
-        making.announce(environment, chosen)
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"))
             report = _examine(amap, environment, chosen, reach, reported, output, bars)

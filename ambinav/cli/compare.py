@@ -64,6 +64,7 @@ def compare(
     ] = None,
     pictures: options.Pictures = "png",
     force: options.Force = False,
+    no_store: options.NoStore = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Drive routes with a localizer in the loop, and compare how it fares on them.
@@ -88,7 +89,12 @@ def compare(
         FOLDER.check(output)
         with resumable(output, "the drives so far are"), progress_bars(as_json) as bars:
             report, rows = run(
-                loaded, output, jobs=jobs or os.cpu_count() or 1, bars=bars, image_format=pictures
+                loaded,
+                output,
+                jobs=jobs or os.cpu_count() or 1,
+                bars=bars,
+                image_format=pictures,
+                store=options.store_of(no_store),
             )
         if as_json:
             typer.echo(report.model_dump_json(indent=2))

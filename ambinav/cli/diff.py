@@ -165,7 +165,6 @@ def _open(
     if scanner is None or _is_map(path):
         return AmbiguityMap.open(path)
     environment, chosen = making.load(path, scanner, building)
-    making.announce(environment, chosen)
     made = making.build(environment, chosen, progress)
     made.source = str(path)
     return made

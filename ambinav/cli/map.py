@@ -56,7 +56,6 @@ def build(
         check_writable(output)
         check_target(output)
         environment, chosen = making.load(map_file, scanner, building)
-        making.announce(environment, chosen)
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"), robot_radius)

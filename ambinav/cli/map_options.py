@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
+from ambinav.cli import options
 from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.errors import InputError
 
@@ -106,6 +107,7 @@ class MapOptions:
             show_default="none",
         ),
     ] = None
+    no_store: options.NoStore = False
 
     def check(self) -> None:
         """Check what can be checked before the building is read.
@@ -182,10 +184,10 @@ class MapOptions:
         progress: Progress,
         robot_radius: float = 0.0,
     ) -> AmbiguityMap:
-        """Build the map.
+        """Open the map from the store, or announce, build and keep it.
 
         Raises:
-            InputError: an option does not suit this building.
+            InputError: an option does not suit this building, or see `MapStore.of_user`.
         """
         from ambinav.ambiguity.build import build_map
 
@@ -199,6 +201,7 @@ class MapOptions:
             progress=progress,
             layers=self._names(scanner),
             robot_radius=robot_radius,
+            store=options.store_of(self.no_store, lambda: self.announce(environment, scanner)),
         )
 
     def _names(self, scanner: RangeScanner) -> tuple[str, ...]:

@@ -8,11 +8,15 @@ import functools
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from ambinav.cli.running import note
 from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.store.map_store import MapStore
 
 
 def _complete_preset(begun: str) -> list[str]:
@@ -44,6 +48,13 @@ Scanner = Annotated[
 Pictures = Annotated[
     str,
     typer.Option("--pictures", metavar="png|svg", help="Format of the pictures in the report."),
+]
+NoStore = Annotated[
+    bool,
+    typer.Option(
+        "--no-store",
+        help="Compute the map, though it may have been computed before, and do not keep it.",
+    ),
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
@@ -111,3 +122,16 @@ def check_pictures(image_format: str) -> None:
 
     if image_format not in FORMATS:
         raise InputError(f"--pictures: {image_format!r} is no format; give {' or '.join(FORMATS)}.")
+
+
+def store_of(no_store: bool, before_build: Callable[[], None] | None = None) -> MapStore:
+    """The user's store, which says on stderr what it does; with `--no-store` one without a folder.
+
+    Raises:
+        InputError: see `MapStore.of_user`.
+    """
+    from ambinav.store.map_store import MapStore
+
+    if no_store:
+        return MapStore(None, before_build=before_build)
+    return MapStore.of_user(note, before_build)

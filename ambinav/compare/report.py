@@ -28,6 +28,7 @@ from ambinav.reports.table import difference_text, ratio_text, value_text
 from ambinav.routes.bad_floor import stretch_text
 from ambinav.routes.files import save_route
 from ambinav.runfolder import LOCK, WORK, RunFolder
+from ambinav.store.map_store import MapStore
 
 JSON: Final = "report.json"
 HTML: Final = "report.html"
@@ -51,6 +52,7 @@ def compare(
     jobs: int = 1,
     bars: Bars | None = None,
     image_format: str = "png",
+    store: bool | MapStore = False,
 ) -> tuple[Document, tuple[Row, ...]]:
     """Compare the routes of a scenario, and write all that was found.
 
@@ -63,6 +65,7 @@ def compare(
         jobs: How many processes drive.
         bars: Given a text, returns what takes the share done.
         image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        store: Of maps, as for `build_map`; looked at where `folder` holds no map of the scenario.
 
     Returns:
         What report.json holds, and the rows of the table.
@@ -76,16 +79,22 @@ def compare(
     out = FOLDER.check(folder)
     check_plans(loaded)
     with FOLDER.hold(out):
-        return _compare(loaded, out, jobs, bars or (lambda text: lambda share: None), image_format)
+        begin = bars or (lambda text: lambda share: None)
+        return _compare(loaded, out, jobs, begin, image_format, store)
 
 
 def _compare(
-    loaded: ScenarioBundle, out: Path, jobs: int, begin: Bars, image_format: str
+    loaded: ScenarioBundle,
+    out: Path,
+    jobs: int,
+    begin: Bars,
+    image_format: str,
+    store: bool | MapStore,
 ) -> tuple[Document, tuple[Row, ...]]:
     scenario = loaded.scenario
     here = Provenance.here(*PLANNING, *(POLICIES if _has_policies(loaded) else ()))
     discard_stale(out / WORK, here, kept=(LOCK,))
-    amap = _map(loaded, out / WORK, begin)
+    amap = _map(loaded, out / WORK, begin, store)
     plans = make_plans(loaded, amap, begin("routes"))
     worlds = make_worlds(loaded, plans)
     setup = Setup(scenario, loaded.environment, loaded.scanner, amap, worlds)
@@ -155,7 +164,7 @@ def _names(report: Document) -> list[str]:
     return [report.overview, *(name for names in report.pictures.values() for name in names)]
 
 
-def _map(loaded: ScenarioBundle, work: Path, begin: Bars) -> AmbiguityMap:
+def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore) -> AmbiguityMap:
     """The map of the scenario, built or read."""
     asked = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer
@@ -171,7 +180,8 @@ def _map(loaded: ScenarioBundle, work: Path, begin: Bars) -> AmbiguityMap:
     path = work / f"map-{key[:16]}.zarr"
     if path.is_dir():
         return AmbiguityMap.open(path)
-    amap = build_map(environment, loaded.scanner, progress=begin("ambiguity"), **asked)
+    progress = begin("ambiguity")
+    amap = build_map(environment, loaded.scanner, progress=progress, store=store, **asked)
     amap.save(path)
     # Read back, so that it makes no difference whether the map was there.
     return AmbiguityMap.open(path)

@@ -85,7 +85,7 @@ def test_refused_before_anything_is_written(
 
 
 def check(path: Path, out: Path, message: str) -> None:
-    found = CliRunner().invoke(app, ["compare", str(path), "-o", str(out), "-j", "1"])
+    found = CliRunner().invoke(app, ["compare", str(path), "-o", str(out), "-j", "1", "--no-store"])
     assert found.exit_code == 2, found.output
     assert message in found.stderr
     assert found.stderr.startswith("ambinav: error: ") and found.stderr.count("\n") == 1

@@ -22,7 +22,8 @@ from tests.compare.conftest import SCENARIO, write
 
 
 def compare(scenario: Path, out: Path, *more: str) -> Result:
-    return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), *more])
+    words = ["compare", str(scenario), "-o", str(out), "--no-store", *more]
+    return CliRunner().invoke(app, words)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +100,7 @@ def test_killed_and_called_again(done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [
         sys.executable, "-m", "ambinav.cli", "compare", str(done.parent / "flat.yaml"),
-        "-o", str(out), "--jobs", "1",
+        "-o", str(out), "--jobs", "1", "--no-store",
     ]  # fmt: skip
     running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:

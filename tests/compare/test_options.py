@@ -49,7 +49,8 @@ def fails(environment, scanner, amap, pair):
 
 
 def compare(scenario: Path, out: Path, *more: str) -> Result:
-    return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", *more])
+    words = ["compare", str(scenario), "-o", str(out), "-j", "1", "--no-store", *more]
+    return CliRunner().invoke(app, words)
 
 
 @pytest.mark.slow

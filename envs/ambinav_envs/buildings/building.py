@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
+from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
@@ -14,7 +15,6 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
-from ambinav_envs.buildings.cache import map_of
 from ambinav_envs.buildings.free_space import FreeSpaceLattice
 
 LAYERS: Final = ("fisher",)
@@ -33,7 +33,7 @@ class Building:
         scanner: What the robot sees with.
         robot_radius: Of the robot's disc, metres.
         spacing: Of the ambiguity map's lattice, metres.
-        keep: Whether its map is kept on disk (`ambinav_envs.buildings.cache`).
+        keep: Whether its map is kept in the user's store (`ambinav.store`).
         layers: Layers of its map beside `LAYERS`.
     """
 
@@ -82,14 +82,14 @@ class Building:
 
     @cached_property
     def amap(self) -> AmbiguityMap:
-        """Its ambiguity map with `LAYERS` and its own layers, read from disk if it is kept there.
+        """Its ambiguity map with `LAYERS` and its own layers, opened if it is kept.
 
         Raises:
-            InputError: the scanner cannot have these layers, or the map cannot be written.
+            InputError: the scanner cannot have these layers, or $AMBINAV_CACHE is a file.
         """
         layers = LAYERS + tuple(name for name in self.layers if name not in LAYERS)
-        return map_of(
-            self.environment, self.scanner, spacing=self.spacing, layers=layers, keep=self.keep
+        return build_map(
+            self.environment, self.scanner, self.spacing, layers=layers, store=self.keep
         )
 
     @cached_property

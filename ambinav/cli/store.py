@@ -1,0 +1,216 @@
+"""`ambinav store`: the maps that were computed before, and are opened instead of computed again."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ambinav.cli.options import AsJson
+from ambinav.cli.running import reporting
+
+if TYPE_CHECKING:
+    from ambinav.store.upkeep import Kept
+
+DAMAGE = 3
+"""Exit status of `verify` where an entry was damaged."""
+
+store = typer.Typer(
+    name="store",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    help="Look after the maps that are kept in the user's cache folder ($AMBINAV_CACHE).",
+)
+
+
+@store.command("list")
+def list_maps(as_json: AsJson = False) -> None:
+    """List the maps that are kept, those first that were used last.
+
+    Example: `ambinav store list`
+    """
+    with reporting():
+        from ambinav.store.map_store import MapStore
+        from ambinav.store.settings import size_text
+        from ambinav.store.upkeep import kept
+
+        place = MapStore.of_user()
+        found = kept(place)
+        total = sum(one.size for one in found)
+        if as_json:
+            result = {
+                "folder": str(place.place),
+                "bytes": total,
+                "limit_bytes": place.limit,
+                "maps": [_row(one) for one in found],
+            }
+            typer.echo(json.dumps(result, indent=2))
+            return
+        _table(found)
+        typer.echo(
+            f"{len(found)} in {place.place}: {size_text(total)} of at most {size_text(place.limit)}"
+        )
+
+
+@store.command("show")
+def show(
+    key: Annotated[
+        str,
+        typer.Argument(
+            metavar="KEY", help="A map's key, or how it begins; see list.", show_default=False
+        ),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Show what a map that is kept was computed from, and with which parameters.
+
+    Example: `ambinav store show 9730e8`
+    """
+    with reporting():
+        from ambinav.store.map_store import MapStore
+        from ambinav.store.upkeep import find
+
+        found = _row(find(MapStore.of_user(), key))
+        if as_json:
+            typer.echo(json.dumps(found, indent=2))
+            return
+        for name, value in found.items():
+            if isinstance(value, dict):
+                value = ", ".join(f"{one} {each}" for one, each in value.items())
+            elif isinstance(value, list):
+                value = ", ".join(map(str, value))
+            typer.echo(f"{name}: {value}")
+
+
+@store.command("verify")
+def verify_maps(
+    keys: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY]...", help="Keys, or how they begin.", show_default="all"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Read maps that are kept whole, and set damaged ones aside; exit status 3 if there are any.
+
+    Example: `ambinav store verify`
+    """
+    with reporting():
+        from ambinav.store.map_store import MapStore
+        from ambinav.store.upkeep import verify
+
+        whole, damaged = [], {}
+        for one, reason in verify(MapStore.of_user(), keys or None):
+            if reason is None:
+                whole.append(one.key)
+            else:
+                damaged[one.key] = reason
+                if not as_json:
+                    typer.echo(f"{one.path}: damaged ({reason}), set aside")
+        if as_json:
+            typer.echo(json.dumps({"whole": whole, "damaged": damaged}, indent=2))
+        else:
+            typer.echo(f"{len(whole)} whole, {len(damaged)} damaged")
+        if damaged:
+            raise typer.Exit(DAMAGE)
+
+
+@store.command("prune")
+def prune_maps(
+    limit: Annotated[
+        str | None,
+        typer.Option(
+            "--limit",
+            metavar="SIZE",
+            help="How much may be left, e.g. 500 MB; those least recently used go first.",
+            show_default="$AMBINAV_CACHE_LIMIT, or 5 GB",
+        ),
+    ] = None,
+    other_code: Annotated[
+        bool,
+        typer.Option("--other-code", help="Remove what other versions or libraries computed."),
+    ] = False,
+    every: Annotated[
+        bool, typer.Option("--all", help="Remove all, but what a newer ambinav keeps.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Remove maps that are kept, and what runs that were killed left there.
+
+    Example: `ambinav store prune --limit "1 GB"`
+    """
+    with reporting():
+        from ambinav.store.map_store import MapStore
+        from ambinav.store.settings import parse_size, size_text
+        from ambinav.store.upkeep import kept, prune
+
+        place = MapStore.of_user()
+        most = place.limit if limit is None else parse_size(limit, "--limit")
+        count, size = prune(place, most, other_code=other_code, every=every)
+        left = kept(place)
+        if as_json:
+            result = {
+                "removed": count,
+                "removed_bytes": size,
+                "left": len(left),
+                "left_bytes": sum(one.size for one in left),
+            }
+            typer.echo(json.dumps(result, indent=2))
+        else:
+            typer.echo(f"{count} removed ({size_text(size)}), {len(left)} left")
+
+
+def _row(one: Kept) -> dict[str, Any]:
+    """An entry as plain values."""
+    row: dict[str, Any] = {
+        "key": one.key,
+        "state": one.state,
+        "path": str(one.path),
+        "bytes": one.size,
+        "used": one.used,
+    }
+    if one.about is not None:
+        from ambinav.store.entry import cells
+
+        attrs = one.about.attrs
+        row |= {
+            "environment": attrs["environment"],
+            "environment_source": attrs["environment_source"],
+            "scanner": attrs["scanner"],
+            "parameters": json.loads(attrs["parameters"]),
+            "layers": [name for name, _, own, *_ in one.about.variables if "worse" in own],
+            "cells": cells(one.about),
+            "made": one.about.made,
+            "ambinav_version": attrs["ambinav_version"],
+            "versions": json.loads(attrs["versions"]),
+        }
+    return row
+
+
+def _table(found: list[Kept]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.store.settings import size_text
+
+    table = Table(box=None, pad_edge=False)
+    for title in ("key", "environment", "scanner", "spacing", "cells", "size", "used", "state"):
+        number = title in ("spacing", "cells", "size")
+        table.add_column(title, justify="right" if number else "left", overflow="fold")
+    for one in found:
+        row = _row(one)
+        parameters = row.get("parameters", {})
+        texts = (
+            one.key[:8],
+            row.get("environment", ""),
+            row.get("scanner", ""),
+            f"{parameters['spacing']:g} m" if parameters else "",
+            f"{row['cells']:,}" if "cells" in row else "",
+            size_text(one.size),
+            one.used[:16].replace("T", " "),
+            one.state,
+        )
+        table.add_row(*map(Text, texts))
+    if found:
+        Console(highlight=False).print(table)

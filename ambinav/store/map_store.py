@@ -1,0 +1,290 @@
+"""The store of maps: what was computed before with the same input is opened instead."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ambinav.errors import InputError, InputWarning
+from ambinav.files import replacing
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.store import entry
+from ambinav.store.build_lock import PATIENCE, build_lock, try_lock
+from ambinav.store.settings import (
+    LIMIT,
+    LIMIT_VARIABLE,
+    VARIABLE,
+    cache_folder,
+    size_limit,
+    size_text,
+)
+
+MAPS: Final = "maps"
+"""Folder of the kept maps within that of all that ambinav keeps."""
+ENTRY, DAMAGED, LOCK = ".map", ".damaged", ".lock"
+"""Suffixes of kept maps, of those that were set aside, and of the locks of those being made."""
+
+Alive = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class MapStore:
+    """Maps kept in a folder, each under the digest of all that it depends on.
+
+    Any number of processes may use one folder. Reading takes no lock; an entry appears and goes as
+    a whole. What a killed process left is removed by the next that keeps a map.
+
+    Attributes:
+        folder: Where; it need not exist. None: nothing is kept, and every map is computed.
+        limit: Bytes that entries may take; those go first that were not used for longest.
+        tell: Called with a sentence about what is done; None: nobody is told.
+        before_build: Called before a map is computed, since it is not there.
+        patience: Seconds to wait for another process that computes the same map and gives no sign
+            of life.
+    """
+
+    folder: Path | None
+    limit: int = LIMIT
+    tell: Callable[[str], None] | None = None
+    before_build: Callable[[], None] | None = None
+    patience: float = PATIENCE
+
+    @classmethod
+    def of_user(
+        cls,
+        tell: Callable[[str], None] | None = None,
+        before_build: Callable[[], None] | None = None,
+    ) -> MapStore:
+        """The user's store: in $AMBINAV_CACHE, or else in the user's cache folder.
+
+        Raises:
+            InputError: $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT no size.
+        """
+        folder = cache_folder()
+        if folder is None:
+            return cls(None, tell=tell, before_build=before_build)
+        if VARIABLE in os.environ and folder.exists() and not folder.is_dir():
+            raise InputError(
+                f"{VARIABLE} is {str(folder)!r}, where no map can be kept, for it is a file; name "
+                "a folder, or leave it empty to keep none."
+            )
+        return cls(folder / MAPS, size_limit(), tell, before_build)
+
+    def path(self, key: str) -> Path:
+        """The file of a map; there need not be one.
+
+        Raises:
+            InputError: nothing is kept.
+        """
+        return self.place / f"{key}{ENTRY}"
+
+    @property
+    def place(self) -> Path:
+        """The folder.
+
+        Raises:
+            InputError: nothing is kept.
+        """
+        if self.folder is None:
+            raise InputError(
+                f"no map is kept: {VARIABLE} is empty, or there is no home; name a folder in it."
+            )
+        return self.folder
+
+    def opened_or_built(
+        self, key: str | None, build: Callable[[Alive], AmbiguityMap]
+    ) -> tuple[AmbiguityMap, bool]:
+        """Open a map, or else build it and keep it.
+
+        Where another process is building it, its map is waited for.
+
+        Args:
+            key: Digest of all that the map depends on; None: it is not kept.
+            build: Builds the map; is given what is to be called now and then meanwhile.
+
+        Returns:
+            The map, and whether it was opened.
+
+        Raises:
+            Whatever `build` raises.
+
+        Warns:
+            InputWarning: an entry is damaged and set aside, is of a newer format, or the map cannot
+                be kept.
+        """
+        if self.folder is None or key is None:
+            return self._built(build, None), False
+        found = self._open(key)
+        if found is not None:
+            return found, True
+        with contextlib.suppress(OSError):  # which is told when the map cannot be kept
+            self.folder.mkdir(parents=True, exist_ok=True)
+        lock = self.folder / f"{key}{LOCK}"
+        with build_lock(lock, self.patience, self._waiting) as alive:
+            # Whoever held the lock has built it meanwhile.
+            found = self._open(key, set_aside=True)
+            if found is not None:
+                return found, True
+            if alive is not None:
+                self._remove_leftovers(key)
+            amap = self._built(build, alive)
+            self._keep(key, amap)
+        return amap, False
+
+    def _built(self, build: Callable[[Alive], AmbiguityMap], alive: Alive | None) -> AmbiguityMap:
+        if self.before_build is not None:
+            self.before_build()
+        return build(alive or _nobody)
+
+    def _open(self, key: str, *, set_aside: bool = False) -> AmbiguityMap | None:
+        """The map that is kept; None: there is none that can be used."""
+        path = self.path(key)
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None
+        try:
+            amap = AmbiguityMap(entry.unpack(content, entry.check_whole(content, key)))
+        except entry.NewerFormatError as error:
+            if set_aside:
+                warnings.warn(
+                    f"{path}: this map was kept by a newer ambinav (format {error}), so it is left "
+                    "alone and the map is computed again.",
+                    InputWarning,
+                    stacklevel=4,
+                )
+            return None
+        except entry.DamagedError as error:
+            if set_aside:
+                aside = self.set_aside(key)
+                warnings.warn(
+                    f"{path}: this kept map is damaged ({error}), so it is set aside as "
+                    f"{aside.name} and the map is computed again.",
+                    InputWarning,
+                    stacklevel=4,
+                )
+            return None
+        with contextlib.suppress(OSError):  # of another user, or on a disk that is read only
+            os.utime(path)
+        if self.tell is not None:
+            self.tell(
+                f"the map of {amap.dataset.attrs['environment']} for "
+                f"{amap.dataset.attrs['scanner']} is opened from the store ({path})."
+            )
+        return amap
+
+    def set_aside(self, key: str) -> Path:
+        """Rename an entry that is damaged, in place of an older one of that kind; returns where."""
+        aside = self.path(key).with_suffix(DAMAGED)
+        with contextlib.suppress(OSError):  # it is gone, or of another user
+            self.path(key).replace(aside)
+        return aside
+
+    def _keep(self, key: str, amap: AmbiguityMap) -> None:
+        path = self.path(key)
+        with contextlib.suppress(OSError, entry.NewerFormatError):
+            if entry.read_format(path) > entry.FORMAT:
+                return
+        parts = entry.pack(amap.dataset, key)
+        size = sum(map(len, parts))
+        if size > self.limit:
+            return self._not_kept(
+                f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
+                f"raise {LIMIT_VARIABLE}",
+            )
+        # Before, not after: whoever is killed in between leaves less than the limit, not more.
+        self.make_room(self.limit - size)
+        try:
+            with replacing(path) as fresh, fresh.open("xb") as file:
+                file.writelines(parts)
+        except (InputError, OSError) as error:
+            return self._not_kept(
+                getattr(error.__cause__ or error, "strerror", None) or str(error).rstrip("."),
+                f"set {VARIABLE} to a folder with room that is writable, or leave it empty",
+            )
+
+    def _not_kept(self, reason: str, remedy: str) -> None:
+        warnings.warn(
+            f"{self.place}: the map cannot be kept here ({reason}), so the next run computes it "
+            f"again; {remedy}.",
+            InputWarning,
+            stacklevel=5,
+        )
+
+    def _waiting(self) -> None:
+        if self.tell is not None:
+            self.tell("another process computes this map; waiting for it.")
+
+    # -- room --------------------------------------------------------------------------------
+
+    def files(self) -> list[Path]:
+        """Kept maps and those that were set aside, those first that are the first to go.
+
+        That is what was set aside, then what was not used for longest.
+        """
+        times = {}
+        for path in self._all():
+            if path.suffix in (ENTRY, DAMAGED):
+                with contextlib.suppress(FileNotFoundError):
+                    times[path] = (path.suffix == ENTRY, path.stat().st_mtime_ns)
+        return sorted(times, key=times.__getitem__)
+
+    def make_room(self, limit: int) -> list[Path]:
+        """Remove left-overs, and the first of `files` until the rest takes at most `limit` bytes.
+
+        What a newer ambinav keeps stays, and does not count.
+
+        Returns:
+            The entries that are gone.
+        """
+        self._remove_leftovers()
+        sizes: dict[Path, int] = {}
+        for path in self.files():
+            with contextlib.suppress(OSError):
+                if entry.read_format(path) <= entry.FORMAT:
+                    sizes[path] = path.stat().st_size
+        total, gone = sum(sizes.values()), []
+        for path, size in sizes.items():
+            if total <= limit:
+                break
+            with contextlib.suppress(OSError):  # of another user, or on a disk that is read only
+                path.unlink(missing_ok=True)
+                gone.append(path)
+                total -= size
+        return gone
+
+    def _remove_leftovers(self, own: str | None = None) -> None:
+        """Remove what processes that were killed were writing, and their locks.
+
+        Args:
+            own: The key whose lock is held here, to look after that alone; None: look after all
+                whose lock nobody holds.
+        """
+        left: dict[str, list[Path]] = {}
+        for path in self._all():
+            if path.suffix == LOCK:
+                left.setdefault(path.stem, [])
+            elif path.name.startswith("."):
+                left.setdefault(path.name[1:].partition(".")[0], []).append(path)
+        for key in left if own is None else left.keys() & {own}:
+            lock = None if own else try_lock(self.place / f"{key}{LOCK}")
+            if own or lock is not None:
+                with lock or contextlib.nullcontext():
+                    for path in left[key]:
+                        shutil.rmtree(path, ignore_errors=True)
+
+    def _all(self) -> Iterator[Path]:
+        try:
+            yield from list(self.place.iterdir())
+        except (FileNotFoundError, NotADirectoryError):
+            return
+
+
+def _nobody() -> None:
+    """The sign of life of one that holds no lock."""

@@ -1,0 +1,66 @@
+"""Where maps are kept and how much room they may take, as the environment variables say."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Final
+
+from ambinav.errors import InputError
+
+VARIABLE: Final = "AMBINAV_CACHE"
+"""Environment variable: the folder to keep maps in; empty: none are kept."""
+LIMIT_VARIABLE: Final = "AMBINAV_CACHE_LIMIT"
+"""Environment variable: how much room kept maps may take, such as 500 MB or 20 GB."""
+LIMIT: Final = 5_000_000_000
+"""Bytes that kept maps may take where nobody says otherwise: some hundred maps of large floors."""
+
+_UNITS: Final = {"": 1, "k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
+_SIZE: Final = re.compile(r"(\d+(?:\.\d+)?) ?([kMGT]?)B?")
+
+
+def cache_folder() -> Path | None:
+    """What ambinav keeps is in this folder: $AMBINAV_CACHE, else `ambinav` in the user's cache.
+
+    Returns:
+        None if the variable is set and empty, or the user has no home. The folder need not exist.
+    """
+    chosen = os.environ.get(VARIABLE)
+    if chosen is not None:
+        return Path(chosen) if chosen else None
+    base = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "ambinav"
+    except RuntimeError:  # as in a container whose user nobody has entered
+        return None
+
+
+def size_limit() -> int:
+    """Bytes that kept maps may take: $AMBINAV_CACHE_LIMIT, else `LIMIT`.
+
+    Raises:
+        InputError: the variable is no size.
+    """
+    text = os.environ.get(LIMIT_VARIABLE)
+    return LIMIT if not text else parse_size(text, LIMIT_VARIABLE)
+
+
+def parse_size(text: str, what: str) -> int:
+    """Bytes from a text such as `500 MB`, `2G` or `0`.
+
+    Raises:
+        InputError: it is none; the message begins with `what`.
+    """
+    found = _SIZE.fullmatch(text.strip())
+    if found is None:
+        raise InputError(f"{what}: {text!r} is no size; give e.g. 500 MB or 2 GB.")
+    return round(float(found[1]) * _UNITS[found[2]])
+
+
+def size_text(size: int) -> str:
+    """A number of bytes in the unit that suits it."""
+    for unit in ("T", "G", "M", "k"):
+        if size >= _UNITS[unit]:
+            return f"{size / _UNITS[unit]:.3g} {unit}B"
+    return f"{size} B"

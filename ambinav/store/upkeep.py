@@ -1,0 +1,158 @@
+"""Looking after a store: what is in it, whether it is whole, and what can go."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from ambinav.errors import InputError
+from ambinav.store import entry
+from ambinav.store.map_store import DAMAGED, ENTRY, MapStore
+
+CURRENT: Final = "current"
+OTHER_CODE: Final = "other code"
+NEWER: Final = "newer format"
+SET_ASIDE: Final = "damaged"
+"""States of entries: of use to this process, computed by other code or libraries, kept by a newer
+ambinav, damaged or set aside as such."""
+
+# What ambinav kept before it had a store: folders for the maps of one code, with files of NumPy.
+_OLD_FOLDER: Final = re.compile("[0-9a-f]{16}")
+
+
+@dataclass(frozen=True)
+class Kept:
+    """An entry of a store.
+
+    Attributes:
+        key: What it is kept as.
+        path: Its file.
+        size: Bytes.
+        used: When it was last written or opened, ISO 8601.
+        state: One of the states above; a checksum is not looked at.
+        about: What it says of its map; None where that cannot be read.
+    """
+
+    key: str
+    path: Path
+    size: int
+    used: str
+    state: str
+    about: entry.About | None
+
+
+def kept(store: MapStore) -> list[Kept]:
+    """All entries of a store, those first that were used last.
+
+    Raises:
+        InputError: nothing is kept.
+    """
+    found = []
+    for path in reversed(store.files()):
+        with contextlib.suppress(FileNotFoundError):  # another process removed it
+            found.append(_look(path))
+    return found
+
+
+def find(store: MapStore, begun: str) -> Kept:
+    """The entry whose key begins with a text.
+
+    Raises:
+        InputError: there is none, or several.
+    """
+    found = [one for one in kept(store) if begun and one.key.startswith(begun)]
+    keys = {one.key for one in found}
+    if len(keys) != 1:
+        said = f"{len(keys)} maps begin so; give more of the key" if keys else "no map begins so"
+        raise InputError(f"{begun!r}: {said}; `ambinav store list` shows the keys.")
+    return max(found, key=lambda one: one.path.suffix == ENTRY)
+
+
+def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kept, str | None]]:
+    """Read entries whole and set damaged ones aside.
+
+    Args:
+        store: The store.
+        keys: Keys, or how they begin; None: all.
+
+    Yields:
+        Each entry that was not set aside before, and what is wrong with it; None: nothing. One of
+        a newer format cannot be judged and is left out.
+
+    Raises:
+        InputError: there is no such entry, or several.
+    """
+    chosen = kept(store) if keys is None else [find(store, key) for key in keys]
+    for one in chosen:
+        if one.path.suffix == DAMAGED or one.state == NEWER:
+            continue
+        reason = None
+        try:
+            entry.check_whole(one.path.read_bytes(), one.key)
+        except FileNotFoundError:
+            continue
+        except (OSError, entry.DamagedError) as error:
+            reason = str(error)
+            store.set_aside(one.key)
+        except entry.NewerFormatError:
+            continue
+        yield one, reason
+
+
+def prune(
+    store: MapStore, limit: int, *, other_code: bool = False, every: bool = False
+) -> tuple[int, int]:
+    """Remove entries, left-overs, and what ambinav kept before it had a store.
+
+    Args:
+        store: The store. What a newer ambinav keeps in it stays.
+        limit: Bytes that may be left; those go first that were not used for longest.
+        other_code: Remove what other code or libraries computed.
+        every: Remove all.
+
+    Returns:
+        How many entries are gone, and how many bytes they took.
+
+    Raises:
+        InputError: nothing is kept.
+    """
+    before = {one.path: one.size for one in kept(store)}
+    if other_code:
+        for one in kept(store):
+            if one.state == OTHER_CODE:
+                one.path.unlink(missing_ok=True)
+    store.make_room(-1 if every else limit)  # at 0 empty files would stay
+    _remove_old(store.place)
+    left = {one.path for one in kept(store)}
+    gone = [size for path, size in before.items() if path not in left]
+    return len(gone), sum(gone)
+
+
+def _look(path: Path) -> Kept:
+    about, state = None, SET_ASIDE
+    with path.open("rb") as file:
+        status = os.fstat(file.fileno())
+        try:
+            about = entry.read_about(file)
+            if path.suffix == ENTRY:
+                state = CURRENT if about.is_current else OTHER_CODE
+        except entry.NewerFormatError:
+            state = NEWER
+        except entry.DamagedError:
+            pass
+    used = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
+    return Kept(path.stem, path, status.st_size, used, state, about)
+
+
+def _remove_old(place: Path) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        for path in place.iterdir():
+            if path.is_dir() and _OLD_FOLDER.fullmatch(path.name):
+                shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,174 @@
+"""How long a map takes to be opened from the store, beside building it: every map.
+
+A laser of 60 beams and 5 m (4 spacings where that is more) on a lattice of at most `MOST_POSES`
+points of free floor; the last rows are one large floor at the spacing of 0.1 m, for a laser that
+looks all around and for one that does not. *open*: all that `build_map` does where the map is kept:
+the digest of building, scanner and parameters (that of the sources is made once in a process),
+reading, checksum, unpacking; the file was written just before and lies in memory. *times*: build
+over open. *zarr*: to open the same map as `AmbiguityMap.save` writes it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from harness import ROOT, add_out, report, spread, table
+
+from ambinav.ambiguity.build import build_map
+from ambinav.errors import InputWarning
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.load import load_environment
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav.store.map_store import MapStore
+
+FOLDERS = ("maps", "maps_from_logs", "maps_research_only", "planner_maps")
+LARGE = "maps/willow_full_005.yaml"
+MOST_POSES = 30_000
+FINEST = 0.2
+REPEATS = 5
+LEVELS = (0, 1, 6)
+LIBRARIES = ("ambinav", "numba", "numpy", "numcodecs", "xarray", "zarr")
+HEAD = (
+    "map", "scanner", "spacing, m", "cells", "build, s", "open, ms", "times",
+    "zarr, ms", "raw, MB", "kept, MB",
+)  # fmt: skip
+
+T = TypeVar("T")
+
+
+def timed(run: Callable[[], T]) -> tuple[float, T]:
+    """Seconds, and what came of it."""
+    start = time.perf_counter()
+    found = run()
+    return time.perf_counter() - start, found
+
+
+def row(
+    env: Environment, scanner: RangeScanner, spacing: float, folder: Path
+) -> tuple[tuple[str, ...], float, AmbiguityMap]:
+    """One map; and by how much opening is faster."""
+    store = MapStore(folder)
+    radius = max(0.5, 1.5 * spacing)
+
+    def take(place: MapStore) -> AmbiguityMap:
+        return build_map(env, scanner, spacing, radius, store=place)
+
+    building, amap = timed(lambda: take(store))
+    (file,) = folder.glob("*.map")
+    opens = []
+    for _ in range(REPEATS):
+        seconds, again = timed(lambda: take(store))
+        opens.append(1e3 * seconds)
+    if not again.dataset.identical(amap.dataset):
+        raise SystemExit(f"{env.name}: the map that was opened is another")
+    amap.save(folder / "map.zarr")
+    zarr = [1e3 * timed(lambda: AmbiguityMap.open(folder / "map.zarr"))[0] for _ in range(REPEATS)]
+    ratio = 1e3 * building / float(np.median(opens))
+    variables = amap.dataset.variables.values()
+    cells = math.prod(amap.possible.shape)
+    found = (
+        env.name, scanner.name, f"{spacing:.2g}", f"{cells:,}", f"{building:.2f}",
+        spread(opens, 1), f"{ratio:,.0f}", spread(zarr, 1),
+        f"{sum(one.values.nbytes for one in variables) / 1e6:.2f}",
+        f"{file.stat().st_size / 1e6:.2f}",
+    )  # fmt: skip
+    return found, ratio, amap
+
+
+def packing(amap: AmbiguityMap) -> str:
+    """What each level of compression takes and gives."""
+    from numcodecs.zstd import compress, decompress
+
+    rows = []
+    arrays = [one.values for one in amap.dataset.variables.values()]
+    flat = [np.ascontiguousarray(one).reshape(-1).view(np.uint8) for one in arrays]
+    for level in LEVELS:
+        packs, unpacks = [], []
+        for _ in range(REPEATS):
+            seconds, packed = timed(lambda: [compress(one, level) for one in flat])  # noqa: B023
+            packs.append(1e3 * seconds)
+            unpacks.append(1e3 * timed(lambda: [decompress(one) for one in packed])[0])  # noqa: B023
+        size = sum(map(len, packed)) / 1e6
+        rows.append((level, spread(packs, 0), spread(unpacks, 0), f"{size:.1f}"))
+    return table(("level", "pack, ms", "unpack, ms", "MB"), rows)
+
+
+def small_scanner(spacing: float) -> RangeScanner:
+    """A laser that looks all around."""
+    sensor = RangeSensor(max_range=max(5.0, 4.0 * spacing), std=0.03, resolution=0.001)
+    return RangeScanner.planar(sensor, 60, math.tau, name="60 beams")
+
+
+def main() -> None:
+    """Measure all maps."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", metavar="NAME", action="append", help="of maps, without suffix")
+    add_out(parser)
+    args = parser.parse_args()
+    data = os.environ.get("AMBINAV_DATA")
+    if not data:
+        raise SystemExit("AMBINAV_DATA is not set; set it to the folder that holds maps/.")
+    paths = [ROOT / "configs/demo.geojson"]
+    paths += [path for name in FOLDERS for path in sorted((Path(data) / name).glob("*.yaml"))]
+    if args.only:
+        paths = [path for path in paths if path.stem in args.only]
+    rows, ratios = [], []
+    warnings.simplefilter("ignore", InputWarning)
+
+    def measure(path: Path, scanner: RangeScanner | None, spacing: float | None) -> AmbiguityMap:
+        env = load_environment(path)
+        step = spacing or max(math.sqrt(env.free.area / MOST_POSES), FINEST)
+        with tempfile.TemporaryDirectory() as folder:
+            found, ratio, amap = row(env, scanner or small_scanner(step), step, Path(folder))
+        rows.append(found)
+        ratios.append(ratio)
+        print(found, file=sys.stderr, flush=True)
+        return amap
+
+    measure(paths[0], None, 0.5)  # compiles
+    rows.clear()
+    ratios.clear()
+    for path in paths:
+        measure(path, None, None)
+    for name in ("rplidar-a1", "hokuyo-urg-04lx"):
+        amap = measure(Path(data) / LARGE, RangeScanner.load(name), 0.1)
+    sources = _sources()
+    report(
+        "Maps from the store",
+        LIBRARIES,
+        f"{__doc__}\nOpening is faster than building on {sum(one > 1 for one in ratios)} of "
+        f"{len(ratios)}, by {min(ratios):,.0f} times at least. The digest of the sources takes "
+        f"{spread(sources, 0)} ms, once in a process.\n\n{table(HEAD, rows, 2)}\n\n"
+        f"The last one, packed by zstd:\n\n{packing(amap)}",
+        args.out,
+    )
+
+
+def _sources() -> list[float]:
+    """Milliseconds for the digest of all sources, each in a process of its own."""
+    code = (
+        "import time, ambinav.provenance as p\nt = time.perf_counter()\np.Provenance.here()\n"
+        "print(1e3 * (time.perf_counter() - t))"
+    )
+    runs = (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        for _ in range(REPEATS)
+    )
+    return [float(done.stdout) for done in runs]
+
+
+if __name__ == "__main__":
+    main()

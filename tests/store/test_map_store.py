@@ -1,0 +1,317 @@
+"""The store of maps: opened where it was built before, and never anything else than built."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ambinav as an
+from ambinav.ambiguity import build as build_module
+from ambinav.ambiguity.layers.registry import LAYERS, Layer
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.store import build_lock, entry
+from ambinav.store.map_store import MapStore
+from ambinav.store.settings import LIMIT
+from tests.maps import synthetic
+from tests.store.scenes import build, laser, names, python, room, same
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> MapStore:
+    return MapStore(tmp_path / "maps")
+
+
+@pytest.fixture
+def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Counts the maps that are computed."""
+    calls: list[int] = []
+    compute = build_module._compute
+
+    def counted(*arguments):
+        calls.append(1)
+        return compute(*arguments)
+
+    monkeypatch.setattr(build_module, "_compute", counted)
+    return calls
+
+
+def the_map(store: MapStore) -> Path:
+    (path,) = store.place.glob("*.map")
+    return path
+
+
+# -- what is opened ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{}, {"headings": 4}, {"layers": "fisher"}])
+def test_what_was_built_is_opened(store, computes, options) -> None:
+    built = build(store, **options)
+    shares: list[float] = []
+    opened = build(store, **options, progress=shares.append)
+    assert len(computes) == 1 and shares == [1.0]
+    assert opened.dataset.identical(built.dataset)  # when and by what it was made among it
+    plain = build(False, **options)
+    assert len(computes) == 2 and same(plain, opened)
+    assert plain.source == opened.source
+    assert opened.environment.free.equals(built.environment.free)
+    np.testing.assert_array_equal(opened.segments.xy, built.segments.xy)
+    assert names(store) == [the_map(store).name]
+
+
+def test_a_library_function_computes_unless_told(computes, tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "mine"))
+    for _ in range(2):
+        an.build_map(room(), laser(), 0.25)
+    assert len(computes) == 2 and not (tmp_path / "mine").exists()
+    for _ in range(2):
+        build(True)
+    assert len(computes) == 3 and len(list((tmp_path / "mine" / "maps").glob("*.map"))) == 1
+    monkeypatch.setenv("AMBINAV_CACHE", "")
+    for _ in range(2):
+        build(True)
+    assert len(computes) == 5
+
+
+def test_every_input_counts(store, computes) -> None:
+    inputs = (
+        {}, {"env": room(4.1)}, {"spacing": 0.2}, {"radius": 0.6}, {"headings": 1},
+        {"headings": 2}, {"map_std": 0.04}, {"tau": 3.0}, {"max_beams": 12},
+        {"sigma_theta": 0.06}, {"outlier_share": 0.04}, {"low": 0.3}, {"high": 0.7},
+        {"robot_radius": 0.2}, {"layers": "fisher"}, {"layers": ("fisher", "gfm")},
+    )  # fmt: skip
+    plain = [build(False, **one) for one in inputs]
+    for count, one in enumerate(inputs, start=1):
+        build(store, **one)
+        assert len(names(store)) == count
+    computes.clear()
+    for wanted, one in zip(plain, inputs, strict=True):
+        assert same(build(store, **one), wanted)
+    assert not computes
+    an.build_map(room(), laser(20), 0.25, store=store)
+    assert len(computes) == 1
+
+
+def test_defaults_are_the_numbers_that_they_stand_for(store, computes) -> None:
+    build(store)
+    build(store, map_std=0.02, max_beams=60)
+    assert len(computes) == 1
+
+
+def test_a_copy_of_a_building_is_the_same(store, computes, tmp_path) -> None:
+    square = [[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]
+    text = json.dumps({"type": "Polygon", "coordinates": [square]})
+    for name in ("one", "other"):
+        (tmp_path / f"{name}.geojson").write_text(text)
+    one, other = (an.load_environment(tmp_path / f"{name}.geojson") for name in ("one", "other"))
+    first, second = build(store, one), build(store, other)
+    assert len(computes) == 1
+    assert same(build(False, other), second)  # with the name and the place of its own
+    assert first.dataset.attrs["environment"] == "one"
+    assert second.dataset.attrs["environment_source"] == str(tmp_path / "other.geojson")
+    assert same(build(store, one), first)
+
+
+def test_code_from_elsewhere_is_not_kept(store, computes, monkeypatch) -> None:
+    def compute(context):
+        return {"ones": context.spread(np.ones(len(context.points[0])))}
+
+    layer = Layer(
+        name="ones", title="ones", unit="1", worse="high", source="here", compute=compute
+    )  # fmt: skip
+    monkeypatch.setattr(LAYERS, "_registered", {"ones": layer})
+    for _ in range(2):
+        assert "ones" in build(store, layers="ones").layers
+    assert len(computes) == 2 and not store.place.exists()
+
+    class Mine(RangeScanner):
+        pass
+
+    for _ in range(2):
+        an.build_map(room(), Mine(laser().parts), 0.25, store=store)
+    assert len(computes) == 4 and not store.place.exists()
+
+
+def test_other_code_and_libraries_are_other_maps(store, computes, monkeypatch) -> None:
+    build(store)
+    for name, change in (
+        ("ambinav.provenance.code_digest", lambda: "edited"),
+        ("ambinav.provenance.library_version", lambda name: "99.9"),
+        ("llvmlite.binding.get_host_cpu_name", lambda: "z80"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(name, change)
+            build(store)
+    assert len(computes) == 4 and len(names(store)) == 4
+
+
+# -- what is damaged, newer or left over ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("place", [0, 13, 60, 100, 0.3, 0.7, -1, "empty", "half", "other"])
+def test_a_damaged_entry_is_set_aside_and_built_again(store, computes, place) -> None:
+    built = build(store)
+    path = the_map(store)
+    whole = path.read_bytes()
+    content = bytearray(whole)
+    if place == "empty":
+        content.clear()
+    elif place == "half":
+        del content[len(content) // 2 :]
+    elif place == "other":
+        content[:] = b"something else"
+    else:
+        content[int(place * len(whole)) if isinstance(place, float) else place] ^= 1
+    path.write_bytes(content)
+    with pytest.warns(an.InputWarning) as told:
+        again = build(store)
+    (said,) = [str(one.message) for one in told]
+    assert "damaged" in said and f"set aside as {path.stem}.damaged" in said and "\n" not in said
+    assert str(path) in said and said.endswith("computed again.")
+    assert len(computes) == 2 and same(again, built)
+    assert path.with_suffix(".damaged").read_bytes() == bytes(content)
+    assert same(build(store), built) and len(computes) == 2
+
+
+def test_another_entry_under_its_name(store, computes) -> None:
+    build(store)
+    first = the_map(store)
+    build(store, spacing=0.3)
+    (second,) = set(store.place.glob("*.map")) - {first}
+    shutil.copy(first, second)
+    with pytest.warns(an.InputWarning, match="another map"):
+        assert build(store, spacing=0.3).spacing == 0.3
+    assert len(computes) == 3
+
+
+def test_an_entry_of_a_newer_format_is_left_alone(store, computes) -> None:
+    built = build(store)
+    path = the_map(store)
+    content = path.read_bytes().replace(b"ambinav-map 1 ", b"ambinav-map 2 ", 1)
+    path.write_bytes(content)
+    for _ in range(2):
+        with pytest.warns(
+            an.InputWarning, match=r"newer ambinav \(format 2\), so it is left alone"
+        ):
+            assert same(build(store), built)
+    assert len(computes) == 3 and path.read_bytes() == content
+    assert store.make_room(-1) == [] and path.exists()
+
+
+def test_what_killed_ones_left_goes(store) -> None:
+    build(store)
+    key, other = the_map(store).stem, "f" * 32
+    for name in (key, other):
+        half = store.place / f".{name}.map.abcd1234"
+        half.mkdir()
+        (half / f"{name}.map").write_bytes(b"half")
+        (store.place / f"{name}.lock").touch()
+    alive = build_lock.try_lock(store.place / f"{other}.lock")
+    assert alive is not None
+    with alive:
+        build(store, spacing=0.3)
+        assert names(store) == sorted(
+            [*(path.name for path in store.place.glob("*.map")), f"{other}.lock",
+             f".{other}.map.abcd1234"]
+        )  # fmt: skip
+    store.make_room(LIMIT)
+    assert len(names(store)) == 2
+
+
+# -- room ----------------------------------------------------------------------------------------
+
+
+def fill(store: MapStore, count: int) -> tuple[list[str], int]:
+    """Keep so many maps of the same size, one after the other."""
+    keys = [f"{k:032x}" for k in range(count)]
+    for moment, key in enumerate(keys):
+        store.opened_or_built(key, lambda alive: an.AmbiguityMap(synthetic.dataset()))
+        if store.path(key).exists():
+            os.utime(store.path(key), (1000 + moment, 1000 + moment))
+    return keys, store.path(keys[-1]).stat().st_size
+
+
+def test_least_recently_used_goes_first(tmp_path) -> None:
+    _, size = fill(MapStore(tmp_path / "one"), 1)
+    store = MapStore(tmp_path / "maps", limit=int(3.5 * size))
+    keys, _ = fill(store, 3)
+    assert store.opened_or_built(keys[0], pytest.fail)[1]  # used again
+    fresh = "e" * 32
+    assert not store.opened_or_built(fresh, lambda alive: an.AmbiguityMap(synthetic.dataset()))[1]
+    assert {path.stem for path in store.files()} == {keys[0], keys[2], fresh}
+    store.set_aside(keys[0])
+    store.make_room(int(2.5 * size))
+    assert {path.stem for path in store.files()} == {keys[2], fresh}
+
+
+def test_a_map_without_room_is_returned_and_not_kept(tmp_path, computes) -> None:
+    fill(MapStore(tmp_path / "maps"), 2)
+    store = MapStore(tmp_path / "maps", limit=1000)
+    with pytest.warns(an.InputWarning, match=r"limit is 1 kB.*; raise AMBINAV_CACHE_LIMIT\.$"):
+        assert same(build(store), build(False))
+    assert len(store.files()) == 2  # nobody went for it
+
+
+FULL = """
+import resource, sys, warnings
+from pathlib import Path
+from ambinav.store.map_store import MapStore
+from tests.store.scenes import build
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    amap = build(MapStore(Path(sys.argv[1])))
+print(amap.dataset["level"].values.tobytes().hex())
+print([str(one.message) for one in told])
+"""
+
+
+def test_a_full_disk_costs_no_map(store) -> None:
+    """The system ends the writing in its middle, here by a limit on the size of files."""
+    process = python(FULL, str(store.place))
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    level, told = out.splitlines()
+    assert level == build(False).dataset["level"].values.tobytes().hex()
+    assert told.count("cannot be kept") == 1 and "File too large" in told
+    assert names(store) == []
+
+
+@pytest.mark.parametrize("obstacle", ["a file", "no rights"])
+def test_a_folder_that_cannot_be_written(tmp_path, obstacle) -> None:
+    place = tmp_path / "place"
+    if obstacle == "a file":
+        place.write_text("in the way")
+    elif os.geteuid() == 0:
+        place = Path("/proc/ambinav")
+    else:
+        place.mkdir(mode=0o500)
+    with pytest.warns(an.InputWarning, match="cannot be kept here") as told:
+        assert same(build(MapStore(place / "maps")), build(False))
+    (said,) = told
+    assert "\n" not in str(said.message) and "AMBINAV_CACHE" in str(said.message)
+
+
+def test_what_the_build_raises_is_raised_and_nothing_stays(store) -> None:
+    def broken(alive):
+        raise KeyboardInterrupt
+
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            store.opened_or_built("a" * 32, broken)
+        assert names(store) == []
+    with pytest.raises(an.InputError, match="radius"):
+        build(store, radius=0.1)
+
+
+def test_no_warning_in_a_plain_run(store) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        build(store)
+        build(store)
+    assert entry.read_format(the_map(store)) == entry.FORMAT
