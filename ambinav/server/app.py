@@ -13,7 +13,7 @@ from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server import layers, looking, planning, poses, problems, shapes
+from ambinav.server import auditing, layers, looking, planning, poses, problems, shapes
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
@@ -94,6 +94,7 @@ def create_app(
         shapes.router,
         layers.router,
         planning.router,
+        auditing.router,
     ):
         app.include_router(router)
     with resources.as_file(resources.files("ambinav.server") / "page") as page:

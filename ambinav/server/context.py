@@ -12,6 +12,7 @@ from typing import Any, Final, TypeVar
 from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
+from ambinav.server.audits import Audits
 from ambinav.server.jobs import PlanPool
 from ambinav.server.limits import Limits
 from ambinav.server.pyramid import Pyramids
@@ -44,6 +45,11 @@ class Context:
     def plans(self) -> PlanPool:
         """Processes that plan."""
         return PlanPool(self.limits.plans, self.limits.waiting, self.limits.job_seconds)
+
+    @cached_property
+    def audits(self) -> Audits:
+        """Audits of uploaded maps."""
+        return Audits(self.maps, self.limits, self.folder, self.forget)
 
     @cached_property
     def _limiter(self) -> CapacityLimiter:
@@ -92,6 +98,9 @@ class Context:
         if "plans" in vars(self):
             self.plans.close()
             del self.plans
+        if "audits" in vars(self):
+            self.audits.close()
+            del self.audits
         if "_scratch" in vars(self):
             self._scratch.cleanup()
             del self._scratch
