@@ -180,7 +180,7 @@ def is_open(u, v, w, possible):
 
 @kernel
 def values_at(begin, end, x, y, theta, values, possible, left, low, inverse, missing, out):
-    """Write the value at each pose, metres and radians; `missing` where the nearest is not possible."""
+    """Write the value at each pose, metres and radians; `missing` where none is."""
     per_turn = values.shape[2] / (2.0 * math.pi)
     for i in range(begin, end):
         u, v = (x[i] - left) * inverse, (y[i] - low) * inverse

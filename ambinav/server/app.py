@@ -15,7 +15,7 @@ from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server import auditing, layers, looking, planning, poses, problems, shapes
+from ambinav.server import auditing, docs, layers, looking, planning, poses, problems, shapes
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
@@ -103,6 +103,7 @@ def create_app(
         layers.router,
         planning.router,
         auditing.router,
+        docs.router,
     ):
         app.include_router(router)
     with resources.as_file(resources.files("ambinav.server") / "page") as page:

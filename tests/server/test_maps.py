@@ -10,7 +10,6 @@ import shapely
 
 import ambinav as an
 from ambinav.maps.zones import ZONES
-
 from tests.server.live import Live
 
 
@@ -74,9 +73,7 @@ def test_without_theta_means_over_headings_are_told(live: Live, turning: an.Ambi
         ("6", "2.8", "unknown"),
     ],
 )
-def test_where_there_is_no_value_a_reason_is_told(
-    live: Live, x: str, y: str, reason: str
-) -> None:
+def test_where_there_is_no_value_a_reason_is_told(live: Live, x: str, y: str, reason: str) -> None:
     found = live.get("/v1/maps/map/values", x=x, y=y)
     assert found["reason"] == reason
     assert found["cost"] is None and found["zone"] is None

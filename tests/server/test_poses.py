@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 import ambinav as an
 from ambinav.server.limits import Limits
-
 from tests.server.live import Live
 
 OCTETS = {"content-type": "application/octet-stream"}
@@ -104,7 +103,9 @@ def test_curves_are_rewarded_as_the_service_does(live: Live, corridor: an.Ambigu
     step = {"x0": [1.0], "y0": [1.0], "x1": [2.0], "y1": [2.0], "theta0": [0.0], "theta1": [1.0]}
     moves = {"steering": "dubins", "turning_radius": 0.4}
     answer = live.http.post("/v1/maps/map/reward", json=step | moves)
-    wanted = an.AmbiguityService(corridor).reward(1.0, 1.0, 2.0, 2.0, 0.0, 1.0, Steering("dubins", 0.4))
+    wanted = an.AmbiguityService(corridor).reward(
+        1.0, 1.0, 2.0, 2.0, 0.0, 1.0, Steering("dubins", 0.4)
+    )
     assert answer.json() == {"reward": [wanted]}
 
 
