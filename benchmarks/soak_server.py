@@ -2,9 +2,9 @@
 
     python benchmarks/soak_server.py --minutes 30 --out benchmarks/results/soak-server.md
 
-Threads ask at random for costs (single, JSON, binary), levels, rewards, values, scans, tiles, shapes
-and the map itself, plan and give up plans, upload a map and follow or end its audit, and send what
-is wrong. A request is lost if its answer is none that it may have. 100 connections stay idle.
+Threads ask at random for costs (single, JSON, binary), levels, values, scans, tiles, shapes and
+the map itself, plan and give up plans, upload a map and follow or end its audit, and send what is
+wrong. A request is lost if its answer is none that it may have. 100 connections stay idle.
 """
 
 from __future__ import annotations
