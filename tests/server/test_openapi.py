@@ -13,7 +13,19 @@ METHODS = {"get", "post", "delete"}
 PLAIN = {
     *("area_m2", "attrs", "bounds", "code", "colour", "cost", "environment", "explored_area_m2"),
     *("figures", "free_area_m2", "id", "label", "layer", "layers", "legend", "level", "map"),
-    *("maps", "meaning", "name", "nearest", "scanner", "seed", "state", "status", "text", "theta"),
+    *(
+        "maps",
+        "meaning",
+        "name",
+        "nearest",
+        "planner",
+        "scanner",
+        "seed",
+        "state",
+        "status",
+        "text",
+        "theta",
+    ),
     *("units", "value", "values", "version", "weight", "width", "x", "y", "zone", "zones"),
 }
 """Fields whose name says it all."""
