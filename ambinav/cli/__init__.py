@@ -22,6 +22,7 @@ from ambinav.cli.export import export
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
+from ambinav.cli.serve import serve
 from ambinav.cli.store import store
 from ambinav.cli.train import train
 
@@ -42,6 +43,7 @@ app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("benchmark")(benchmark)
 app.command("demo")(demo)
+app.command("serve")(serve)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
 app.add_typer(store)

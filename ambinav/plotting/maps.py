@@ -112,7 +112,7 @@ def plot_layer(
         # are the dark ones. cividis fades into the greys.
         low_is_bad = data.attrs.get("worse") == "low" or data.attrs.get("better") == "high"
         colours, unknown = "viridis" if low_is_bad else "viridis_r", style.UNKNOWN
-        norm = _scale(layer, values, added="source" in data.attrs)
+        norm = layer_norm(layer, values, added="source" in data.attrs)
         values = np.clip(values, norm.vmin, norm.vmax)
     title = title or floor_title(amap, layer.replace("_", " ").capitalize(), heading)
     floor = FloorFigure(amap, ax, title, unknown=unknown)
@@ -149,7 +149,7 @@ def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
     return f"{text} (heading {math.degrees(heading):.0f}°)"
 
 
-def _scale(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize:
+def layer_norm(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize:
     """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
     if schema.is_share(layer):
         return Normalize(0.0, 1.0)
