@@ -1,0 +1,120 @@
+// The map of the floor: Leaflet, the layer that is shown, walls, scale bar.
+/* global L */
+
+import { frameOf, levelsFor, rasterTiles, servedTiles } from "./tiles.js";
+import style from "./style.js";
+import { shadesOf } from "./theme.js";
+
+const MARGIN = 24;
+
+export class FloorMap {
+  #floor = null;
+  #walls = null;
+  #lines = null;
+  #asked = 0;
+
+  constructor(element, source, store) {
+    Object.assign(this, { element, source, store });
+  }
+
+  /** Show a map of the source; what an earlier one showed is gone. */
+  async open(map) {
+    this.leaflet?.remove();
+    this.#floor = this.#walls = null;
+    this.map = map;
+    const info = await this.source.layer(map.id, this.store.get("layer"));
+    this.top = (info.levels ?? levelsFor(map.shape)) - 1;
+    const [x0, y0, x1, y1] = map.bounds;
+    this.bounds = L.latLngBounds([y0, x0], [y1, x1]);
+    this.leaflet = L.map(this.element, {
+      crs: frameOf(map, this.top),
+      attributionControl: false,
+      zoomControl: false,
+      zoomSnap: 0.25,
+      zoomDelta: 1,
+      wheelPxPerZoomLevel: 90,
+      maxZoom: this.top + 6,
+      minZoom: -3,
+      maxBounds: this.bounds.pad(0.6),
+      preferCanvas: true,
+    });
+    L.control.zoom({ position: "topleft", zoomInTitle: "Zoom in", zoomOutTitle: "Zoom out" }).addTo(this.leaflet);
+    L.control.scale({ position: "bottomright", imperial: false, maxWidth: 120 }).addTo(this.leaflet);
+    this.leaflet.createPane("strokes").style.zIndex = 420;
+    this.leaflet.createPane("walls").style.zIndex = 410;
+    this.fit();
+    await this.#showFloor();
+    this.#showWalls();
+  }
+
+  /** The whole floor in view. */
+  fit() {
+    this.leaflet.fitBounds(this.bounds, { padding: [MARGIN, MARGIN], animate: false });
+  }
+
+  /** Fly to a place; so many metres around it are in view. */
+  flyTo(x, y, around = 8) {
+    const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const box = L.latLngBounds([y - around, x - around], [y + around, x + around]);
+    const zoom = Math.min(this.leaflet.getBoundsZoom(box), this.top + 3);
+    this.leaflet[still ? "setView" : "flyTo"]([y, x], zoom, { duration: 0.8 });
+  }
+
+  /** Metres of the map frame in the middle of the view. */
+  get centre() {
+    const { lat, lng } = this.leaflet.getCenter();
+    return { x: lng, y: lat };
+  }
+
+  /** Bounds of the view in metres: [x0, y0, x1, y1]. */
+  get view() {
+    const box = this.leaflet.getBounds();
+    return [box.getWest(), box.getSouth(), box.getEast(), box.getNorth()];
+  }
+
+  /** Follow the store: layer, heading, colours, walls. */
+  follow() {
+    this.store.watch(["layer", "heading", "theme"], () => this.map && this.#showFloor());
+    this.store.watch(["overlays", "theme"], () => this.map && this.#showWalls());
+  }
+
+  async #showFloor() {
+    const asked = ++this.#asked;
+    const { layer, heading } = this.store.values;
+    const fresh = await this.#tiles(layer, heading);
+    if (asked !== this.#asked) return;
+    const old = this.#floor;
+    this.#floor = fresh.addTo(this.leaflet);
+    // The old one stays until the new one is there, so that nothing flickers.
+    fresh.once("load", () => old?.remove());
+    this.element.dataset.layer = layer;
+    fresh.once("load", () => (this.element.dataset.shown = layer));
+  }
+
+  async #tiles(layer, heading) {
+    if (!this.source.raster) return servedTiles(this.source, this.map, layer, this.top, heading);
+    const raster = await this.source.raster(layer);
+    return rasterTiles(raster.paint(shadesOf(this.element), layer === "zone"), this.map, this.top);
+  }
+
+  async #showWalls() {
+    const id = this.map.id;
+    if (this.#lines?.id !== id) {
+      this.#lines = { id, found: await this.source.walls(id) };
+      if (this.map.id !== id) return;
+    }
+    this.#walls?.remove();
+    this.#walls = null;
+    if (!this.store.get("overlays").walls) return;
+    const { found } = this.#lines;
+    if (found === null) {
+      this.#walls = servedTiles(this.source, this.map, "walls", this.top, null);
+    } else {
+      const colour = getComputedStyle(this.element).getPropertyValue("--wall-line").trim() || style.wall;
+      const lines = found.map((line) => line.map(([x, y]) => [y, x]));
+      const renderer = L.canvas({ pane: "walls", padding: 0.3 });
+      this.#walls = L.polyline(lines, { renderer, pane: "walls", color: colour, weight: 1.4, interactive: false, smoothFactor: 0.5 });
+    }
+    this.#walls.addTo(this.leaflet);
+  }
+}

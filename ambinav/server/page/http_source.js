@@ -1,0 +1,137 @@
+// The data of the page from the HTTP service; embedded_source.js has the same methods.
+
+/** An answer of the service that is an error: RFC 9457 problem details. */
+export class Problem extends Error {
+  constructor(status, details) {
+    super(details.detail ?? details.title ?? `The service answered with status ${status}.`);
+    this.status = status;
+    this.field = details.field ?? null;
+  }
+}
+
+const KEY = "ambinav-token";
+
+/** Take the token from the address once, so that it does not stay there. */
+function takeToken() {
+  const found = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (found) {
+    sessionStorage.setItem(KEY, found);
+    history.replaceState(null, "", location.pathname + location.search);
+  }
+  return sessionStorage.getItem(KEY);
+}
+
+export class HttpSource {
+  /** What the page may offer. */
+  can = { plan: true, scan: true };
+
+  constructor(base = "v1") {
+    this.base = base;
+    this.token = takeToken();
+  }
+
+  async maps() {
+    return (await this.#json("maps")).maps;
+  }
+
+  map(id) {
+    return this.#json(`maps/${id}`);
+  }
+
+  /** Scale and legend of a layer, and how many levels its tiles have. */
+  layer(id, name) {
+    return this.#json(`maps/${id}/layers/${name}`);
+  }
+
+  /** Address of a tile; `heading` is "mean", "worst" or radians. */
+  tileAddress(id, layer, { z, x, y }, heading) {
+    const query = new URLSearchParams();
+    if (typeof heading === "number") query.set("theta", heading.toFixed(6));
+    else if (heading) query.set("stat", heading);
+    return `${this.base}/maps/${id}/layers/${layer}/tiles/${z}/${x}/${y}.png?${query}`;
+  }
+
+  /** A picture behind the token, as an address within the page. */
+  async fetchPicture(address, signal) {
+    const answer = await fetch(address, { headers: this.#headers(), signal });
+    if (!answer.ok) throw new Problem(answer.status, {});
+    return URL.createObjectURL(await answer.blob());
+  }
+
+  values(id, x, y, theta, options = {}, signal = undefined) {
+    return this.#json(`maps/${id}/values?${this.#pose(x, y, theta, options)}`, { signal });
+  }
+
+  scan(id, x, y, theta, signal) {
+    return this.#json(`maps/${id}/scan?${this.#pose(x, y, theta ?? 0)}`, { signal });
+  }
+
+  worst(id) {
+    return this.#json(`maps/${id}/worst`);
+  }
+
+  /** Walls as lines of [x, y]; null where they are too many, and come as tiles. */
+  async walls(id) {
+    try {
+      const found = await this.#json(`maps/${id}/walls.geojson`);
+      return wallLines(found);
+    } catch (problem) {
+      if (problem instanceof Problem && [404, 413].includes(problem.status)) return null;
+      throw problem;
+    }
+  }
+
+  /** Strokes of the weak direction within bounds [x0, y0, x1, y1]. */
+  async direction(id, bounds, most, signal) {
+    const box = bounds.map((edge) => edge.toFixed(2)).join(",");
+    const found = await this.#json(`maps/${id}/direction?bbox=${box}&max=${most}`, { signal });
+    const glyphs = Array.isArray(found) ? found : found.glyphs;
+    const [x0, y0, x1, y1] = bounds;
+    const apart = Math.sqrt(((x1 - x0) * (y1 - y0)) / most);
+    return glyphs.map(({ x, y, direction, major, minor }) => ({
+      x, y, direction, length: apart * Math.max(major - minor, 0.2),
+    }));
+  }
+
+  plan(id, request, signal) {
+    return this.#json(`maps/${id}/plan`, { method: "POST", body: request, signal });
+  }
+
+  pareto(id, request, signal) {
+    return this.#json(`maps/${id}/pareto`, { method: "POST", body: request, signal });
+  }
+
+  /** Routes that came with the page. */
+  async routes() {
+    return [];
+  }
+
+  #headers() {
+    return this.token ? { Authorization: `Bearer ${this.token}` } : {};
+  }
+
+  #pose(x, y, theta, options = {}) {
+    const query = new URLSearchParams({ x: x.toFixed(4), y: y.toFixed(4) });
+    if (theta !== null && theta !== undefined) query.set("theta", theta.toFixed(6));
+    for (const [name, value] of Object.entries(options)) query.set(name, value);
+    return query;
+  }
+
+  async #json(path, { method = "GET", body = undefined, signal = undefined } = {}) {
+    const headers = this.#headers();
+    if (body !== undefined) headers["Content-Type"] = "application/json";
+    const answer = await fetch(`${this.base}/${path}`, {
+      method, headers, signal, body: body === undefined ? undefined : JSON.stringify(body),
+    });
+    if (answer.ok) return answer.json();
+    throw new Problem(answer.status, await answer.json().catch(() => ({})));
+  }
+}
+
+/** The lines of GeoJSON, whatever they are wrapped in. */
+export function wallLines(geojson) {
+  const geometries = geojson.features?.map((feature) => feature.geometry) ?? [geojson.geometry ?? geojson];
+  return geometries.flatMap(({ type, coordinates }) =>
+    type === "MultiLineString" ? coordinates : type === "LineString" ? [coordinates] : [],
+  );
+}
