@@ -31,7 +31,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("reports",),
     ("plotting",),
     ("audit", "demo"),
-    ("compare",),
+    ("compare", "server"),
     ("ambinav_envs", "ambinav_planners"),
     ("ambinav_envs.leaderboard",),
     ("cli",),

@@ -20,6 +20,7 @@ from ambinav.cli.evaluate import evaluate
 from ambinav.cli.map import build
 from ambinav.cli.plan import plan
 from ambinav.cli.presets import presets
+from ambinav.cli.serve import serve
 from ambinav.cli.train import train
 
 app = typer.Typer(
@@ -37,6 +38,7 @@ app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("benchmark")(benchmark)
 app.command("demo")(demo)
+app.command("serve")(serve)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
 

@@ -13,16 +13,17 @@ TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch")
 """Of what is trained, or was."""
 
 
-def need(what: str, packages: Sequence[str]) -> None:
+def need(what: str, packages: Sequence[str], extra: str = "envs") -> None:
     """Say what to install if a package is missing, before any of them is imported.
 
     Args:
         what: What they are for.
         packages: By the names that they are imported by.
+        extra: Of this distribution, that brings them.
 
     Raises:
         InputError: one is missing.
     """
     for name in packages:
         if find_spec(name) is None:
-            raise InputError(f'{what} needs {name}; run: pip install "ambinav[envs]".')
+            raise InputError(f'{what} needs {name}; run: pip install "ambinav[{extra}]".')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
@@ -17,6 +18,7 @@ from ambinav.plotting import style
 from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
 from ambinav.plotting.scales import layer_norm as layer_norm
 from ambinav.plotting.scales import layer_scale
+
 
 def plot_zones(
     amap: AmbiguityMap,

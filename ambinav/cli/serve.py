@@ -1,0 +1,110 @@
+"""`ambinav serve`: maps over HTTP, and the page."""
+
+from __future__ import annotations
+
+import errno
+import resource
+import socket
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ambinav.cli.packages import need
+from ambinav.cli.running import note, reporting
+from ambinav.errors import InputError
+
+
+def serve(
+    maps: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="MAP.zarr...",
+            help="Ambiguity maps made by `ambinav map`.",
+            show_default=False,
+        ),
+    ],
+    host: Annotated[
+        str,
+        typer.Option("--host", metavar="ADDRESS", help="Where to listen; 0.0.0.0: everywhere."),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option("--port", metavar="N", help="Port; 0: any that is free.")
+    ] = 8765,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            "--token",
+            metavar="TEXT",
+            envvar="AMBINAV_TOKEN",
+            help="Answer only requests with the header `Authorization: Bearer TEXT`.",
+            show_default="none is asked for",
+        ),
+    ] = None,
+) -> None:
+    """Serve ambiguity maps to other programs over HTTP, and to people as a page.
+
+    Example: `ambinav serve office.zarr`
+    """
+    with reporting():
+        need("ambinav serve", ("fastapi", "uvicorn"), "serve")
+        if not 0 <= port <= 65535:
+            raise InputError(f"--port: {port} is no port; give 0 to 65535.")
+        if token is not None and not (token.isascii() and token.isprintable() and token.strip()):
+            raise InputError("--token: give printable ASCII characters.")
+        listening = _listen(host, port)
+        with listening:
+            import uvicorn
+
+            from ambinav.server.app import LOOPBACK, create_app
+
+            local = host in LOOPBACK
+            app = create_app(maps, token=token, hosts=LOOPBACK if local else None)
+            if not local and token is None:
+                note(f"whoever reaches {host} may use this server; --token lets in who knows it.")
+            _many_connections()
+            number = listening.getsockname()[1]
+            shown = f"[{host}]" if ":" in host else host
+            typer.echo(f"http://{shown}:{number}/  (Ctrl-C ends the server)")
+            config = uvicorn.Config(
+                app, log_level="warning", access_log=False, timeout_graceful_shutdown=5
+            )
+            uvicorn.Server(config).run([listening])
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """A socket that is bound, before the long work of opening maps.
+
+    Raises:
+        InputError: the address or the port cannot be had.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        opened = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise InputError(f"--host: {host!r} is no address here ({error.strerror}).") from error
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind(address)
+    except OSError as error:
+        opened.close()
+        if error.errno == errno.EADDRINUSE:
+            raise InputError(
+                f"--port: {port} is in use on {host}; end what listens there, or give another "
+                "one, e.g. 0 for any that is free."
+            ) from error
+        if error.errno == errno.EACCES:
+            raise InputError(f"--port: {port} needs privileges; give one from 1024 on.") from error
+        raise InputError(
+            f"--host: {host!r} cannot be listened on ({error.strerror}); give an address of this "
+            "machine, e.g. 127.0.0.1."
+        ) from error
+    return opened
+
+
+def _many_connections() -> None:
+    """Allow as many open files as the system lets this process have: each connection is one."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

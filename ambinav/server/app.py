@@ -1,0 +1,86 @@
+"""The application: maps, costs, tiles, plans and audits over HTTP, and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+from fastapi import APIRouter, FastAPI, Request
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.server import layers, looking, poses, problems, shapes
+from ambinav.server.context import Context, context_of
+from ambinav.server.limits import Guard, Limits
+from ambinav.server.models import Health, as_json
+from ambinav.server.poses import InvalidBodyError
+from ambinav.server.served import ServedMaps
+from ambinav.version import __version__
+
+LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
+"""Names of this machine to itself."""
+
+_TEXT: Final = (
+    "Perceptual ambiguity maps: where a building leaves a range scanner lost, what a metre costs "
+    "there, and routes around it. Lengths are metres, angles radians, poses in the map's frame "
+    "(x forward, y left, theta counter-clockwise). What is not finite is null in JSON. Errors are "
+    "problem details (RFC 9457)."
+)
+
+health = APIRouter(prefix="/v1", tags=["server"])
+
+
+@health.get("/health", summary="Whether the server is up", response_model=Health)
+async def get_health(request: Request) -> Response:
+    """Answers as soon as the server does; needs no token."""
+    count = len(context_of(request).maps)
+    return as_json({"status": "ok", "version": __version__, "maps": count})
+
+
+def create_app(
+    maps: Iterable[str | Path | AmbiguityMap],
+    *,
+    token: str | None = None,
+    hosts: tuple[str, ...] | None = None,
+    limits: Limits | None = None,
+) -> FastAPI:
+    """Make the application.
+
+    Args:
+        maps: Stores to open, or maps; those of no file are called by their environment.
+        token: That requests must bear; None: none is asked for.
+        hosts: Names that the server is addressed by, such as `LOOPBACK`; None: any.
+        limits: What requests may cost.
+
+    Raises:
+        InputError: a store cannot be opened.
+    """
+    served = ServedMaps()
+    for one in maps:
+        if isinstance(one, AmbiguityMap):
+            served.add(one, str(one.dataset.attrs["environment"]))
+        else:
+            path = Path(one)
+            served.add(AmbiguityMap.open(path), path.resolve().stem, path.resolve())
+    limits = Limits() if limits is None else limits
+    app = FastAPI(
+        title="ambinav", version=__version__, description=_TEXT, docs_url=None, redoc_url=None
+    )
+    app.state.context = Context(served, limits)
+    problems.install(app)
+    app.add_exception_handler(InvalidBodyError, _on_invalid_body)
+    for router in (health, looking.router, poses.router, shapes.router, layers.router):
+        app.include_router(router)
+    with resources.as_file(resources.files("ambinav.server") / "page") as page:
+        if page.is_dir():
+            app.mount("/", StaticFiles(directory=page, html=True), name="page")
+    app.add_middleware(Guard, limits=limits, token=token, hosts=hosts)
+    return app
+
+
+async def _on_invalid_body(request: Request, error: Exception) -> Response:
+    assert isinstance(error, InvalidBodyError)
+    return error.response

@@ -1,0 +1,168 @@
+"""What a request may cost: sizes, times and counts, and the middleware that holds to them."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import os
+from collections.abc import Awaitable, Callable, MutableMapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+from ambinav.server.problems import Problem, problem_response
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+OPEN_PATHS: Final = ("/v1/health", "/openapi.json", "/docs")
+"""Paths under which nothing is said of a map: they need no token."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one request, and all jobs together, may cost.
+
+    Attributes:
+        body: Bytes of a body.
+        upload: Bytes of a body of uploaded files.
+        body_seconds: In which a body has arrived.
+        batch: Poses or steps of a batch.
+        plan_seconds: Of planning, as a request may ask for.
+        job_seconds: After which a plan is ended, whatever it does.
+        audit_seconds: After which an audit is ended.
+        plans: That run at the same time.
+        audits: That run at the same time.
+        waiting: Jobs of a kind that may wait for their turn.
+        kept_audits: Finished audits whose map and report are kept; the oldest go first.
+        audit_cells: Cells of an uploaded map's ambiguity map, over all headings.
+        weights: Of a Pareto front.
+    """
+
+    body: int = 32 * 2**20
+    upload: int = 64 * 2**20
+    body_seconds: float = 30.0
+    batch: int = 1_000_000
+    plan_seconds: float = 30.0
+    job_seconds: float = 120.0
+    audit_seconds: float = 900.0
+    plans: int = field(default_factory=lambda: max((os.cpu_count() or 2) // 2, 1))
+    audits: int = 1
+    waiting: int = 8
+    kept_audits: int = 8
+    audit_cells: int = 4_000_000
+    weights: int = 25
+
+
+class Guard:
+    """Middleware: token, origin, and bodies that are too large or too slow.
+
+    Args:
+        app: What is guarded.
+        limits: See there.
+        token: That requests must bear; None: none is asked for.
+        hosts: Names that the server is addressed by; None: any. Where it listens to this machine
+            alone, another name means that a page of another site was made to resolve to it.
+    """
+
+    def __init__(
+        self, app: App, limits: Limits, token: str | None, hosts: tuple[str, ...] | None
+    ) -> None:
+        self._app = app
+        self._limits = limits
+        self._token = None if token is None else f"Bearer {token}".encode()
+        self._hosts = hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or answer with a problem."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = dict(scope["headers"])
+        problem = self._refused(scope, headers)
+        if problem is not None:
+            status, detail, more = problem
+            await problem_response(status, detail, headers=more)(scope, receive, send)
+            return
+        if b"content-length" in headers or b"transfer-encoding" in headers:
+            upload = headers.get(b"content-type", b"").startswith(b"multipart/")
+            most = self._limits.upload if upload else self._limits.body
+            receive = _limited(receive, most, self._limits.body_seconds)
+            told = headers.get(b"content-length", b"0")
+            if told.isdigit() and int(told) > most:
+                response = problem_response(413, too_large(most), headers={"connection": "close"})
+                await response(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+    def _refused(
+        self, scope: Scope, headers: dict[bytes, bytes]
+    ) -> tuple[int, str, dict[str, str]] | None:
+        """Why a request is refused before anything looks at it."""
+        host = headers.get(b"host", b"").decode("latin-1")
+        if self._hosts is not None and _name_of(host) not in self._hosts:
+            return 403, f"This server is not called {host!r}; use {self._hosts[0]}.", {}
+        origin = headers.get(b"origin")
+        if origin is not None:
+            try:
+                site = urlsplit(origin.decode("latin-1")).netloc
+            except ValueError:
+                site = ""
+            if site != host:
+                return 403, "Requests from pages of other sites are refused.", {}
+        path = scope["path"]
+        if self._token is None or path in OPEN_PATHS or not path.startswith("/v1"):
+            return None
+        if hmac.compare_digest(headers.get(b"authorization", b""), self._token):
+            return None
+        return (
+            401,
+            "The token is missing or wrong; send the header `Authorization: Bearer TOKEN`.",
+            {"www-authenticate": "Bearer"},
+        )
+
+
+def too_large(most: int) -> str:
+    """What is said of a body that is too large."""
+    return f"The body is larger than {most} bytes; send less at a time."
+
+
+def _name_of(host: str) -> str:
+    """A Host header without its port."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def _limited(receive: Receive, most: int, seconds: float) -> Receive:
+    """Let no more than so many bytes of a body come in, and only in time."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + seconds
+    count, done = 0, False
+
+    async def limited() -> Message:
+        nonlocal count, done
+        if done:
+            return await receive()
+        try:
+            async with asyncio.timeout_at(end):
+                message = await receive()
+        except TimeoutError:
+            done = True
+            raise Problem(
+                408,
+                f"The body did not arrive within {seconds:g} s; send less at a time.",
+                headers={"connection": "close"},
+            ) from None
+        count += len(message.get("body", b""))
+        done = message["type"] != "http.request" or not message.get("more_body", False)
+        if count > most:
+            done = True
+            raise Problem(413, too_large(most), headers={"connection": "close"})
+        return message
+
+    return limited

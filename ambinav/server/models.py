@@ -1,0 +1,252 @@
+"""What is sent as JSON: metres, radians, the map's frame."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import to_json
+from starlette.responses import Response
+
+Reason = Literal["outside", "wall", "unknown"]
+Steering = Literal["r2", "se2", "dubins", "reeds-shepp"]
+
+
+class Layer(BaseModel):
+    """A layer of a map."""
+
+    name: str = Field(description="As requests name it")
+    long_name: str = Field(description="What it tells, in words")
+    units: str = Field(description="m, rad, 1 ...")
+    worse: Literal["high", "low"] | None = Field(description="Which end means badly localized")
+    kind: Literal["amount", "share", "axis", "angle", "zone", "flag"] = Field(
+        description="share: from 0 to 1; axis: an angle of period pi; zone: a class; flag: 0 or 1"
+    )
+    has_theta: bool = Field(description="Whether it depends on the heading")
+
+
+class MapInfo(BaseModel):
+    """What there is to know of a map at a glance."""
+
+    id: str = Field(description="In addresses")
+    name: str = Field(description="What people call it")
+    environment: str = Field(description="The building")
+    scanner: str = Field(description="The scanner that the map is for")
+    bounds: tuple[float, float, float, float] = Field(
+        description="x0, y0, x1, y1: outer edges of the lattice, metres"
+    )
+    spacing: float = Field(description="Between cell centres, metres")
+    shape: tuple[int, int] = Field(description="Rows (along y) and columns (along x)")
+    headings: int | None = Field(description="Number of headings; null: they do not matter")
+    radius: float | None = Field(
+        description="Around a pose in which its scan is compared with others, metres"
+    )
+    cost_layer: str = Field(description="What costs are made of where a request names no layer")
+    layers: list[Layer]
+    max_zoom: int = Field(description="Zoom of the tiles with one pixel a cell")
+
+
+class MapList(BaseModel):
+    """The maps that are served."""
+
+    maps: list[MapInfo]
+
+
+class Parameter(BaseModel):
+    """Something that the map was computed with."""
+
+    value: float | int | str | None
+    unit: str = Field(description="m, rad, 1 or nothing")
+    text: str = Field(description="What it is, in a sentence")
+
+
+class Zone(BaseModel):
+    """How much of the floor lies in a zone."""
+
+    zone: str
+    code: int = Field(description="In the layer `zone`")
+    colour: str
+    meaning: str
+    area_m2: float = Field(description="Square metres of explored floor")
+    share: float = Field(description="Of the explored floor, 0 to 1")
+
+
+class Figures(BaseModel):
+    """The floor in figures, square metres."""
+
+    free_area_m2: float
+    explored_area_m2: float
+    unexplored_area_m2: float = Field(
+        description="Where half of the beams or more end in unknown space"
+    )
+    mean_level: float | None = Field(description="Mean ambiguity level of explored floor, 0 to 1")
+
+
+class MapDetail(MapInfo):
+    """All there is to know of a map."""
+
+    attrs: dict[str, Parameter] = Field(description="What it was computed with")
+    zones: list[Zone]
+    figures: Figures
+
+
+class Nearest(BaseModel):
+    """The nearest point of the lattice."""
+
+    x: float
+    y: float
+    theta: float | None = Field(description="Radians; null where headings do not matter")
+
+
+class PoseValues(BaseModel):
+    """Everything that the map knows of a pose."""
+
+    x: float
+    y: float
+    theta: float | None
+    values: dict[str, float | None] = Field(description="Of each layer; null: it has none there")
+    cost: float | None = Field(description="Of a metre there, at least 1; null: none can be there")
+    zone: str | None
+    nearest: Nearest | None = Field(description="null: the pose is outside")
+    reason: Reason | None = Field(description="Why there is no value")
+
+
+class Scan(BaseModel):
+    """The expected scan at a pose, beam by beam."""
+
+    x: list[float] = Field(description="Where the beams end, metres")
+    y: list[float]
+    hit: list[bool] = Field(description="Whether an echo comes from there")
+    origin_x: list[float] = Field(description="Where the beams begin, metres")
+    origin_y: list[float]
+    sentence: str = Field(description="What the scanner sees, in words")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Poses(_Strict):
+    """Poses, in columns of equal length."""
+
+    x: list[float] = Field(description="Metres")
+    y: list[float] = Field(description="Metres")
+    theta: list[float] | None = Field(
+        None, description="Radians; needed where the layer depends on the heading"
+    )
+    layer: str | None = Field(None, description="Layer; null: the map's own choice")
+
+
+class CostPoses(Poses):
+    """Poses whose cost is asked for."""
+
+    weight: float = Field(5.0, ge=0.0, description="Extra metres that a metre at layer 1 is worth")
+
+
+class Steps(_Strict):
+    """Motions from one pose to another, in columns of equal length."""
+
+    x0: list[float] = Field(description="Start, metres")
+    y0: list[float] = Field(description="Start, metres")
+    x1: list[float] = Field(description="End, metres")
+    y1: list[float] = Field(description="End, metres")
+    theta0: list[float] | None = Field(None, description="Heading at the start, radians")
+    theta1: list[float] | None = Field(None, description="Heading at the end, radians")
+    layer: str | None = Field(None, description="Layer; null: the map's own choice")
+    steering: Steering = Field("se2", description="How the robot moves; se2: straight")
+    turning_radius: float = Field(0.0, ge=0.0, description="Of a car, metres")
+
+
+class Costs(BaseModel):
+    """Costs of poses."""
+
+    cost: list[float | None] = Field(description="Of a metre, at least 1; null: none can be there")
+    reason: list[Reason | None] = Field(description="Why there is none")
+
+
+class OneCost(BaseModel):
+    """Cost of a pose."""
+
+    cost: float | None = Field(description="Of a metre, at least 1; null: none can be there")
+    reason: Reason | None = Field(description="Why there is none")
+
+
+class Levels(BaseModel):
+    """Values of a layer at poses."""
+
+    level: list[float | None] = Field(description="In the layer's unit; null: there is none")
+    reason: list[Reason | None] = Field(description="Why there is none")
+
+
+class Rewards(BaseModel):
+    """Rewards of motions."""
+
+    reward: list[float | None] = Field(
+        description="Minus the layer integrated over the motion's metres, at most 0"
+    )
+
+
+class LegendEntry(BaseModel):
+    """What a colour means."""
+
+    value: float
+    colour: str
+    label: str
+
+
+class LayerScale(BaseModel):
+    """How a layer is drawn."""
+
+    name: str
+    units: str
+    min: float = Field(description="Value of the first colour")
+    max: float = Field(description="Value of the last colour")
+    levels: int = Field(description="Number of zooms; the largest is one less")
+    tile: int = Field(description="Pixels along the side of a tile")
+    legend: list[LegendEntry]
+
+
+class Place(BaseModel):
+    """A connected region in which a robot may get lost."""
+
+    number: int = Field(description="Rank, from 1 for the worst")
+    x: float
+    y: float
+    theta: float | None = Field(description="Its worst heading, radians; null: none is worse")
+    zone: str
+    level: float = Field(description="Mean ambiguity level, 0 to 1")
+    area_m2: float
+    length: float = Field(description="Of the smallest rectangle around it, metres")
+    width: float
+    reason: str = Field(description="Why it is bad, in a sentence")
+    weak_direction: float | None = Field(
+        description="Along which a robot slides unseen, radians from 0 to pi"
+    )
+    bounds: tuple[float, float, float, float]
+
+
+class Glyph(BaseModel):
+    """The weak direction at a point."""
+
+    x: float
+    y: float
+    direction: float = Field(description="Radians from 0 to pi")
+    major: float = Field(description="Relative ambiguity radius along it, 0 to 1")
+    minor: float = Field(description="Relative ambiguity radius across it, 0 to 1")
+
+
+class Health(BaseModel):
+    """That the server is up."""
+
+    status: Literal["ok"]
+    version: str
+    maps: int
+
+
+XY = Annotated[list[float], Field(min_length=2, max_length=3)]
+
+
+def as_json(value: Any, status: int = 200) -> Response:
+    """An answer in JSON; what is not finite becomes null."""
+    body = to_json(value, inf_nan_mode="null")
+    return Response(body, status, media_type="application/json")

@@ -1,0 +1,137 @@
+"""Errors as problem details (RFC 9457): one form for whatever goes wrong."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any, Final
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, Field
+from pydantic_core import to_json
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from ambinav.errors import InputError
+
+MEDIA_TYPE: Final = "application/problem+json"
+
+_log = logging.getLogger("ambinav.server")
+
+
+class ProblemDetails(BaseModel):
+    """What is wrong with a request, in the form of RFC 9457."""
+
+    type: str = Field("about:blank", description="Kind of problem; about:blank: its status says it")
+    title: str = Field(description="The status in words")
+    status: int = Field(description="The HTTP status")
+    detail: str = Field(description="What is wrong and what to do, in a sentence")
+    field: str | None = Field(None, description="The parameter at fault, where it is one")
+
+
+class Problem(HTTPException):
+    """A request that cannot be answered.
+
+    Args:
+        status: The HTTP status.
+        detail: One sentence: what is wrong, and the remedy.
+        field: The parameter at fault.
+        headers: Further headers of the answer.
+    """
+
+    def __init__(
+        self,
+        status: int,
+        detail: str,
+        *,
+        field: str | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(status, detail, dict(headers) if headers else None)
+        self.field = field
+
+
+_SENTENCES: Final = {
+    400: "The request cannot be read as what its Content-Type says.",
+    401: "The token is missing or wrong.",
+    403: "The request comes from another site.",
+    404: "There is no such map, layer or job.",
+    408: "The body came too slowly.",
+    409: "The job is in another state.",
+    413: "The body or the batch is larger than the server takes.",
+    415: "The Content-Type is none that is understood.",
+    422: "A parameter cannot be used; `detail` says which, why, and the remedy.",
+    503: "As many jobs are running and waiting as the server takes; try again later.",
+    504: "The job took longer than the server allows.",
+}
+
+
+def answers(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """What a route declares of the problems that it may answer with."""
+    return {
+        status: {
+            "model": ProblemDetails,
+            "description": _SENTENCES[status],
+            "content": {MEDIA_TYPE: {}},
+        }
+        for status in statuses
+    }
+
+
+def problem_response(
+    status: int,
+    detail: str,
+    field: str | None = None,
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """The answer to a request that has a problem."""
+    found = ProblemDetails(
+        type="about:blank",
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        field=field,
+    )
+    body = to_json(found, exclude_none=True)
+    return Response(body, status, dict(headers or {}), media_type=MEDIA_TYPE)
+
+
+def install(app: FastAPI) -> None:
+    """Let an application answer every error with problem details."""
+
+    async def on_http(request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        return problem_response(
+            error.status_code, str(error.detail), getattr(error, "field", None), error.headers
+        )
+
+    async def on_input(request: Request, error: Exception) -> Response:
+        return problem_response(422, str(error))
+
+    async def on_invalid(request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        return invalid(error.errors())
+
+    async def on_fault(request: Request, error: Exception) -> Response:
+        _log.exception("%s %s failed", request.method, request.url.path, exc_info=error)
+        return problem_response(
+            500, "This is the server's fault; its log says more. Please report it."
+        )
+
+    app.add_exception_handler(HTTPException, on_http)
+    app.add_exception_handler(InputError, on_input)
+    app.add_exception_handler(RequestValidationError, on_invalid)
+    app.add_exception_handler(Exception, on_fault)
+
+
+def invalid(errors: Any) -> Response:
+    """The answer to a request of which pydantic refuses a value; the first complaint is told."""
+    first = errors[0]
+    place = [str(part) for part in first["loc"] if part not in ("body", "query", "path", "header")]
+    name = ".".join(place)
+    if first["type"] in ("json_invalid", "value_error.jsondecode"):
+        return problem_response(400, f"The body is no JSON ({first.get('msg', '')}).")
+    said = str(first["msg"]).rstrip(".")
+    return problem_response(422, f"{name or 'the body'}: {said}.", name or None)

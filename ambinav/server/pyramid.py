@@ -1,0 +1,203 @@
+"""A layer at ever coarser resolution, for tiles: the mean and the worst of each block of cells."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.server.served import layer_kind, worse_end
+
+Values = NDArray[np.float32]
+Stat = Literal["mean", "worst"]
+
+TILE: Final = 256
+"""Pixels along the side of a tile."""
+STATS: Final[tuple[Stat, ...]] = ("mean", "worst")
+WALLS: Final = "walls"
+"""What is known to be solid, as a layer of its own among the tiles."""
+KEPT_BYTES: Final = 512 * 2**20
+"""Of pyramids in memory; those that were not read for the longest time go first."""
+
+
+def depth_of(shape: tuple[int, int]) -> int:
+    """How often a lattice, shape (ny, nx), is halved until one tile holds it."""
+    return max(math.ceil(math.log2(max(*shape, 1) / TILE)), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pyramid:
+    """A layer over the floor, and its halvings. Rows run from the largest y downwards.
+
+    Attributes:
+        base: The layer, shape (ny, nx), NaN where there is no value.
+        mean: Of the cells with a value in each block of 2^k x 2^k cells, k from 1 on. Of axes and
+            angles it is that of their vectors, of zones the one with the most cells (of equals
+            the worse).
+        worst: The highest of the block, or the lowest of a layer that is good where it is high.
+    """
+
+    base: Values
+    mean: tuple[Values, ...]
+    worst: tuple[Values, ...]
+
+    def at(self, halvings: int, stat: Stat) -> Values:
+        """The layer after so many halvings."""
+        return self.base if halvings == 0 else getattr(self, stat)[halvings - 1]
+
+    @property
+    def bytes(self) -> int:
+        """Memory that it takes, about."""
+        return sum(part.nbytes for part in (self.base, *self.mean, *self.worst))
+
+
+def floor_values(amap: AmbiguityMap, layer: str, heading: int | None) -> Values:
+    """A layer over the floor from the largest y downwards, NaN where there is no value.
+
+    Args:
+        amap: The map.
+        layer: One of its layers, or `WALLS`.
+        heading: Index of the heading of a layer that has headings.
+    """
+    if layer == WALLS:
+        return np.where(amap.solid, np.float32(1.0), np.float32(np.nan))[::-1]
+    data = amap.dataset[layer]
+    values = data.values if heading is None else data.isel(theta=heading).values
+    out = values.astype(np.float32)
+    if layer_kind(layer) == "zone":
+        out[values == NOT_FREE] = np.nan
+    return np.ascontiguousarray(out[::-1])
+
+
+def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
+    """Halve a layer until one tile holds it.
+
+    Args:
+        values: See `floor_values`.
+        layer: Its name, which says how its values are to be taken.
+        lowest_is_worst: Whether low values mean badly localized.
+    """
+    depth = depth_of((values.shape[0], values.shape[1]))
+    kind = "amount" if layer == WALLS else layer_kind(layer)
+    if kind == "zone":
+        mean = tuple(_commonest(values, depth))
+    elif kind in ("axis", "angle"):
+        mean = tuple(_mean_angles(values, depth, 2.0 if kind == "axis" else 1.0))
+    else:
+        mean = tuple(
+            np.divide(t, n, out=np.full_like(t, np.nan), where=n > 0.0).astype(np.float32)
+            for t, n in zip(
+                _sums(np.nan_to_num(values), depth), _sums(_known(values), depth), strict=True
+            )
+        )
+    worst = mean if kind in ("axis", "angle") else tuple(_extremes(values, depth, lowest_is_worst))
+    return Pyramid(values, mean, worst)
+
+
+def _known(values: Values) -> NDArray[np.float64]:
+    return np.isfinite(values).astype(np.float64)
+
+
+def _quarters(
+    values: NDArray[np.floating], fill: float
+) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
+    """The four cells of each block of 2 x 2, from the first row and column on."""
+    rows, columns = values.shape
+    if rows % 2 or columns % 2:
+        values = np.pad(values, ((0, rows % 2), (0, columns % 2)), constant_values=fill)
+    return values[::2, ::2], values[::2, 1::2], values[1::2, ::2], values[1::2, 1::2]
+
+
+def _sums(values: NDArray[np.floating], depth: int) -> Iterator[NDArray[np.float64]]:
+    """Sums over blocks of 2, 4, 8 ... cells along the side."""
+    for _ in range(depth):
+        a, b, c, d = _quarters(values, 0.0)
+        total: NDArray[np.float64] = np.add(a, b, dtype=np.float64)
+        total += np.add(c, d, dtype=np.float64)
+        yield total
+        values = total
+
+
+def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
+    """The highest or lowest of each block."""
+    pick = np.fmin if lowest else np.fmax
+    for _ in range(depth):
+        a, b, c, d = _quarters(values, math.nan)
+        values = np.asarray(pick(pick(a, b), pick(c, d)), dtype=np.float32)
+        yield values
+
+
+def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
+    """Mean directions, of period 2 pi / fold."""
+    turned = fold * np.nan_to_num(values.astype(np.float64))
+    known = _known(values)
+    parts = (_sums(np.sin(turned) * known, depth), _sums(np.cos(turned) * known, depth))
+    for sine, cosine, count in zip(*parts, _sums(known, depth), strict=True):
+        angle = np.mod(np.arctan2(sine, cosine), 2.0 * math.pi) / fold
+        yield np.where(count > 0.0, angle, np.nan).astype(np.float32)
+
+
+def _commonest(values: Values, depth: int) -> Iterator[Values]:
+    """The zone of most cells of each block."""
+    codes = range(len(ZONES) - 1, -1, -1)  # of equals argmax takes the first: the worse
+    each = [_sums((values == code).astype(np.float32), depth) for code in codes]
+    for counts in zip(*each, strict=True):
+        stacked = np.stack(counts)
+        found = (len(ZONES) - 1 - stacked.argmax(axis=0)).astype(np.float32)
+        found[stacked.sum(axis=0) == 0.0] = np.nan
+        yield found
+
+
+class Pyramids:
+    """The pyramids of a map's layers, made when they are first looked at.
+
+    Args:
+        amap: The map.
+    """
+
+    def __init__(self, amap: AmbiguityMap) -> None:
+        self.amap = amap
+        self.depth = depth_of(amap.possible.shape[:2])
+        self._kept: OrderedDict[tuple[str, int | None], Pyramid] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def has(self, layer: str, heading: int | None) -> bool:
+        """Whether `get` returns at once."""
+        return (layer, heading) in self._kept
+
+    def get(self, layer: str, heading: int | None = None) -> Pyramid:
+        """The pyramid of a layer, one of the map's or `WALLS`; at a heading if it has some."""
+        key = (layer, heading)
+        with self._lock:
+            found = self._kept.get(key)
+            if found is None:
+                found = self._kept[key] = self._make(layer, heading)
+                while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
+                    self._kept.popitem(last=False)
+            self._kept.move_to_end(key)
+        return found
+
+    def _make(self, layer: str, heading: int | None) -> Pyramid:
+        values = floor_values(self.amap, layer, heading)
+        low = layer != WALLS and worse_end(self.amap, layer) == "low"
+        return build(values, layer, low)
+
+    def _bytes(self) -> int:
+        return sum(one.bytes for one in self._kept.values())
+
+
+def flat_layers(amap: AmbiguityMap) -> tuple[str, ...]:
+    """Layers without headings, aggregates included, and the walls: what is kept on disk."""
+    return (
+        *(name for name in schema.layers(amap.dataset) if "theta" not in amap.dataset[name].dims),
+        WALLS,
+    )

@@ -1,0 +1,242 @@
+"""The maps that are served: each with its name, its services, and what is known of its floor."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import ZONES
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.server.problems import Problem
+from ambinav.service.service import AmbiguityService
+
+Floats = NDArray[np.float64]
+
+DEFAULT_WEIGHT: Final = 5.0
+"""Of the cost where a request names none, as `AmbiguityService` has it."""
+KEPT_SERVICES: Final = 6
+"""Services of a map, by layer and weight, that are kept; each holds three copies of a layer."""
+
+REASONS: Final = (None, "outside", "wall", "unknown")
+"""Why there is no value at a pose, by the codes of `ServedMap.why`."""
+OUTSIDE, WALL, UNKNOWN = 1, 2, 3
+
+
+class ServedMap:
+    """An ambiguity map under the name that it is served by.
+
+    Args:
+        name: In addresses: lower-case letters, digits and dashes.
+        amap: The map.
+        path: The store that it was opened from, beside which its pyramid is kept; None: nowhere.
+        title: What people call it.
+    """
+
+    def __init__(
+        self, name: str, amap: AmbiguityMap, path: Path | None = None, title: str | None = None
+    ) -> None:
+        self.name = name
+        self.amap = amap
+        self.path = path
+        self.title = title or str(amap.dataset.attrs["environment"])
+        self._services: OrderedDict[tuple[str, float], AmbiguityService] = OrderedDict()
+        self.memory: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def has_service(self, layer: str | None, weight: float) -> bool:
+        """Whether `service` returns at once."""
+        return (layer or self.amap.cost_layer, weight) in self._services
+
+    def service(self, layer: str | None = None, weight: float = DEFAULT_WEIGHT) -> AmbiguityService:
+        """The service of a layer (None: the map's cost layer) at a weight; made once and kept.
+
+        Raises:
+            InputError: there is no such layer, it is no cost, or the weight is no weight.
+        """
+        key = (layer or self.amap.cost_layer, weight)
+        found = self._services.get(key)
+        if found is not None:
+            return found
+        with self._lock:
+            same_layer = next(
+                (s for (name, _), s in self._services.items() if name == key[0]), None
+            )
+            made = (
+                AmbiguityService(self.amap, key[0], weight)
+                if same_layer is None
+                else same_layer.with_weight(weight)
+            )
+            self._services[key] = made
+            while len(self._services) > KEPT_SERVICES:
+                self._services.popitem(last=False)
+        return made
+
+    @cached_property
+    def scanner(self) -> RangeScanner:
+        """The scanner that the map is for.
+
+        Raises:
+            Problem: the map was made before scanners were kept with maps.
+        """
+        text = self.amap.dataset.attrs.get("scanner_yaml")
+        if not text:
+            raise Problem(404, "The map does not keep its scanner; make it again.")
+        return RangeScanner.from_yaml_text(str(text), file=f"scanner of {self.name}")
+
+    @cached_property
+    def _codes(self) -> NDArray[np.uint8]:
+        """0 where it is free, else WALL or UNKNOWN, shape (ny, nx)."""
+        codes = np.where(self.amap.solid, WALL, UNKNOWN).astype(np.uint8)
+        codes[np.asarray(self.amap.dataset["free"].values, dtype=np.bool_)] = 0
+        return codes
+
+    def why(self, x: Floats, y: Floats) -> NDArray[np.uint8]:
+        """Codes of `REASONS`: why there is no value at points, shape (N,) each.
+
+        0 on free floor, where a value may be missing at a heading alone: there a wall is in the
+        way of the robot.
+        """
+        xmin, ymin, xmax, ymax = self.amap.bounds
+        ny, nx = self._codes.shape
+        inside = (x >= xmin) & (x < xmax) & (y >= ymin) & (y < ymax)
+        column = ((np.where(inside, x, xmin) - xmin) / (xmax - xmin) * nx).astype(np.intp)
+        row = ((np.where(inside, y, ymin) - ymin) / (ymax - ymin) * ny).astype(np.intp)
+        codes = self._codes[np.minimum(row, ny - 1), np.minimum(column, nx - 1)]
+        return np.where(inside, codes, OUTSIDE).astype(np.uint8)
+
+    def reasons(self, x: Floats, y: Floats, missing: NDArray[np.bool_]) -> list[str | None]:
+        """For each pose why there is no value, None where there is one."""
+        out: list[str | None] = [None] * len(missing)
+        where = np.flatnonzero(missing)
+        codes = self.why(x[where], y[where])
+        codes[codes == 0] = WALL
+        for i, code in zip(where.tolist(), codes.tolist(), strict=True):
+            out[i] = REASONS[code]
+        return out
+
+    def around(self, x: float, y: float) -> AmbiguityMap:
+        """The few cells around a point as a map: reading all layers there copies none of them."""
+        data, amap = self.amap.dataset, self.amap
+        xs, ys = data["x"].values, data["y"].values
+        column, row = (
+            int(np.clip(np.searchsorted(values, at) - 2, 0, max(values.size - 4, 0)))
+            for values, at in ((xs, x), (ys, y))
+        )
+        part = data.isel(x=slice(column, column + 4), y=slice(row, row + 4))
+        return AmbiguityMap(part, source=amap.source)
+
+    @property
+    def parameters(self) -> dict[str, object]:
+        """What the map was computed with."""
+        found: dict[str, object] = json.loads(self.amap.dataset.attrs["parameters"])
+        return found
+
+
+class ServedMaps:
+    """All maps that are served, by name."""
+
+    def __init__(self) -> None:
+        self._maps: dict[str, ServedMap] = {}
+
+    def __iter__(self) -> Iterator[ServedMap]:
+        """The maps, in the order in which they came."""
+        return iter(tuple(self._maps.values()))
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._maps)
+
+    def add(self, amap: AmbiguityMap, stem: str, path: Path | None = None) -> ServedMap:
+        """Serve a map under a name made of `stem`."""
+        name = first = slug(stem)
+        number = 2
+        while name in self._maps:
+            name, number = f"{first}-{number}", number + 1
+        served = ServedMap(name, amap, path, stem)
+        self._maps[name] = served
+        return served
+
+    def remove(self, name: str) -> None:
+        """Serve a map no longer."""
+        self._maps.pop(name, None)
+
+    def get(self, name: str) -> ServedMap:
+        """The map of a name.
+
+        Raises:
+            Problem: there is none; the nearest are offered.
+        """
+        found = self._maps.get(name)
+        if found is None:
+            raise Problem(404, f"There is no map {name!r}; {offer(name, self._maps)}.", field="id")
+        return found
+
+
+def slug(text: str) -> str:
+    """A name for addresses: lower-case letters, digits and single dashes."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "map"
+
+
+def offer(name: str, known: Iterable[str]) -> str:
+    """What to give instead of a name that is not known."""
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    if close:
+        return f"did you mean {' or '.join(close)}?".rstrip("?")
+    return f"there are {', '.join(names)}" if names else "there are none"
+
+
+def layer_kind(layer: str) -> str:
+    """How the values of a layer are to be taken."""
+    base = schema.base_name(layer)
+    if base == "zone":
+        return "zone"
+    if base == "free":
+        return "flag"
+    if schema.is_axis(layer):
+        return "axis"
+    if base == "best_heading":
+        return "angle"
+    return "share" if schema.is_share(layer) else "amount"
+
+
+def finite(value: float) -> float | None:
+    """A number, or None for what JSON has no number for."""
+    return value if math.isfinite(value) else None
+
+
+def zone_name(code: float) -> str | None:
+    """The zone of a code; None where there is none."""
+    return ZONES[int(code)] if math.isfinite(code) and 0 <= code < len(ZONES) else None
+
+
+def check_layer(amap: AmbiguityMap, layer: str) -> None:
+    """Raise a Problem unless the map has the layer."""
+    if layer not in amap.layers:
+        raise Problem(
+            404,
+            f"The map has no layer {layer!r}; {offer(layer, amap.layers)}.",
+            field="layer",
+        )
+
+
+def worse_end(amap: AmbiguityMap, layer: str) -> str | None:
+    """Which end of a layer means badly localized: "high", "low" or neither."""
+    from ambinav.maps.core_layers import CORE_LAYERS
+
+    core = CORE_LAYERS.get(schema.base_name(layer))
+    told = amap.dataset[layer].attrs.get("worse") if core is None else core.worse
+    return None if told is None else str(told)

@@ -1,0 +1,216 @@
+"""Routes of what is drawn as lines and areas: zones, walls, weak directions."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Final
+
+import numpy as np
+import shapely
+from fastapi import APIRouter, Query, Request
+from numpy.typing import NDArray
+from pydantic_core import to_json
+from shapely.geometry import mapping
+from starlette.responses import Response
+
+from ambinav.maps.zones import ZONES
+from ambinav.plotting import style
+from ambinav.server.context import Context, context_of
+from ambinav.server.models import Glyph, as_json
+from ambinav.server.problems import Problem, answers
+from ambinav.server.pyramid import floor_values
+from ambinav.server.served import ServedMap
+
+router = APIRouter(prefix="/v1/maps/{id}", tags=["drawing"])
+
+GEOJSON: Final = "application/geo+json"
+MOST_CELLS: Final = 1_000_000
+"""Cells of zones that are outlined; a larger map is outlined coarser."""
+MOST_WALLS: Final = 200_000
+"""Walls that are sent as lines; of more there are tiles."""
+MOST_GLYPHS: Final = 5_000
+
+_GEOJSON_ANSWER: Final[dict[int | str, Any]] = {
+    200: {"description": "A FeatureCollection (RFC 7946)", "content": {GEOJSON: {}}}
+}
+
+
+@router.get(
+    "/zones.geojson",
+    summary="Zones as polygons",
+    response_class=Response,
+    responses={**answers(401, 404), **_GEOJSON_ANSWER},
+)
+async def get_zones(request: Request, id: str) -> Response:
+    """One MultiPolygon for each zone, metres, in the map's frame.
+
+    Maps of more than a million cells are outlined coarser. Of a map with headings the mean over
+    them.
+    """
+    context = context_of(request)
+    served = context.maps.get(id)
+    body = served.memory.get("zones")
+    if body is None:
+        body = await context.in_thread(_zones, context, served)
+        served.memory["zones"] = body
+    return Response(body, media_type=GEOJSON)
+
+
+def _zones(context: Context, served: ServedMap) -> bytes:
+    amap = served.amap
+    layer = "zone_mean" if "theta" in amap.dataset["zone"].dims else "zone"
+    values = floor_values(amap, layer, None)
+    halvings = 0
+    while values.size >> (2 * halvings) > MOST_CELLS:
+        halvings += 1
+    if halvings:
+        values = context.tiles(served).pyramids.get(layer).at(halvings, "mean")
+    x0, _, _, y1 = amap.bounds
+    side = amap.spacing * 2**halvings
+    features = []
+    for code, zone in enumerate(ZONES):
+        area = outline(values == code, x0, y1, side)
+        if not area.is_empty:
+            properties = {
+                "zone": zone,
+                "area_m2": area.area,
+                "colour": style.ZONE_COLOURS[code].lower(),
+            }
+            features.append(
+                {"type": "Feature", "properties": properties, "geometry": mapping(area)}
+            )
+    return to_json({"type": "FeatureCollection", "features": features})
+
+
+def outline(
+    cells: NDArray[np.bool_], x0: float, y1: float, side: float
+) -> shapely.MultiPolygon | shapely.Polygon:
+    """The area of some cells.
+
+    Args:
+        cells: Which, shape (rows, columns), rows from the largest y downwards.
+        x0: Left edge of the first column, metres.
+        y1: Upper edge of the first row.
+        side: Of a cell.
+    """
+    ends = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, begin = np.nonzero(ends == 1)
+    _, end = np.nonzero(ends == -1)
+    runs = shapely.box(x0 + begin * side, y1 - (row + 1) * side, x0 + end * side, y1 - row * side)
+    # On a grid, or the edges of neighbours would miss each other by rounding.
+    area = shapely.union_all(runs, grid_size=side * 1e-6)
+    return shapely.simplify(area, 0.0)  # the corners alone
+
+
+@router.get(
+    "/walls.geojson",
+    summary="Walls as lines",
+    response_class=Response,
+    responses={**answers(401, 404, 413), **_GEOJSON_ANSWER},
+)
+async def get_walls(request: Request, id: str) -> Response:
+    """A MultiLineString of the walls and one of the frontiers to unknown space.
+
+    A map of very many walls has tiles of them instead, in the layer `walls`.
+    """
+    context = context_of(request)
+    served = context.maps.get(id)
+    body = served.memory.get("walls")
+    if body is None:
+        body = await context.in_thread(_walls, served)
+        served.memory["walls"] = body
+    return Response(body, media_type=GEOJSON)
+
+
+def _walls(served: ServedMap) -> bytes:
+    segments = served.amap.segments
+    if len(segments.xy) > MOST_WALLS:
+        raise Problem(
+            413,
+            f"The map has {len(segments.xy)} walls, more than are sent as lines; take the tiles "
+            "of the layer walls.",
+        )
+    features = []
+    for kind, chosen in (("wall", segments.walls), ("frontier", ~segments.walls)):
+        lines = segments.xy[chosen].reshape(-1, 2, 2).tolist()
+        if lines:
+            geometry = {"type": "MultiLineString", "coordinates": lines}
+            features.append({"type": "Feature", "properties": {"kind": kind}, "geometry": geometry})
+    return to_json({"type": "FeatureCollection", "features": features})
+
+
+@router.get(
+    "/direction",
+    summary="Weak directions",
+    response_model=list[Glyph],
+    responses=answers(401, 404, 422),
+)
+async def get_direction(
+    request: Request,
+    id: str,
+    bbox: Annotated[
+        str | None, Query(description="x0,y0,x1,y1 in metres; none: the whole map")
+    ] = None,
+    max: Annotated[int, Query(description="Of the directions", ge=1, le=MOST_GLYPHS)] = 500,
+) -> Response:
+    """Along which directions a robot slides unseen, at points of a square grid.
+
+    Of a map with headings the mean over them. Where both radii are alike there is no direction to
+    speak of, and nothing is sent.
+    """
+    context = context_of(request)
+    served = context.maps.get(id)
+    box = served.amap.bounds if bbox is None else _box(bbox)
+    return as_json(await context.in_thread(_glyphs, served, box, max))
+
+
+PRONOUNCED: Final = 0.15
+"""Difference of the relative radii from which a direction is told."""
+
+
+def _box(text: str) -> tuple[float, float, float, float]:
+    try:
+        x0, y0, x1, y1 = (float(part) for part in text.split(","))
+    except ValueError:
+        x0 = math.nan
+    if not (math.isfinite(x0) and all(map(math.isfinite, (y0, x1, y1))) and x0 < x1 and y0 < y1):
+        raise Problem(
+            422, f"bbox is {text[:60]!r}; give x0,y0,x1,y1 in metres, x0 < x1, y0 < y1.",
+            field="bbox",
+        )  # fmt: skip
+    return x0, y0, x1, y1
+
+
+def _glyphs(
+    served: ServedMap, box: tuple[float, float, float, float], most: int
+) -> list[dict[str, Any]]:
+    amap = served.amap
+    xs, ys = amap.dataset["x"].values, amap.dataset["y"].values
+    left, right = np.searchsorted(xs, (box[0], box[2]))
+    low, high = np.searchsorted(ys, (box[1], box[3]))
+    # A grid of about three times as many points: most lie in walls or have no direction.
+    step = max(math.ceil(math.sqrt((right - left) * (high - low) / (3.0 * most))), 1)
+    while True:
+        rows, columns = (
+            slice(int(first) + step // 2, int(last), step)
+            for first, last in ((low, high), (left, right))
+        )
+        direction, major, minor = (
+            amap.floor(name).values[rows, columns] for name in ("direction", "major", "minor")
+        )
+        told = np.isfinite(direction) & (major - minor >= PRONOUNCED)
+        if told.sum() <= most:
+            break
+        step += 1
+    row, column = np.nonzero(told)
+    return [
+        {"x": x, "y": y, "direction": d, "major": a, "minor": b}
+        for x, y, d, a, b in zip(
+            xs[columns][column].tolist(),
+            ys[rows][row].tolist(),
+            direction[told].astype(float).tolist(),
+            major[told].astype(float).tolist(),
+            minor[told].astype(float).tolist(),
+            strict=True,
+        )
+    ]

@@ -1,0 +1,52 @@
+"""What the server and its client send each other in binary."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+
+OCTETS: Final = "application/octet-stream"
+"""Media type of columns of little-endian float64."""
+POSE_COLUMNS: Final = ("x", "y", "theta")
+STEP_COLUMNS: Final = ("x0", "y0", "x1", "y1", "theta0", "theta1")
+
+Floats = NDArray[np.float64]
+_LITTLE: Final = np.dtype("<f8")
+
+
+def packed(columns: Iterable[Floats]) -> bytes:
+    """Columns of equal length, one after the other."""
+    return b"".join(np.ascontiguousarray(one, dtype=_LITTLE).tobytes() for one in columns)
+
+
+def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> dict[str, Floats]:
+    """The columns of a body, by name; views of the body.
+
+    Args:
+        body: Columns one after the other, float64, little-endian.
+        names: Of the columns, in order, with commas between.
+        known: Names that there are.
+        needed: How many of these must be there, from the first on.
+
+    Raises:
+        InputError: a name is unknown, twice there or missing, or the body is no such columns.
+    """
+    given = names.split(",")
+    if len(set(given)) != len(given) or not set(given) <= set(known):
+        raise InputError(f"columns is {names!r}; give some of {','.join(known)}, each once.")
+    missing = [name for name in known[:needed] if name not in given]
+    if missing:
+        raise InputError(f"columns is {names!r}; it lacks {', '.join(missing)}.")
+    size, rest = divmod(len(body), _LITTLE.itemsize * len(given))
+    if rest:
+        raise InputError(
+            f"the body has {len(body)} bytes, which is no whole number of rows of {len(given)} "
+            "float64."
+        )
+    table = np.frombuffer(body, dtype=_LITTLE).reshape(len(given), size)
+    return dict(zip(given, table, strict=True))
