@@ -30,6 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("logs",),
     ("reports",),
     ("plotting",),
+    ("reports.page",),
     ("audit", "demo"),
     ("compare", "server"),
     ("ambinav_envs", "ambinav_planners"),

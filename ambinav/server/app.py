@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
 from typing import Final
 
 from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import Response
-from starlette.staticfiles import StaticFiles
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server import layers, looking, poses, problems, shapes
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
+from ambinav.server.page_files import mount_page
 from ambinav.server.poses import InvalidBodyError
 from ambinav.server.served import ServedMaps
 from ambinav.version import __version__
@@ -74,9 +73,7 @@ def create_app(
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
     for router in (health, looking.router, poses.router, shapes.router, layers.router):
         app.include_router(router)
-    with resources.as_file(resources.files("ambinav.server") / "page") as page:
-        if page.is_dir():
-            app.mount("/", StaticFiles(directory=page, html=True), name="page")
+    mount_page(app)
     app.add_middleware(Guard, limits=limits, token=token, hosts=hosts)
     return app
 

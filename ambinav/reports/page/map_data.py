@@ -67,7 +67,7 @@ def map_data(
             "bounds": window.bounds,
             "spacing": amap.spacing * window.block,
             "shape": codes.shape,
-            "headings": data.sizes.get("theta", 1),
+            "headings": data.sizes.get("theta"),
             "scanner": data.attrs["scanner"],
             "radius": json.loads(data.attrs["parameters"]).get("radius"),
             "cost_layer": amap.cost_layer,

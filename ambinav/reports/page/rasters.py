@@ -102,7 +102,7 @@ def encode(values: Floats, codes: Codes) -> tuple[str, float, float]:
     scaled[known] = np.rint((values[known] - low) / (high - low) * LEVELS).astype(np.uint16)
     pixels = np.stack([scaled >> 8, scaled & 255, codes], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "PNG", optimize=False, compress_level=9)
+    Image.fromarray(pixels).save(file, "PNG", compress_level=6)
     text = base64.b64encode(file.getvalue()).decode("ascii")
     return f"data:image/png;base64,{text}", low, high
 

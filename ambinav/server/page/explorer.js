@@ -4,7 +4,7 @@ import { aboutPanel } from "./about_panel.js";
 import { fill, h } from "./dom.js";
 import { FloorMap } from "./floor_map.js";
 import { givenRoutes } from "./given_routes.js";
-import { followKeys } from "./keys.js";
+import { followFocus, followKeys } from "./keys.js";
 import { layersPanel } from "./layers_panel.js";
 import { followLegend } from "./legend.js";
 import { PlaceMarks, Strokes } from "./overlays.js";
@@ -35,6 +35,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
   makeTabs(parts.tabs, parts.tabList, store);
   followLegend(parts.legend, source, store);
   followKeys(parts.map, floor, store, () => places);
+  followFocus();
   floor.follow();
 
   async function open(short) {

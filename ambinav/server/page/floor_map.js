@@ -2,7 +2,6 @@
 /* global L */
 
 import { frameOf, levelsFor, rasterTiles, servedTiles } from "./tiles.js";
-import style from "./style.js";
 import { shadesOf } from "./theme.js";
 
 const MARGIN = 24;
@@ -12,6 +11,7 @@ export class FloorMap {
   #walls = null;
   #lines = null;
   #asked = 0;
+  #watcher = null;
 
   constructor(element, source, store) {
     Object.assign(this, { element, source, store });
@@ -22,8 +22,7 @@ export class FloorMap {
     this.leaflet?.remove();
     this.#floor = this.#walls = null;
     this.map = map;
-    const info = await this.source.layer(map.id, this.store.get("layer"));
-    this.top = (info.levels ?? levelsFor(map.shape)) - 1;
+    this.top = map.max_zoom ?? levelsFor(map.shape) - 1;
     const [x0, y0, x1, y1] = map.bounds;
     this.bounds = L.latLngBounds([y0, x0], [y1, x1]);
     this.leaflet = L.map(this.element, {
@@ -43,6 +42,7 @@ export class FloorMap {
     this.leaflet.createPane("strokes").style.zIndex = 420;
     this.leaflet.createPane("walls").style.zIndex = 410;
     this.fit();
+    this.#keepFitting();
     await this.#showFloor();
     this.#showWalls();
   }
@@ -52,8 +52,23 @@ export class FloorMap {
     this.leaflet.fitBounds(this.bounds, { padding: [MARGIN, MARGIN], animate: false });
   }
 
+  /** Until somebody moves the map, it fits its element whatever size that gets. */
+  #keepFitting() {
+    const { leaflet } = this;
+    let moved = false;
+    const touched = () => (moved = true);
+    for (const kind of ["pointerdown", "wheel", "keydown"]) this.element.addEventListener(kind, touched, { once: true, passive: true });
+    this.#watcher?.disconnect();
+    this.#watcher = new ResizeObserver(() => {
+      leaflet.invalidateSize({ animate: false });
+      if (!moved && !this.flown) this.fit();
+    });
+    this.#watcher.observe(this.element);
+  }
+
   /** Fly to a place; so many metres around it are in view. */
   flyTo(x, y, around = 8) {
+    this.flown = true;
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     const box = L.latLngBounds([y - around, x - around], [y + around, x + around]);
     const zoom = Math.min(this.leaflet.getBoundsZoom(box), this.top + 3);
@@ -110,10 +125,11 @@ export class FloorMap {
     if (found === null) {
       this.#walls = servedTiles(this.source, this.map, "walls", this.top, null);
     } else {
-      const colour = getComputedStyle(this.element).getPropertyValue("--wall-line").trim() || style.wall;
+        // Custom properties are not resolved; the element's colour is the same one.
+      const { color } = getComputedStyle(this.element);
       const lines = found.map((line) => line.map(([x, y]) => [y, x]));
       const renderer = L.canvas({ pane: "walls", padding: 0.3 });
-      this.#walls = L.polyline(lines, { renderer, pane: "walls", color: colour, weight: 1.4, interactive: false, smoothFactor: 0.5 });
+      this.#walls = L.polyline(lines, { renderer, pane: "walls", color, weight: 1.4, interactive: false, smoothFactor: 0.5 });
     }
     this.#walls.addTo(this.leaflet);
   }

@@ -27,9 +27,10 @@ export function quantity(value, units) {
   if (!known(value)) return "–";
   if (units === "rad") return degrees(value);
   if (units === "degrees") return `${Math.round(value)}°`;
+  if (units === "1") return number(value);
   const size = Math.abs(value);
   const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.095 || size === 0 ? 2 : 4;
-  return units && units !== "1" ? `${number(value, digits)} ${units}` : number(value, digits);
+  return units ? `${number(value, digits)} ${units}` : number(value, digits);
 }
 
 /** A name of a layer as a title: "major_radius" -> "Major radius". */

@@ -10,6 +10,8 @@ export class Problem extends Error {
 }
 
 const KEY = "ambinav-token";
+/** Of the cost that the service tells with the values of a pose. */
+const SERVED_WEIGHT = 5;
 
 /** Take the token from the address once, so that it does not stay there. */
 function takeToken() {
@@ -58,12 +60,17 @@ export class HttpSource {
     return URL.createObjectURL(await answer.blob());
   }
 
-  values(id, x, y, theta, options = {}, signal = undefined) {
-    return this.#json(`maps/${id}/values?${this.#pose(x, y, theta, options)}`, { signal });
+  /** Every layer's value at a pose, its zone, and its cost at a weight. */
+  async values(id, x, y, theta, weight) {
+    const pose = this.#pose(x, y, theta);
+    const told = this.#json(`maps/${id}/values?${pose}`);
+    if (weight === SERVED_WEIGHT) return told;
+    const { cost } = await this.#json(`maps/${id}/cost?${pose}&weight=${weight}`);
+    return { ...(await told), cost };
   }
 
-  scan(id, x, y, theta, signal) {
-    return this.#json(`maps/${id}/scan?${this.#pose(x, y, theta ?? 0)}`, { signal });
+  scan(id, x, y, theta) {
+    return this.#json(`maps/${id}/scan?${this.#pose(x, y, theta ?? 0)}`);
   }
 
   worst(id) {
@@ -110,10 +117,9 @@ export class HttpSource {
     return this.token ? { Authorization: `Bearer ${this.token}` } : {};
   }
 
-  #pose(x, y, theta, options = {}) {
+  #pose(x, y, theta) {
     const query = new URLSearchParams({ x: x.toFixed(4), y: y.toFixed(4) });
     if (theta !== null && theta !== undefined) query.set("theta", theta.toFixed(6));
-    for (const [name, value] of Object.entries(options)) query.set(name, value);
     return query;
   }
 

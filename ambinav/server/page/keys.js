@@ -16,6 +16,13 @@ export const PLAN_KEYS = [["S G", "start or goal in the middle of the map"]];
 const LAYERS = ["zone", "level", "major_radius", "minor_radius"];
 const OVERLAYS = { w: "walls", d: "direction", x: "scan", p: "places" };
 
+/** Show where the focus is while the keyboard is used; Leaflet focuses the map on a click too. */
+export function followFocus() {
+  const root = document.documentElement;
+  document.addEventListener("keydown", () => (root.dataset.keys = ""), true);
+  document.addEventListener("pointerdown", () => delete root.dataset.keys, true);
+}
+
 /** Listen on the map's element; the shortcuts work there alone. */
 export function followKeys(element, floor, store, places) {
   element.addEventListener("keydown", (event) => {

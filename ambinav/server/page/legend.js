@@ -18,7 +18,7 @@ export function followLegend(element, source, store) {
 
 function zones() {
   return h("ul", { class: "swatches" }, style.zones.map(({ name, colour, meaning }) =>
-    h("li", { title: sentence(meaning) }, h("span", { class: "swatch", style: { background: colour } }), name)));
+    h("li", { title: sentence(meaning) }, h("span", { class: "swatch", style: { background: colour } }), sentence(name))));
 }
 
 function scale({ min, max, colours, legend, log }, { long_name: name, units, worse }) {

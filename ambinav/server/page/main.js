@@ -28,7 +28,7 @@ async function start() {
   const first = maps.find(({ id }) => id === asked) ?? maps[0];
   const open = async (map) => {
     document.title = `${map.name} · ambinav`;
-    fill(byId("about-map"), [map.scanner, `${size(map)} m`, `cells of ${map.spacing} m`].join(" · "));
+    fill(byId("about-map"), [map.scanner, `${size(map)} m`, `cells of ${Number(map.spacing.toPrecision(3))} m`].join(" · "));
     try {
       await explorer.open(map);
     } catch (problem) {

@@ -1,7 +1,7 @@
 // The worst places as a list; each entry flies to its place.
 
 import { fill, h } from "./dom.js";
-import { area, axis, metres, number } from "./format.js";
+import { area, axis, metres, number, sentence } from "./format.js";
 import style from "./style.js";
 
 /** Build the list; `places` are as the service tells them. */
@@ -17,7 +17,7 @@ export function placesPanel(element, places, floor, store) {
   store.watch(["place"], ({ place }) => {
     buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(i === place)));
     if (place === null || place === undefined) return;
-    const { x, y, theta, length_m: length, area_m2: size } = places[place];
+    const { x, y, theta, length, area_m2: size } = places[place];
     floor.flyTo(x, y, Math.min(Math.max(0.8 * (length ?? Math.sqrt(size)), 5), 40));
     store.set({ probe: { x, y }, pinned: true, ...(typeof theta === "number" ? { theta } : {}) });
     const panel = element.closest(".panel");
@@ -27,7 +27,7 @@ export function placesPanel(element, places, floor, store) {
 
 function entry(place, i, store) {
   const zone = style.zones.find(({ name }) => name === place.zone);
-  const size = place.length_m ? `${number(place.length_m, 1)} × ${metres(place.width_m)}` : area(place.area_m2);
+  const size = place.length ? `${number(place.length, 1)} × ${metres(place.width)}` : area(place.area_m2);
   return h("button", { class: "place-entry", "aria-pressed": "false", onclick: () => {
     store.set({ place: null });
     store.set({ place: i });
@@ -40,5 +40,5 @@ function entry(place, i, store) {
         typeof place.weak_direction === "number" ? `slides along ${axis(place.weak_direction)}` : null,
         `at ${number(place.x, 1)}, ${metres(place.y)}`,
       ].filter(Boolean).join(" · ")),
-      place.reason && h("small", { class: "reason" }, place.reason)));
+      place.reason && h("small", { class: "reason" }, sentence(place.reason.replace(`${place.zone}: `, "")))));
 }

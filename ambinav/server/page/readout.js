@@ -1,7 +1,7 @@
 // The values at a point: under the pointer, where the map was clicked, or in its middle.
 
 import { eachFrame, fill, h } from "./dom.js";
-import { metres, number, quantity, title } from "./format.js";
+import { metres, number, quantity, sentence, title } from "./format.js";
 import { Probe } from "./overlays.js";
 import style from "./style.js";
 
@@ -65,10 +65,12 @@ export class Readout {
     const turned = this.map.headings > 1;
     try {
       const at = typeof heading === "number" ? heading : null;
-      const told = await this.source.values(id, probe.x, probe.y, at, { weight });
-      const scan = overlays.scan && !told.reason ? await this.source.scan(id, probe.x, probe.y, at ?? theta) : null;
+      const [told, scan] = await Promise.all([
+        this.source.values(id, probe.x, probe.y, at, weight),
+        overlays.scan ? this.source.scan(id, probe.x, probe.y, at ?? theta) : null,
+      ]);
       if (this.map.id !== id || this.store.get("probe") === null) return;
-      this.probe.draw(probe, scan, pinned, turned ? (at ?? theta) : null);
+      this.probe.draw(probe, scan?.x.length && !told.reason ? scan : null, pinned, turned ? (at ?? theta) : null);
       this.#show(probe, told, scan, pinned);
     } catch (problem) {
       fill(this.element, h("p", { class: "soft" }, problem.message));
@@ -96,12 +98,12 @@ export class Readout {
     }
     const zone = style.zones.find(({ name }) => name === told.zone);
     const head = zone
-      ? h("strong", {}, h("span", { class: "swatch", style: { background: zone.colour } }), zone.name)
-      : h("strong", {}, told.remark ?? "free floor");
+      ? h("strong", {}, h("span", { class: "swatch", style: { background: zone.colour } }), sentence(zone.name))
+      : h("strong", {}, sentence(told.remark ?? "free floor"));
     fill(
       this.element,
       h("header", {}, head, close),
-      h("dl", {}, this.#rows(told).map(([name, text, key]) => [h("dt", {}, name), h("dd", { "data-layer": key }, text)])),
+      h("dl", {}, this.#rows(told).map(([name, text, key]) => [h("dt", {}, name), h("dd", { "data-layer": key, "data-value": key === "cost" ? told.cost : told.values[key] }, text)])),
       scan && h("p", { class: "soft" }, scanText(scan)),
       where,
     );
@@ -114,7 +116,7 @@ export class Readout {
     const rows = names
       .filter((name) => values[name] !== undefined)
       .map((name) => [NAMES[name] ?? title(name), units[name] === "m" ? metres(values[name], 2) : quantity(values[name], units[name]), name]);
-    if (typeof cost === "number") rows.push(["Cost of a metre", `${number(cost)} m`, "cost"]);
+    if (typeof cost === "number") rows.push([`Cost at weight ${this.store.get("weight")}`, `${number(cost)} m/m`, "cost"]);
     return rows;
   }
 }

@@ -11,11 +11,11 @@ async function start() {
   const source = new EmbeddedSource(data);
   const root = document.getElementById("explorer");
   const routes = await source.routes();
+  document.documentElement.classList.add("explored");
   const explorer = makeExplorer(root, source, { tab: routes.length ? "routes" : "layers", routes });
   followTheme(document.getElementById("theme"), explorer.store);
   const [map] = await source.maps();
   await explorer.open(map);
-  document.documentElement.classList.add("explored");
   // Rows and cards of the report that stand for a place or a pair show it on the map.
   for (const element of document.querySelectorAll("[data-place], [data-pair]")) {
     element.addEventListener("click", () => {

@@ -71,7 +71,9 @@ const RasterTiles = L.GridLayer.extend({
 
 const shared = (map, top) => {
   const [x0, y0, x1, y1] = map.bounds;
-  return { tileSize: TILE, bounds: L.latLngBounds([y0, x0], [y1, x1]), noWrap: true, minZoom: -3, maxZoom: top + 6, keepBuffer: 3 };
+  // A hair within the edge, so that rounding asks for no tile beyond it.
+  const hair = 1e-3 * map.spacing;
+  return { tileSize: TILE, bounds: L.latLngBounds([y0 + hair, x0 + hair], [y1 - hair, x1 - hair]), noWrap: true, minZoom: -3, maxZoom: top + 6, keepBuffer: 3 };
 };
 
 /** Tiles of the service for a layer of a map at a heading. */
