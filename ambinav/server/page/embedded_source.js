@@ -72,13 +72,12 @@ export class EmbeddedSource {
 
   async walls() {
     const [x0, y0] = this.bounds;
-    const lines = [];
+    const [walls, frontiers] = [[], []];
     for (let i = 0; i < this.wallEnds.length; i += 4) {
-      if (!this.isWall[i / 4]) continue;
       const [ax, ay, bx, by] = this.wallEnds.subarray(i, i + 4);
-      lines.push([[ax + x0, ay + y0], [bx + x0, by + y0]]);
+      (this.isWall[i / 4] ? walls : frontiers).push([[ax + x0, ay + y0], [bx + x0, by + y0]]);
     }
-    return lines;
+    return { walls, frontiers };
   }
 
   async direction() {

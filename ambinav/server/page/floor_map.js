@@ -1,6 +1,7 @@
 // The map of the floor: Leaflet, the layer that is shown, walls, scale bar.
 /* global L */
 
+import style from "./style.js";
 import { frameOf, levelsFor, rasterTiles, servedTiles } from "./tiles.js";
 import { shadesOf } from "./theme.js";
 
@@ -127,9 +128,12 @@ export class FloorMap {
     } else {
         // Custom properties are not resolved; the element's colour is the same one.
       const { color } = getComputedStyle(this.element);
-      const lines = found.map((line) => line.map(([x, y]) => [y, x]));
-      const renderer = L.canvas({ pane: "walls", padding: 0.3 });
-      this.#walls = L.polyline(lines, { renderer, pane: "walls", color, weight: 1.4, interactive: false, smoothFactor: 0.5 });
+      const turned = (lines) => lines.map((line) => line.map(([x, y]) => [y, x]));
+      const shared = { renderer: L.canvas({ pane: "walls", padding: 0.3 }), pane: "walls", interactive: false, smoothFactor: 0.5 };
+      this.#walls = L.layerGroup([
+        L.polyline(turned(found.frontiers), { ...shared, color: style.frontier, weight: 1, dashArray: "4 3" }),
+        L.polyline(turned(found.walls), { ...shared, color, weight: 1.4 }),
+      ]);
     }
     this.#walls.addTo(this.leaflet);
   }

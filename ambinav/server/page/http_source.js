@@ -77,7 +77,7 @@ export class HttpSource {
     return this.#json(`maps/${id}/worst`);
   }
 
-  /** Walls as lines of [x, y]; null where they are too many, and come as tiles. */
+  /** Walls and frontiers as lines of [x, y]; null where they are too many, and come as tiles. */
   async walls(id) {
     try {
       const found = await this.#json(`maps/${id}/walls.geojson`);
@@ -134,10 +134,8 @@ export class HttpSource {
   }
 }
 
-/** The lines of GeoJSON, whatever they are wrapped in. */
-export function wallLines(geojson) {
-  const geometries = geojson.features?.map((feature) => feature.geometry) ?? [geojson.geometry ?? geojson];
-  return geometries.flatMap(({ type, coordinates }) =>
-    type === "MultiLineString" ? coordinates : type === "LineString" ? [coordinates] : [],
-  );
+/** The lines of GeoJSON by their kind: of walls, and of frontiers to unknown space. */
+function wallLines({ features }) {
+  const of = (kind) => features.filter(({ properties }) => properties.kind === kind).flatMap(({ geometry }) => geometry.coordinates);
+  return { walls: of("wall"), frontiers: of("frontier") };
 }
