@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from ambinav.audit.audit import axis_degrees, metres2, percent
 from ambinav.audit.document import Document, PlacePart
+from ambinav.reports.action import MOST, Action
 
-MOST: Final = 3
 _HEADING_HELPS: Final = 0.2
 """Difference of the level between headings of a place from which turning is advised."""
 _LARGE_SHARE: Final = 0.1
 """Share of the free floor from which unexplored floor is worth mapping."""
 
-
-@dataclass(frozen=True)
-class Action:
-    """Something to do.
-
-    Attributes:
-        title: In the imperative.
-        text: Why and how, in a sentence or two.
-        place: Number of the place that it is about; None: of no one place.
-        pair: Name of the pair of a comparison that it is about.
-    """
-
-    title: str
-    text: str
-    place: int | None = None
-    pair: str | None = None
 
 
 def actions(report: Document) -> tuple[Action, ...]:

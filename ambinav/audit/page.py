@@ -30,6 +30,7 @@ def audit_page(
     data["map"]["zones"] = [
         {"zone": zone.zone, "share": zone.share, "area_m2": zone.area_m2} for zone in report.zones
     ]
+    lead, stop, rest = report.summary.partition(". ")
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,
         "metres2": metres2,
@@ -42,6 +43,8 @@ def audit_page(
         data,
         filters,
         report=report,
+        lead=lead + stop.strip(),
+        rest=rest,
         actions=actions(report),
         parameters=map_parameters(report.parameters),
         pictures=pictures,

@@ -72,6 +72,8 @@ def map_data(
             "radius": json.loads(data.attrs["parameters"]).get("radius"),
             "cost_layer": amap.cost_layer,
             "block": window.block,
+            "classes": np.unique(codes).tolist(),
+            "fixed_heading": True,
             "layers": [
                 {"name": "zone", "long_name": "zones of the floor", "units": "", "worse": None}
             ],

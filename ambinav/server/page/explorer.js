@@ -23,7 +23,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
     weight: 5, routes: [], chosen: null, trial: null, canPlan: source.can.plan, tab, theme: currentTheme(),
     overlays: { walls: true, direction: true, scan: true, places: true },
   });
-  const parts = build(root, source.can.plan || routes.length > 0);
+  const parts = build(root, source.can.plan || routes.length > 0, !routes.length);
   const floor = new FloorMap(parts.map, source, store);
   const strokes = new Strokes(floor, source, store);
   const marks = new PlaceMarks(floor, store);
@@ -72,7 +72,7 @@ function clicks(floor, store, planner) {
   });
 }
 
-function build(root, hasRoutes) {
+function build(root, hasRoutes, hasPlaces) {
   const panel = () => h("section", { class: "tab" });
   const panels = { layers: panel(), places: panel(), routes: panel(), about: panel() };
   const map = h("div", { class: "map", role: "region", "aria-label": "Floor map", tabindex: 0 });
@@ -81,7 +81,7 @@ function build(root, hasRoutes) {
   const cross = h("div", { class: "cross", "aria-hidden": "true" });
   const stage = h("div", { class: "stage" }, map, cross, legend, readout);
   const tabs = h("div", { class: "tabs", "aria-label": "Panels" });
-  const tabList = [["layers", "Layers", panels.layers], ["places", "Places", panels.places], hasRoutes && ["routes", "Routes", panels.routes], ["about", "About", panels.about]].filter(Boolean);
+  const tabList = [["layers", "Layers", panels.layers], hasPlaces && ["places", "Places", panels.places], hasRoutes && ["routes", "Routes", panels.routes], ["about", "About", panels.about]].filter(Boolean);
   fill(root, stage, h("div", { class: "panel" }, tabs, h("div", { class: "panels" }, tabList.map(([, , one]) => one))));
   root.classList.add("explorer");
   return { map, stage, readout, legend, tabs, tabList, panels };

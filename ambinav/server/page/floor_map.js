@@ -5,7 +5,7 @@ import style from "./style.js";
 import { frameOf, levelsFor, rasterTiles, servedTiles } from "./tiles.js";
 import { shadesOf } from "./theme.js";
 
-const MARGIN = 24;
+const MARGIN = 20;
 
 export class FloorMap {
   #floor = null;
@@ -50,7 +50,13 @@ export class FloorMap {
 
   /** The whole floor in view. */
   fit() {
-    this.leaflet.fitBounds(this.bounds, { padding: [MARGIN, MARGIN], animate: false });
+    const narrow = this.element.clientWidth < 600;
+    // Room for the readout above and the legend below.
+    this.leaflet.fitBounds(this.bounds, {
+      paddingTopLeft: [MARGIN, narrow ? 3 * MARGIN : MARGIN],
+      paddingBottomRight: [MARGIN, narrow ? 4 * MARGIN : 2.5 * MARGIN],
+      animate: false,
+    });
   }
 
   /** Until somebody moves the map, it fits its element whatever size that gets. */

@@ -45,7 +45,7 @@ function layerList(map, store) {
 }
 
 function headings(map, store) {
-  if (!(map.headings > 1) || map.fixed_heading) return null;
+  if (!(map.headings > 1)) return null;
   const said = h("output", {}, "");
   const slider = h("input", { type: "range", min: 0, max: 359, step: 1, value: 0, "aria-label": "Heading of the robot, degrees",
     oninput: () => turn(Number(slider.value)) });
@@ -54,12 +54,12 @@ function headings(map, store) {
       onchange: () => turn(Number(slider.value)) }), h("span", {}, text)));
   const turn = (angle) => {
     const theta = (angle * Math.PI) / 180;
-    const one = radios[1].firstChild.checked;
+    const one = !map.fixed_heading && radios[1].firstChild.checked;
     store.set({ theta, heading: one ? theta : "mean" });
     said.textContent = degrees(theta);
   };
   said.textContent = "0°";
-  return h("fieldset", {}, h("legend", {}, "Robot's heading"), radios, h("div", { class: "slider" }, slider, said),
+  return h("fieldset", {}, h("legend", {}, "Robot's heading"), !map.fixed_heading && radios, h("div", { class: "slider" }, slider, said),
     h("p", { class: "soft" }, "The scanner does not look all around. The expected scan is drawn at this heading, counter-clockwise from x."));
 }
 

@@ -2,6 +2,7 @@
 
 import { fill, h } from "./dom.js";
 import { quantity, sentence } from "./format.js";
+import { UNEXPLORED, UNREACHABLE } from "./raster.js";
 import style from "./style.js";
 
 /** Follow the layer that is shown. */
@@ -12,13 +13,20 @@ export function followLegend(element, source, store) {
     const mine = ++asked;
     const info = layer === "zone" ? null : await source.layer(map.id, layer);
     if (mine !== asked) return;
-    fill(element, info ? scale(info, map.layers.find(({ name }) => name === layer) ?? info) : zones());
+    fill(element, info ? scale(info, map.layers.find(({ name }) => name === layer) ?? info) : zones(map));
   });
 }
 
-function zones() {
-  return h("ul", { class: "swatches" }, style.zones.map(({ name, colour, meaning }) =>
-    h("li", { title: sentence(meaning) }, h("span", { class: "swatch", style: { background: colour } }), sentence(name))));
+function zones({ classes = [] }) {
+  const others = [
+    [UNEXPLORED, "Unexplored", `repeating-linear-gradient(135deg, ${style.unknown} 0 3px, ${style.unexplored} 3px 6px)`],
+    [UNREACHABLE, "Out of reach", style.unreachable],
+  ];
+  const entry = (name, background, meaning) =>
+    h("li", { title: meaning }, h("span", { class: "swatch", style: { background } }), name);
+  return h("ul", { class: "swatches" },
+    style.zones.map(({ name, colour, meaning }) => entry(sentence(name), colour, sentence(meaning))),
+    others.filter(([code]) => classes.includes(code)).map(([, name, ink]) => entry(name, ink, null)));
 }
 
 function scale({ min, max, colours, legend, log }, { long_name: name, units, worse }) {

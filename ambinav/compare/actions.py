@@ -1,0 +1,71 @@
+"""What to do about a comparison: the three actions that a reader is told first."""
+
+from __future__ import annotations
+
+from ambinav.compare.document import Document, VerdictPart
+from ambinav.compare.scenario import ALL_PAIRS
+from ambinav.reports.action import MOST, Action
+
+_RANK = {"met": 0, "better": 1, "easy": 2, "none": 3, "mixed": 3, "worse": 3}
+
+
+def actions(report: Document) -> tuple[Action, ...]:
+    """The actions that a comparison leads to, what helps first; at least one."""
+    ranked = sorted(
+        (_of_pair(report, pair) for pair in report.verdicts if pair != ALL_PAIRS),
+        key=lambda one: one[0],
+    )
+    found = [action for _, action in ranked[:MOST]]
+    uncertain = any(
+        one.effect in ("none", "mixed") for pair in report.verdicts.values() for one in pair.routes
+    )
+    if uncertain:
+        runs = report.parameters["drive"]["runs"]
+        found.append(
+            Action(
+                "Drive more runs",
+                f"{runs} runs leave some differences open. With drive.runs at {4 * runs} the "
+                "intervals are about half as wide; what was driven is kept.",
+            )
+        )
+    found.append(
+        Action(
+            "Look for the cause",
+            "Audit the building with this scanner: `ambinav audit` lists the worst places and "
+            "what is seen there.",
+        )
+    )
+    return tuple(found[:MOST])
+
+
+def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
+    """What to drive on a pair, and how much that helps: 0 is most."""
+    part = report.verdicts[pair]
+    best = min(part.routes, key=lambda one: (_rank(one), one.length_ratio), default=None)
+    baseline = part.baseline
+    if best is None:
+        return 3, Action(
+            f"Add a route on {pair}", f"{baseline} is the only one: nothing is compared.", pair=pair
+        )
+    rank = _rank(best)
+    if rank == 0:
+        return rank, Action(f"Drive {best.route} on {pair}", best.text, pair=pair)
+    if rank == 1:
+        return rank, Action(f"Consider {best.route} on {pair}", best.text, pair=pair)
+    if rank == 2:
+        return rank, Action(
+            f"Keep {baseline} on {pair}", f"There is nothing to gain. {part.text}", pair=pair
+        )
+    return rank, Action(
+        f"Change scanner or building for {pair}",
+        f"No route is shown to be better than {baseline}. {part.text}",
+        pair=pair,
+    )
+
+
+def _rank(verdict: VerdictPart) -> int:
+    if verdict.outcome == "met":
+        return _RANK["met"]
+    if verdict.effect == "better":
+        return _RANK["better"]
+    return _RANK["easy"] if verdict.outcome == "easy" else _RANK[verdict.effect]
