@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +11,7 @@ from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import Response
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server import layers, looking, poses, problems, shapes
+from ambinav.server import auditing, layers, looking, planning, poses, problems, shapes
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
@@ -65,13 +66,35 @@ def create_app(
             path = Path(one)
             served.add(AmbiguityMap.open(path), path.resolve().stem, path.resolve())
     limits = Limits() if limits is None else limits
+    context = Context(served, limits)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        try:
+            yield
+        finally:
+            context.close()
+
     app = FastAPI(
-        title="ambinav", version=__version__, description=_TEXT, docs_url=None, redoc_url=None
+        title="ambinav",
+        version=__version__,
+        description=_TEXT,
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
     )
-    app.state.context = Context(served, limits)
+    app.state.context = context
     problems.install(app)
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
-    for router in (health, looking.router, poses.router, shapes.router, layers.router):
+    for router in (
+        health,
+        looking.router,
+        poses.router,
+        shapes.router,
+        layers.router,
+        planning.router,
+        auditing.router,
+    ):
         app.include_router(router)
     mount_page(app)
     app.add_middleware(Guard, limits=limits, token=token, hosts=hosts)

@@ -2,51 +2,110 @@
 
 from __future__ import annotations
 
+import tempfile
+import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
-from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.server.audits import Audits
+from ambinav.server.jobs import PlanPool
 from ambinav.server.limits import Limits
 from ambinav.server.pyramid import Pyramids
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.tiles import Tiles
+from ambinav.server.wire import write_dataset
 
 T = TypeVar("T")
 
-THREADS = 4
+THREADS: Final = 4
 """In which answers are worked out that would hold up the others."""
 
 
-@dataclass
 class Context:
-    """What all routes share.
+    """What all routes share; made before the loop of events runs, closed when it has ended.
 
     Attributes:
         maps: The maps that are served.
         limits: What a request may cost.
     """
 
-    maps: ServedMaps
-    limits: Limits
-    _tiles: dict[AmbiguityMap, Tiles] = field(default_factory=dict)
-    _limiter: CapacityLimiter | None = None
+    def __init__(self, maps: ServedMaps, limits: Limits) -> None:
+        self.maps = maps
+        self.limits = limits
+        self._tiles: dict[ServedMap, Tiles] = {}
+        self._files: dict[ServedMap, Path] = {}
+        self._lock = threading.Lock()
+
+    @cached_property
+    def plans(self) -> PlanPool:
+        """Processes that plan."""
+        return PlanPool(self.limits.plans, self.limits.waiting, self.limits.job_seconds)
+
+    @cached_property
+    def audits(self) -> Audits:
+        """Audits of uploaded maps."""
+        return Audits(self.maps, self.limits, self.folder, self.forget)
+
+    @cached_property
+    def _limiter(self) -> CapacityLimiter:
+        return CapacityLimiter(THREADS)
+
+    @cached_property
+    def _scratch(self) -> tempfile.TemporaryDirectory[str]:
+        return tempfile.TemporaryDirectory(prefix="ambinav-serve-")
+
+    @property
+    def folder(self) -> Path:
+        """A folder for what lasts as long as the application."""
+        return Path(self._scratch.name)
 
     def tiles(self, served: ServedMap) -> Tiles:
         """The tiles of a map."""
-        found = self._tiles.get(served.amap)
+        found = self._tiles.get(served)
         if found is None:
-            found = self._tiles[served.amap] = Tiles(served, Pyramids(served.amap))
+            found = self._tiles[served] = Tiles(served, Pyramids(served.amap))
         return found
+
+    def file_of(self, served: ServedMap) -> Path:
+        """A map as one file, for workers and clients; written once."""
+        with self._lock:
+            path = self._files.get(served)
+            if path is None:
+                path = self.folder / f"{len(self._files)}.npz"
+                write_dataset(served.amap.dataset, path)
+                self._files[served] = path
+        return path
+
+    def forget(self, served: ServedMap) -> None:
+        """Serve a map no longer, and drop what was kept of it."""
+        self.maps.remove(served.name)
+        self._tiles.pop(served, None)
+        path = self._files.get(served)
+        if path is not None:
+            path.unlink(missing_ok=True)
 
     async def in_thread(self, function: Callable[..., T], *arguments: Any) -> T:
         """Call what takes long without holding up other requests."""
-        if self._limiter is None:
-            self._limiter = CapacityLimiter(THREADS)
         return await to_thread.run_sync(function, *arguments, limiter=self._limiter)
+
+    def close(self) -> None:
+        """End all jobs and remove what was written."""
+        if "plans" in vars(self):
+            self.plans.close()
+            del self.plans
+        if "audits" in vars(self):
+            self.audits.close()
+            del self.audits
+        if "_scratch" in vars(self):
+            self._scratch.cleanup()
+            del self._scratch
+        self._files.clear()
+        vars(self).pop("_limiter", None)
 
 
 def context_of(request: Request) -> Context:

@@ -122,11 +122,13 @@ class Scan(BaseModel):
     sentence: str = Field(description="What the scanner sees, in words")
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """A body whose fields are all known, and of the types that they say."""
+
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class Poses(_Strict):
+class Poses(Strict):
     """Poses, in columns of equal length."""
 
     x: list[float] = Field(description="Metres")
@@ -143,7 +145,7 @@ class CostPoses(Poses):
     weight: float = Field(5.0, ge=0.0, description="Extra metres that a metre at layer 1 is worth")
 
 
-class Steps(_Strict):
+class Steps(Strict):
     """Motions from one pose to another, in columns of equal length."""
 
     x0: list[float] = Field(description="Start, metres")

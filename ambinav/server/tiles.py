@@ -48,7 +48,8 @@ class LayerStyle:
         """Number of each value's colour in the palette, from 1 on; 0 where there is no value."""
         known = np.isfinite(values)
         if self.classes:
-            return np.asarray(np.where(known, np.nan_to_num(values) + 1, 0), dtype=np.uint8)
+            shades = np.nan_to_num(values).astype(np.uint8) + 1
+            return np.asarray(shades * known, dtype=np.uint8)
         low, high = float(self.norm.vmin or 0.0), float(self.norm.vmax or 1.0)
         held = np.clip(np.where(known, values, low), low, high)
         share = np.asarray(self.norm(held), dtype=np.float64)

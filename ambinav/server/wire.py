@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import zipfile
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Final
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
@@ -14,6 +18,9 @@ OCTETS: Final = "application/octet-stream"
 """Media type of columns of little-endian float64."""
 POSE_COLUMNS: Final = ("x", "y", "theta")
 STEP_COLUMNS: Final = ("x0", "y0", "x1", "y1", "theta0", "theta1")
+
+ABOUT: Final = ".about"
+"""Of a dataset's file: what is no array."""
 
 Floats = NDArray[np.float64]
 _LITTLE: Final = np.dtype("<f8")
@@ -50,3 +57,42 @@ def unpacked(body: bytes, names: str, known: tuple[str, ...], needed: int) -> di
         )
     table = np.frombuffer(body, dtype=_LITTLE).reshape(len(given), size)
     return dict(zip(given, table, strict=True))
+
+
+def write_dataset(dataset: xr.Dataset, path: Path) -> None:
+    """Write a map's dataset as one .npz file that holds no pickled objects.
+
+    Beside an array for each variable, named as that is, there is `.about`: JSON in bytes with the
+    dimensions and attributes of each, and the attributes of all.
+    """
+    about = {
+        "attrs": dataset.attrs,
+        "variables": {
+            str(name): {"dims": list(one.dims), "attrs": one.attrs}
+            for name, one in dataset.variables.items()
+        },
+        "coords": [str(name) for name in dataset.coords],
+    }
+    text = json.dumps(about, default=str).encode()
+    arrays = {str(name): one.values for name, one in dataset.variables.items()}
+    with path.open("wb") as file:
+        np.savez(file, **{ABOUT: np.frombuffer(text, dtype=np.uint8)}, **arrays)  # type: ignore[arg-type]
+
+
+def read_dataset(path: Path) -> xr.Dataset:
+    """Read what `write_dataset` wrote.
+
+    Raises:
+        InputError: it is no such file.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            about = json.loads(file[ABOUT].tobytes())
+            variables = {
+                name: (told["dims"], file[name], told["attrs"])
+                for name, told in about["variables"].items()
+            }
+            coords = {name: variables.pop(name) for name in about["coords"]}
+            return xr.Dataset(variables, coords, about["attrs"])
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path.name}: this is no ambiguity map as ambinav sends it.") from error

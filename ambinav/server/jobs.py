@@ -1,0 +1,152 @@
+"""Plans in worker processes: so many at a time, ended when they take too long or nobody waits."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, Final, TypeVar
+
+from fastapi import Request
+
+from ambinav.server.problems import Problem
+from ambinav.server.workers import Failure, Worker, plans
+
+T = TypeVar("T")
+
+RETRY: Final = {"retry-after": "5"}
+
+
+class Turns:
+    """Who runs and who waits: a queue of limited length before a limited number of jobs.
+
+    Args:
+        running: Jobs that run at the same time.
+        waiting: Jobs that may wait for their turn.
+        what: What messages call them.
+    """
+
+    def __init__(self, running: int, waiting: int, what: str) -> None:
+        self._free = asyncio.Semaphore(running)
+        self._places = running + waiting
+        self._what = what
+
+    async def __aenter__(self) -> None:
+        """Wait for a turn.
+
+        Raises:
+            Problem: too many wait already.
+        """
+        if self._places == 0:
+            raise Problem(
+                503, f"Too many {self._what} are waiting; try again later.", headers=RETRY
+            )
+        self._places -= 1
+        try:
+            await self._free.acquire()
+        except BaseException:
+            self._places += 1
+            raise
+
+    async def __aexit__(self, *_: object) -> None:
+        """Let the next one run."""
+        self._free.release()
+        self._places += 1
+
+
+class PlanPool:
+    """Processes that plan, kept for the next plan.
+
+    Args:
+        running: Plans that run at the same time.
+        waiting: Plans that may wait.
+        seconds: After which a plan is ended, whatever it does.
+    """
+
+    def __init__(self, running: int, waiting: int, seconds: float) -> None:
+        self._turns = Turns(running, waiting, "plans")
+        self._seconds = seconds
+        self._idle: list[Worker] = []
+        self.busy: set[Worker] = set()
+
+    async def run(self, task: object) -> Any:
+        """Have a task done; a caller that is cancelled ends the process that does it.
+
+        Raises:
+            Problem: it cannot be done, takes too long, or its process was killed.
+        """
+        async with self._turns:
+            worker = self._idle.pop() if self._idle else await asyncio.to_thread(Worker, plans)
+            self.busy.add(worker)
+            done = False
+            try:
+                worker.line.send(task)
+                async with asyncio.timeout(self._seconds):
+                    found = await received(worker)
+                done = True
+            except TimeoutError:
+                raise Problem(
+                    504, f"The plan was ended after {self._seconds:g} s; ask for a shorter one."
+                ) from None
+            except (EOFError, OSError):
+                raise Problem(
+                    503, "The process that planned was killed, perhaps for lack of memory."
+                ) from None
+            finally:
+                self.busy.discard(worker)
+                if done:
+                    self._idle.append(worker)
+                else:
+                    worker.end()
+        if isinstance(found, Failure):
+            if found.ours:
+                raise RuntimeError(found.detail)
+            raise Problem(422, found.detail)
+        return found
+
+    def close(self) -> None:
+        """End all processes."""
+        for worker in (*self._idle, *self.busy):
+            worker.end()
+        self._idle.clear()
+
+
+async def received(worker: Worker) -> Any:
+    """The next thing that a process sends.
+
+    Raises:
+        EOFError: it has ended.
+    """
+    loop = asyncio.get_running_loop()
+    ready = asyncio.Event()
+    number = worker.line.fileno()
+    loop.add_reader(number, ready.set)
+    try:
+        await ready.wait()
+    finally:
+        loop.remove_reader(number)
+    return worker.line.recv()
+
+
+async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
+    """Await some work, and cancel it when the request's connection is closed.
+
+    Raises:
+        Problem: it was closed; nobody is there to read of it.
+    """
+    task = asyncio.ensure_future(work)
+    gone = asyncio.ensure_future(_disconnected(request))
+    try:
+        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        gone.cancel()
+        if not task.done():
+            task.cancel()
+        await asyncio.gather(task, gone, return_exceptions=True)
+    if task.cancelled():
+        raise Problem(503, "The connection was closed.")
+    return task.result()
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass

@@ -1,0 +1,259 @@
+"""What runs in processes of their own: plans, and audits of uploaded maps."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.errors import InputError, InputWarning
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.plugins import load_module
+from ambinav.server.wire import read_dataset, write_dataset
+from ambinav.service.service import AmbiguityService
+
+PLANNERS: Final = "ambinav_planners"
+"""The package that plans, loaded by its name: it stands on a higher floor."""
+NICE: Final = 10
+"""By so much a job gives way to the server, which answers short questions meanwhile."""
+REPORT_EVERY: Final = 0.2
+"""Seconds between two reports of progress."""
+
+Floats = list[float]
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """A route, or one for each of some weights.
+
+    Attributes:
+        map_file: A map as `wire.write_dataset` writes it.
+        layer: Which costs are made of.
+        weight: Of the cost.
+        weights: One route for each of them; None: one route at `weight`.
+        start: x, y and perhaps theta, metres and radians.
+        goal: The same.
+        planner: Its name; None: the one that suits.
+        seconds: Time for planning.
+        seed: Of the planner.
+        radius: Of the robot, metres; None: as `RoutePlanner` has it.
+    """
+
+    map_file: str
+    layer: str
+    weight: float
+    weights: tuple[float, ...] | None
+    start: tuple[float, ...]
+    goal: tuple[float, ...]
+    planner: str | None
+    seconds: float
+    seed: int | None
+    radius: float | None
+
+
+@dataclass(frozen=True)
+class AuditTask:
+    """The audit of an uploaded map.
+
+    Attributes:
+        folder: Holds the map under `map_name`; report and ambiguity map are written there.
+        map_name: File in the folder.
+        title: What the building is called.
+        scanner: YAML text of a scanner.
+        spacing: Of the ambiguity map, metres.
+        radius: Of its neighbourhoods, metres.
+        headings: How many; None: the scanner decides.
+        cells: At most so many, over all headings.
+    """
+
+    folder: str
+    map_name: str
+    title: str
+    scanner: str
+    spacing: float
+    radius: float
+    headings: int | None
+    cells: int
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a job has no outcome.
+
+    Attributes:
+        detail: In a sentence.
+        ours: Whether the fault is the program's.
+    """
+
+    detail: str
+    ours: bool
+
+
+class Worker:
+    """A process, and the line to it."""
+
+    def __init__(self, work: Callable[[Connection], None]) -> None:
+        # Fresh, not a fork: numba's threads and the server's sockets do not survive one.
+        context = multiprocessing.get_context("spawn")
+        self.line, theirs = context.Pipe()
+        self.process = context.Process(target=_begin, args=(work, theirs), daemon=True)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self.process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        theirs.close()
+
+    def end(self) -> None:
+        """End the process, whatever it does, and wait until it is gone."""
+        self.process.kill()
+        self.process.join()
+        self.line.close()
+        self.process.close()
+
+
+def _begin(work: Callable[[Connection], None], line: Connection) -> None:
+    """Make a process ready, and do its work; Ctrl-C is for the server."""
+    import numba
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    warnings.simplefilter("ignore", InputWarning)
+    os.nice(NICE)
+    numba.set_num_threads(1)
+    threading.Thread(target=_end_with_server, daemon=True).start()
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        work(line)
+
+
+def _end_with_server() -> None:
+    """End this process when the server is killed; nobody else would."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def plans(line: Connection) -> None:
+    """Do one `PlanTask` after the other, and answer each with its outcome or a `Failure`."""
+    kept: dict[str, AmbiguityMap] = {}
+    while True:
+        task: PlanTask = line.recv()
+        if task.map_file not in kept:
+            kept.clear()
+            kept[task.map_file] = AmbiguityMap(read_dataset(Path(task.map_file)))
+        line.send(_outcome(lambda: plan(kept[task.map_file], task)))  # noqa: B023 (called at once)
+
+
+def _outcome(work: Callable[[], Any]) -> Any:
+    try:
+        return work()
+    except InputError as error:
+        return Failure(str(error), ours=False)
+    except Exception as error:
+        traceback.print_exc()
+        return Failure(f"{type(error).__name__}: {error}", ours=True)
+
+
+def plan(amap: AmbiguityMap, task: PlanTask) -> Any:
+    """A route as what is sent of it, or a list of them.
+
+    Raises:
+        InputError: what the planners refuse.
+    """
+    planners = load_module(PLANNERS, Path())
+    service = AmbiguityService(amap, task.layer, task.weight)
+    size = {} if task.radius is None else {"footprint": task.radius}
+    robot = planners.RoutePlanner(service, **size)
+    how = {"planner_name": task.planner, "seconds": task.seconds, "seed": task.seed}
+    if task.weights is None:
+        return _sent(robot.plan(task.start, task.goal, **how))
+    front = planners.pareto(robot, task.start, task.goal, weights=task.weights, **how)
+    return [_sent(point.route) | {"weight": point.weight} for point in front.points]
+
+
+def _sent(route: Any) -> dict[str, Any]:
+    """What is sent of a route."""
+    return {
+        "route": route.poses[:, :2].tolist(),
+        "theta": route.poses[:, 2].tolist(),
+        "length": route.length,
+        "cost": route.cost,
+        "exposure": route.exposure,
+        "weight": route.weight,
+        "layer": route.layer,
+        "planner": route.planner,
+        "seed": route.seed,
+        "zone_metres": route.zone_metres,
+        "longest_bad": route.longest_bad,
+        "turn": route.turn,
+        "seconds": route.seconds,
+    }
+
+
+def audits(line: Connection) -> None:
+    """Do one `AuditTask`; send (stage, done) now and then, and a `Failure` or None at the end."""
+    task: AuditTask = line.recv()
+    last = 0.0
+
+    def report(stage: str, done: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if done in (0.0, 1.0) or now - last >= REPORT_EVERY:
+            last = now
+            line.send((stage, min(max(done, 0.0), 1.0)))
+
+    line.send(_outcome(lambda: _audit(task, report)))
+
+
+def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
+    from ambinav.ambiguity.build import build_map
+    from ambinav.audit.audit import audit
+    from ambinav.audit.report import write_report
+    from ambinav.geometry.io.load import load_environment
+    from ambinav.sensing.scanner import RangeScanner
+
+    folder = Path(task.folder)
+    scanner = RangeScanner.from_yaml_text(task.scanner, file="scanner")
+    report("read", 0.0)
+    try:
+        environment = load_environment(folder / task.map_name)
+        environment.name = task.title
+        _check_size(environment.bounds, task)
+        report("map", 0.0)
+        amap = build_map(
+            environment,
+            scanner,
+            spacing=task.spacing,
+            radius=task.radius,
+            headings=task.headings,
+            progress=lambda done: report("map", done),
+        )
+        report("report", 0.0)
+        found = audit(amap, environment, scanner)
+        write_report(found, folder / "report", progress=lambda done: report("report", done))
+    except InputError as error:
+        # Where uploads lie is nobody's business.
+        raise InputError(str(error).replace(f"{folder}{os.sep}", "")) from None
+    amap.dataset.attrs["environment_source"] = task.map_name
+    write_dataset(amap.dataset, folder / "map.npz")
+
+
+def _check_size(bounds: tuple[float, float, float, float], task: AuditTask) -> None:
+    xmin, ymin, xmax, ymax = bounds
+    cells = (xmax - xmin) * (ymax - ymin) / task.spacing**2 * (task.headings or 1)
+    if cells > task.cells:
+        raise InputError(
+            f"spacing is {task.spacing:g} m, which makes {cells:.3g} cells of this building; this "
+            f"server takes {task.cells:.3g}: give a larger one."
+        )
