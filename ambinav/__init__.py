@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
     from ambinav.sensing.sensor import RangeSensor
+    from ambinav.server.client import Client
     from ambinav.service.service import AmbiguityService
 
 __all__ = [
     "AmbiguityMap",
     "AmbiguityService",
+    "Client",
     "Environment",
     "InputError",
     "InputWarning",
@@ -39,6 +41,7 @@ __all__ = [
 _HOME = {
     "AmbiguityMap": "ambinav.maps.ambiguity_map",
     "AmbiguityService": "ambinav.service.service",
+    "Client": "ambinav.server.client",
     "Environment": "ambinav.geometry.environment",
     "RangeScanner": "ambinav.sensing.scanner",
     "RangeSensor": "ambinav.sensing.sensor",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -17,6 +19,7 @@ from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
 from ambinav.server.page_files import mount_page
 from ambinav.server.poses import InvalidBodyError
+from ambinav.server.pyramid_store import key_of
 from ambinav.server.served import ServedMaps
 from ambinav.version import __version__
 
@@ -63,16 +66,21 @@ def create_app(
         if isinstance(one, AmbiguityMap):
             served.add(one, str(one.dataset.attrs["environment"]))
         else:
-            path = Path(one)
-            served.add(AmbiguityMap.open(path), path.resolve().stem, path.resolve())
+            path = Path(one).resolve()
+            key = key_of(path)
+            served.add(AmbiguityMap.open(one), path.stem, path, key)
     limits = Limits() if limits is None else limits
     context = Context(served, limits)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        stop = threading.Event()
+        keeping = asyncio.create_task(asyncio.to_thread(context.keep_pyramids, stop))
         try:
             yield
         finally:
+            stop.set()
+            await keeping
             context.close()
 
     app = FastAPI(

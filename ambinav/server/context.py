@@ -15,7 +15,7 @@ from fastapi import Request
 from ambinav.server.audits import Audits
 from ambinav.server.jobs import PlanPool
 from ambinav.server.limits import Limits
-from ambinav.server.pyramid import Pyramids
+from ambinav.server.pyramids import Pyramids
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.tiles import Tiles
 from ambinav.server.wire import write_dataset
@@ -68,7 +68,9 @@ class Context:
         """The tiles of a map."""
         found = self._tiles.get(served)
         if found is None:
-            found = self._tiles[served] = Tiles(served, Pyramids(served.amap))
+            found = self._tiles[served] = Tiles(
+                served, Pyramids(served.amap, served.path, served.key)
+            )
         return found
 
     def file_of(self, served: ServedMap) -> Path:
@@ -80,6 +82,11 @@ class Context:
                 write_dataset(served.amap.dataset, path)
                 self._files[served] = path
         return path
+
+    def keep_pyramids(self, stop: threading.Event) -> None:
+        """Write the pyramids of all maps into their stores, one after the other."""
+        for served in self.maps:
+            self.tiles(served).pyramids.keep(stop)
 
     def forget(self, served: ServedMap) -> None:
         """Serve a map no longer, and drop what was kept of it."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from fastapi import APIRouter, Request
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 
 from ambinav.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.audit.sight import look
@@ -25,6 +25,7 @@ from ambinav.server.models import (
 from ambinav.server.poses import Theta, X, Y
 from ambinav.server.problems import answers
 from ambinav.server.served import ServedMap, finite, zone_name
+from ambinav.server.wire import OCTETS
 
 router = APIRouter(prefix="/v1/maps", tags=["maps"])
 
@@ -40,6 +41,25 @@ async def get_map(request: Request, id: str) -> Response:
     """What a map was computed with, its zones and its figures."""
     context = context_of(request)
     return as_json(await context.in_thread(map_detail, context.maps.get(id)))
+
+
+@router.get(
+    "/{id}/map.npz",
+    summary="The map itself",
+    response_class=Response,
+    responses={
+        **answers(401, 404),
+        200: {"description": "Arrays as NumPy keeps them", "content": {OCTETS: {}}},
+    },
+)
+async def get_arrays(request: Request, id: str) -> Response:
+    """All arrays of a map in one .npz file, as `ambinav.Client` fetches them.
+
+    Each array is named as its layer; `.about` is JSON in bytes with dimensions and attributes.
+    """
+    context = context_of(request)
+    path = await context.in_thread(context.file_of, context.maps.get(id))
+    return FileResponse(path, media_type=OCTETS)
 
 
 @router.get(

@@ -9,7 +9,7 @@ from pydantic_core import to_json
 from starlette.responses import Response
 
 Reason = Literal["outside", "wall", "unknown"]
-Steering = Literal["r2", "se2", "dubins", "reeds-shepp"]
+Motion = Literal["r2", "se2", "dubins", "reeds-shepp"]
 
 
 class Layer(BaseModel):
@@ -155,7 +155,7 @@ class Steps(Strict):
     theta0: list[float] | None = Field(None, description="Heading at the start, radians")
     theta1: list[float] | None = Field(None, description="Heading at the end, radians")
     layer: str | None = Field(None, description="Layer; null: the map's own choice")
-    steering: Steering = Field("se2", description="How the robot moves; se2: straight")
+    steering: Motion = Field("se2", description="How the robot moves; se2: straight")
     turning_radius: float = Field(0.0, ge=0.0, description="Of a car, metres")
 
 

@@ -19,6 +19,7 @@ from ambinav.server.models import (
     CostPoses,
     Costs,
     Levels,
+    Motion,
     OneCost,
     Poses,
     Rewards,
@@ -195,7 +196,12 @@ async def post_level(
     openapi_extra=_body(Steps, STEP_COLUMNS),
 )
 async def post_reward(
-    request: Request, id: str, columns: Columns = None, layer: LayerName = None
+    request: Request,
+    id: str,
+    columns: Columns = None,
+    layer: LayerName = None,
+    steering: Annotated[Motion, Query(description="How the robot moves; se2: straight")] = "se2",
+    turning_radius: Annotated[float, Query(description="Of a car, metres", ge=0.0)] = 0.0,
 ) -> Response:
     """Minus the layer integrated over the metres of each motion: at most 0.
 
@@ -205,14 +211,13 @@ async def post_reward(
     served = context.maps.get(id)
     body = await request.body()
     binary = _is_binary(request)
-    steering = None
     if binary:
         table = unpacked(body, columns or "x0,y0,x1,y1", STEP_COLUMNS, 4)
     else:
         asked = _model(Steps, body)
         table, layer = _columns(asked, STEP_COLUMNS), asked.layer
-        if asked.steering != "se2":
-            steering = Steering(asked.steering, asked.turning_radius)
+        steering, turning_radius = asked.steering, asked.turning_radius
+    moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
     await _prepared(context, served, layer, DEFAULT_WEIGHT)
     service = served.service(layer)
@@ -221,7 +226,7 @@ async def post_reward(
         rewards = np.asarray(
             service.reward(
                 ends["x0"], ends["y0"], ends["x1"], ends["y1"],
-                ends.get("theta0"), ends.get("theta1"), steering,
+                ends.get("theta0"), ends.get("theta1"), moves,
             )
         )  # fmt: skip
         return _octets(rewards) if binary else as_json({"reward": rewards.tolist()})

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -12,10 +10,9 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, ZONES
-from ambinav.server.served import layer_kind, worse_end
+from ambinav.server.served import layer_kind
 
 Values = NDArray[np.float32]
 Stat = Literal["mean", "worst"]
@@ -25,8 +22,6 @@ TILE: Final = 256
 STATS: Final[tuple[Stat, ...]] = ("mean", "worst")
 WALLS: Final = "walls"
 """What is known to be solid, as a layer of its own among the tiles."""
-KEPT_BYTES: Final = 512 * 2**20
-"""Of pyramids in memory; those that were not read for the longest time go first."""
 
 
 def depth_of(shape: tuple[int, int]) -> int:
@@ -155,49 +150,3 @@ def _commonest(values: Values, depth: int) -> Iterator[Values]:
         found = (len(ZONES) - 1 - stacked.argmax(axis=0)).astype(np.float32)
         found[stacked.sum(axis=0) == 0.0] = np.nan
         yield found
-
-
-class Pyramids:
-    """The pyramids of a map's layers, made when they are first looked at.
-
-    Args:
-        amap: The map.
-    """
-
-    def __init__(self, amap: AmbiguityMap) -> None:
-        self.amap = amap
-        self.depth = depth_of(amap.possible.shape[:2])
-        self._kept: OrderedDict[tuple[str, int | None], Pyramid] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def has(self, layer: str, heading: int | None) -> bool:
-        """Whether `get` returns at once."""
-        return (layer, heading) in self._kept
-
-    def get(self, layer: str, heading: int | None = None) -> Pyramid:
-        """The pyramid of a layer, one of the map's or `WALLS`; at a heading if it has some."""
-        key = (layer, heading)
-        with self._lock:
-            found = self._kept.get(key)
-            if found is None:
-                found = self._kept[key] = self._make(layer, heading)
-                while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
-        return found
-
-    def _make(self, layer: str, heading: int | None) -> Pyramid:
-        values = floor_values(self.amap, layer, heading)
-        low = layer != WALLS and worse_end(self.amap, layer) == "low"
-        return build(values, layer, low)
-
-    def _bytes(self) -> int:
-        return sum(one.bytes for one in self._kept.values())
-
-
-def flat_layers(amap: AmbiguityMap) -> tuple[str, ...]:
-    """Layers without headings, aggregates included, and the walls: what is kept on disk."""
-    return (
-        *(name for name in schema.layers(amap.dataset) if "theta" not in amap.dataset[name].dims),
-        WALLS,
-    )

@@ -41,17 +41,24 @@ class ServedMap:
     Args:
         name: In addresses: lower-case letters, digits and dashes.
         amap: The map.
-        path: The store that it was opened from, beside which its pyramid is kept; None: nowhere.
+        path: The store that it was opened from, in which its pyramid is kept; None: nowhere.
+        key: Of the store when it was opened, see `pyramid_store.key_of`.
         title: What people call it.
     """
 
     def __init__(
-        self, name: str, amap: AmbiguityMap, path: Path | None = None, title: str | None = None
+        self,
+        name: str,
+        amap: AmbiguityMap,
+        title: str,
+        path: Path | None = None,
+        key: str | None = None,
     ) -> None:
         self.name = name
         self.amap = amap
+        self.title = title
         self.path = path
-        self.title = title or str(amap.dataset.attrs["environment"])
+        self.key = key
         self._services: OrderedDict[tuple[str, float], AmbiguityService] = OrderedDict()
         self.memory: dict[str, Any] = {}
         self._lock = threading.Lock()
@@ -159,13 +166,15 @@ class ServedMaps:
         """How many there are."""
         return len(self._maps)
 
-    def add(self, amap: AmbiguityMap, stem: str, path: Path | None = None) -> ServedMap:
-        """Serve a map under a name made of `stem`."""
+    def add(
+        self, amap: AmbiguityMap, stem: str, path: Path | None = None, key: str | None = None
+    ) -> ServedMap:
+        """Serve a map under a name made of `stem`; otherwise as `ServedMap`."""
         name = first = slug(stem)
         number = 2
         while name in self._maps:
             name, number = f"{first}-{number}", number + 1
-        served = ServedMap(name, amap, path, stem)
+        served = ServedMap(name, amap, stem, path, key)
         self._maps[name] = served
         return served
 

@@ -19,7 +19,8 @@ from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.maps import layer_norm
 from ambinav.server.problems import Problem
-from ambinav.server.pyramid import TILE, WALLS, Pyramids, Stat
+from ambinav.server.pyramid import TILE, WALLS, Stat
+from ambinav.server.pyramids import Pyramids
 from ambinav.server.served import ServedMap, check_layer, layer_kind, worse_end
 
 SHADES: Final = 255

@@ -1,0 +1,269 @@
+"""A served map, asked over HTTP as `AmbiguityService` is asked in the same process."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.config import as_number
+from ambinav.errors import InputError
+from ambinav.geometry.motion.steering import Steering
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.server.wire import OCTETS, POSE_COLUMNS, STEP_COLUMNS, packed, read_dataset
+from ambinav.service.service import AmbiguityService
+
+Floats = NDArray[np.float64]
+
+PIECE: Final = 100_000
+"""Rows of a request; longer batches are sent in pieces."""
+SECONDS: Final = 30.0
+"""Until an answer has come; a map as a whole may take longer."""
+
+_FETCHED: Final = ("map", "ambiguity", "graded", "density", "_plain")
+"""Attributes of a service that need the map's arrays."""
+
+
+class ServerError(RuntimeError):
+    """The server could not answer, for a reason that is not the request's."""
+
+
+class Client(AmbiguityService):
+    """Cost and reward from a map that `ambinav serve` serves.
+
+    It stands wherever an `AmbiguityService` does. Costs, levels and rewards of poses and motions
+    are asked of the server, many in one request. What kernels work on (`map`, `density` and the
+    other fields) and what is made of it (gradients, costs of routes and of motions) needs the
+    map's arrays: they are fetched when they are first used, and kept.
+
+    Args:
+        url: Of the server, such as "http://127.0.0.1:8765".
+        map: Id of the map; None: the only one that is served.
+        token: What the server was started with, if it was.
+        layer: As of `AmbiguityService`; so is the weight.
+        weight: See there.
+
+    Raises:
+        InputError: nobody answers at the address, the token is wrong, or there is no such map or
+            layer.
+
+    Attributes:
+        id: The map's id.
+        info: What the server tells of the map.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        map: str | None = None,
+        token: str | None = None,
+        *,
+        layer: str | None = None,
+        weight: float = 5.0,
+    ) -> None:
+        try:
+            import httpx
+        except ModuleNotFoundError as error:
+            raise InputError(
+                'ambinav.Client needs httpx; run: pip install "ambinav[serve]".'
+            ) from error
+        self._errors = httpx.HTTPError, httpx.InvalidURL
+        self._given = url, token
+        headers = {} if token is None else {"authorization": f"Bearer {token}"}
+        try:
+            self._http = httpx.Client(base_url=url.rstrip("/"), headers=headers, timeout=SECONDS)
+        except self._errors as error:
+            raise InputError(
+                f"{url}: this is no address; give e.g. http://127.0.0.1:8765."
+            ) from error
+        served = {one["id"]: one for one in self._get("/v1/maps")["maps"]}
+        if map is None and len(served) != 1:
+            raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")
+        self.id = next(iter(served)) if map is None else map
+        if self.id not in served:
+            raise InputError(f"{url} has no map {map!r}; it serves {', '.join(served)}.")
+        self.info: dict[str, Any] = served[self.id]
+        self.layer = self.info["cost_layer"] if layer is None else layer
+        self._layers = {one["name"]: one for one in self.info["layers"]}
+        if self.layer not in self._layers:
+            raise InputError(f"{url}: the map {self.id!r} has no layer {self.layer!r}.")
+        self.weight = _weight(weight)
+        self.power, self.clearance_weight, self.comfort = 1.0, 0.0, 0.5
+        self._base: list[AmbiguityService] = []  # shared by all weights
+
+    def __getattr__(self, name: str) -> Any:
+        """Fetch the map when something is asked for that needs it."""
+        if name not in _FETCHED:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        if not self._base:
+            self._base.append(AmbiguityService(self._fetch(), self.layer, self.weight))
+        value = getattr(self._base[0].with_weight(self.weight), name)
+        setattr(self, name, value)
+        return value
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A client of its own for the process or the thread that it is sent to."""
+        url, token = self._given
+        return _again, (url, self.id, token, self.layer, self.weight)
+
+    def __repr__(self) -> str:
+        """Address, map, layer and weight."""
+        return (
+            f"Client({self._given[0]!r}, {self.id!r}, layer={self.layer!r}, weight={self.weight:g})"
+        )
+
+    def __enter__(self) -> Self:
+        """The client itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the connections."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections to the server, of all weights."""
+        self._http.close()
+
+    @property
+    def has_headings(self) -> bool:
+        """Whether the cost depends on the heading."""
+        return bool(self._layers[self.layer]["has_theta"])
+
+    def with_weight(self, weight: float) -> Client:
+        """The same client at another weight; it shares the connections and what was fetched."""
+        if weight == self.weight:
+            return self
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.weight = _weight(weight)
+        other.__dict__.pop("density", None)
+        return other
+
+    def cost(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats | float:
+        """Cost per metre at poses, see `AmbiguityService.cost`."""
+        query = {"layer": self.layer, "weight": repr(self.weight)}
+        return self._ask("cost", POSE_COLUMNS, (x, y, theta), query)
+
+    def level(
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        theta: ArrayLike | None = None,
+        *,
+        layer: str | None = None,
+    ) -> Floats | float:
+        """A layer's values at poses, as `AmbiguityMap.sample` reads them; None: the client's."""
+        return self._ask("level", POSE_COLUMNS, (x, y, theta), {"layer": layer or self.layer})
+
+    def reward(
+        self,
+        x0: ArrayLike,
+        y0: ArrayLike,
+        x1: ArrayLike,
+        y1: ArrayLike,
+        theta0: ArrayLike | None = None,
+        theta1: ArrayLike | None = None,
+        steering: Steering | None = None,
+    ) -> Floats | float:
+        """Minus the layer integrated over steps, see `AmbiguityService.reward`."""
+        query = {"layer": self.layer}
+        if steering is not None:
+            query |= {"steering": steering.space, "turning_radius": repr(steering.radius)}
+        return self._ask("reward", STEP_COLUMNS, (x0, y0, x1, y1, theta0, theta1), query)
+
+    def _ask(
+        self,
+        what: str,
+        names: tuple[str, ...],
+        values: Sequence[ArrayLike | None],
+        query: dict[str, str],
+    ) -> Floats | float:
+        """One number for each row of some columns; those that are None are left out."""
+        given = [(n, v) for n, v in zip(names, values, strict=True) if v is not None]
+        rows = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for _, v in given))
+        shape, flat = rows[0].shape, [row.reshape(-1) for row in rows]
+        query = query | {"columns": ",".join(name for name, _ in given)}
+        count = flat[0].size
+        out = np.empty(count)
+        for low in range(0, count, PIECE):
+            piece = slice(low, min(low + PIECE, count))
+            body = packed(column[piece] for column in flat)
+            out[piece] = np.frombuffer(self._post(what, body, query), dtype="<f8")
+        return out.reshape(shape) if shape else float(out[0])
+
+    def _post(self, what: str, body: bytes, query: dict[str, str]) -> bytes:
+        path = f"/v1/maps/{self.id}/{what}"
+        headers = {"content-type": OCTETS}
+        try:
+            answer = self._http.post(path, content=body, params=query, headers=headers)
+        except self._errors as error:
+            raise self._unanswered(error) from error
+        self._check(answer)
+        return bytes(answer.content)
+
+    def _get(self, path: str) -> Any:
+        try:
+            answer = self._http.get(path)
+        except self._errors as error:
+            raise self._unanswered(error) from error
+        self._check(answer)
+        return answer.json()
+
+    def _fetch(self) -> AmbiguityMap:
+        """The map with all its arrays."""
+        with tempfile.TemporaryDirectory(prefix="ambinav-") as folder:
+            path = Path(folder) / "map.npz"
+            try:
+                address = f"/v1/maps/{self.id}/map.npz"
+                with (
+                    self._http.stream("GET", address, timeout=None) as answer,
+                    path.open("wb") as file,
+                ):
+                    if answer.status_code != 200:
+                        answer.read()
+                        self._check(answer)
+                    for piece in answer.iter_bytes():
+                        file.write(piece)
+            except self._errors as error:
+                raise self._unanswered(error) from error
+            return AmbiguityMap(read_dataset(path), source=f"{self._given[0]}{address}")
+
+    def _unanswered(self, error: Exception) -> InputError:
+        return InputError(
+            f"{self._given[0]}: nobody answers there ({type(error).__name__}); start "
+            "`ambinav serve`, or give another address."
+        )
+
+    def _check(self, answer: Any) -> None:
+        """Raise what an answer says is wrong."""
+        if answer.status_code == 200:
+            return
+        try:
+            detail = str(answer.json()["detail"])
+        except (ValueError, KeyError, TypeError):
+            detail = f"{self._given[0]} answers with the status {answer.status_code}."
+        if answer.status_code >= 500:
+            raise ServerError(detail)
+        raise InputError(detail)
+
+
+def _weight(weight: float) -> float:
+    number = as_number(weight, "weight")
+    if not (number >= 0.0 and math.isfinite(number)):
+        raise InputError(f"weight is {number}; give a number of at least 0.")
+    return number
+
+
+def _again(url: str, map: str, token: str | None, layer: str, weight: float) -> Client:
+    return Client(url, map, token, layer=layer, weight=weight)
