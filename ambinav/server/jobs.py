@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Coroutine
 from typing import Any, Final, TypeVar
 
@@ -124,6 +125,8 @@ async def received(worker: Worker) -> Any:
         await ready.wait()
     finally:
         loop.remove_reader(number)
+        # uvloop makes what it watches non-blocking; a long message would be read in part.
+        os.set_blocking(number, True)
     return worker.line.recv()
 
 
