@@ -179,8 +179,8 @@ def is_open(u, v, w, possible):
 
 
 @kernel
-def values_at(begin, end, x, y, theta, values, possible, left, low, inverse, out):
-    """Write the value at each pose, metres and radians; nan where the nearest is not possible."""
+def values_at(begin, end, x, y, theta, values, possible, left, low, inverse, missing, out):
+    """Write the value at each pose, metres and radians; `missing` where none is."""
     per_turn = values.shape[2] / (2.0 * math.pi)
     for i in range(begin, end):
         u, v = (x[i] - left) * inverse, (y[i] - low) * inverse
@@ -188,7 +188,7 @@ def values_at(begin, end, x, y, theta, values, possible, left, low, inverse, out
         if is_open(u, v, w, possible):
             out[i] = value_at(u, v, w, values)
         else:
-            out[i] = math.nan
+            out[i] = missing
 
 
 @kernel

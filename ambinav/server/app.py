@@ -13,7 +13,7 @@ from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import Response
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server import auditing, layers, looking, planning, poses, problems, shapes
+from ambinav.server import auditing, docs, layers, looking, planning, poses, problems, shapes
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
@@ -102,6 +102,7 @@ def create_app(
         layers.router,
         planning.router,
         auditing.router,
+        docs.router,
     ):
         app.include_router(router)
     mount_page(app)

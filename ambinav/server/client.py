@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -76,12 +77,17 @@ class Client(AmbiguityService):
         self._errors = httpx.HTTPError, httpx.InvalidURL
         self._given = url, token
         headers = {} if token is None else {"authorization": f"Bearer {token}"}
+        transport = httpx.HTTPTransport()
         try:
-            self._http = httpx.Client(base_url=url.rstrip("/"), headers=headers, timeout=SECONDS)
+            self._http = httpx.Client(
+                base_url=url.rstrip("/"), headers=headers, timeout=SECONDS, transport=transport
+            )
         except self._errors as error:
             raise InputError(
                 f"{url}: this is no address; give e.g. http://127.0.0.1:8765."
             ) from error
+        # For who does not close it: the connections of the last one that shares them.
+        weakref.finalize(self._http, transport.close)
         served = {one["id"]: one for one in self._get("/v1/maps")["maps"]}
         if map is None and len(served) != 1:
             raise InputError(f"{url} serves {', '.join(served) or 'no map'}; name one of them.")

@@ -76,7 +76,7 @@ def layer_style(served: ServedMap, layer: str) -> LayerStyle:
 
 
 def _colours(names: tuple[str, ...] | list[str]) -> NDArray[np.uint8]:
-    return np.rint(255 * np.array([to_rgb(name) for name in names])).astype(np.uint8)
+    return np.array([np.rint(255 * np.array(to_rgb(name))) for name in names], dtype=np.uint8)
 
 
 def _scale(name: str) -> NDArray[np.uint8]:

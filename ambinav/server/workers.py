@@ -228,7 +228,9 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     report("read", 0.0)
     try:
         environment = load_environment(folder / task.map_name)
-        environment.name = task.title
+        # Where uploads lie is nobody's business.
+        environment.name, environment.source = task.title, Path(task.map_name)
+        environment.notes = tuple(_without(folder, note) for note in environment.notes)
         _check_size(environment.bounds, task)
         report("map", 0.0)
         amap = build_map(
@@ -243,10 +245,13 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
         found = audit(amap, environment, scanner)
         write_report(found, folder / "report", progress=lambda done: report("report", done))
     except InputError as error:
-        # Where uploads lie is nobody's business.
-        raise InputError(str(error).replace(f"{folder}{os.sep}", "")) from None
-    amap.dataset.attrs["environment_source"] = task.map_name
+        raise InputError(_without(folder, str(error))) from None
     write_dataset(amap.dataset, folder / "map.npz")
+
+
+def _without(folder: Path, text: str) -> str:
+    """A text in which files of a folder go by their names alone."""
+    return text.replace(f"{folder}{os.sep}", "")
 
 
 def _check_size(bounds: tuple[float, float, float, float], task: AuditTask) -> None:

@@ -64,10 +64,10 @@ class Field:
         """What the kernels take, in their order."""
         return self.values, self.free, *self.origin, 1.0 / self.spacing
 
-    def at(self, x: Floats, y: Floats, theta: Floats) -> Floats:
-        """Value at poses, each of shape (N,); nan where the nearest one is not possible."""
+    def at(self, x: Floats, y: Floats, theta: Floats, missing: float = math.nan) -> Floats:
+        """Value at poses, each of shape (N,); `missing` where the nearest one is not possible."""
         out = np.empty(len(x))
-        run_rows(values_at, len(x), x, y, theta, *self._checked, out, least=2048)
+        run_rows(values_at, len(x), x, y, theta, *self._checked, missing, out, least=2048)
         return out
 
     def near(self, x: float, y: float, theta: float) -> float:

@@ -127,8 +127,7 @@ class AmbiguityService:
             InputError: the layer depends on the heading and theta is missing.
         """
         shape, poses = self._poses(x, y, theta)
-        value = self.density.at(*poses)
-        value[np.isnan(value)] = math.inf
+        value = self.density.at(*poses, missing=math.inf)
         return value.reshape(shape) if shape else float(value[0])
 
     def gradient(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats:
@@ -262,7 +261,11 @@ class AmbiguityService:
         self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None
     ) -> tuple[tuple[int, ...], list[Floats]]:
         self._need_heading(theta)
-        return _flat(x, y, theta)
+        if theta is not None:
+            return _flat(x, y, theta)
+        # Where no heading counts x serves as well as zeros: kernels ask only that it is finite.
+        shape, (x, y) = _flat(x, y)
+        return shape, [x, y, x]
 
     def _need_heading(self, theta: ArrayLike | None) -> None:
         if theta is None and self.has_headings:
@@ -297,8 +300,16 @@ def _amount(value: float, name: str) -> float:
 
 
 def _flat(*values: ArrayLike | None) -> tuple[tuple[int, ...], list[Floats]]:
-    """Broadcast shape, and the values in one row each; None counts as 0."""
-    parts = np.broadcast_arrays(
-        *(np.asarray(0.0 if value is None else value, dtype=np.float64) for value in values)
-    )
-    return parts[0].shape, [part.flatten() for part in parts]
+    """Broadcast shape, and the values in one row each; None counts as 0.
+
+    What can be read as it is, is not copied: kernels are compiled for arrays that can be written.
+    """
+    parts = [np.asarray(0.0 if value is None else value, dtype=np.float64) for value in values]
+    shape = np.broadcast_shapes(*(part.shape for part in parts))
+
+    def row(part: Floats) -> Floats:
+        if part.shape == shape and shape and part.flags.c_contiguous and part.flags.carray:
+            return part.reshape(-1)
+        return np.broadcast_to(part, shape).flatten()
+
+    return shape, [row(part) for part in parts]

@@ -1,0 +1,58 @@
+"""A server that runs in a thread of the tests."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import uvicorn
+from fastapi import FastAPI
+
+from ambinav.server.context import Context
+
+
+@dataclass
+class Live:
+    """A server that runs in a thread."""
+
+    app: FastAPI
+    url: str
+    http: httpx.Client
+    address: tuple[str, int]
+
+    @property
+    def context(self) -> Context:
+        context = self.app.state.context
+        assert isinstance(context, Context)
+        return context
+
+    def get(self, path: str, **query: Any) -> Any:
+        answer = self.http.get(path, params=query)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+
+@contextmanager
+def running(app: FastAPI) -> Iterator[Live]:
+    """Serve an application on a port that is free."""
+    listening = socket.create_server(("127.0.0.1", 0), backlog=128)
+    server = uvicorn.Server(
+        uvicorn.Config(app, log_level="error", access_log=False, timeout_graceful_shutdown=2)
+    )
+    thread = threading.Thread(target=server.run, args=([listening],))
+    thread.start()
+    address = listening.getsockname()
+    url = f"http://127.0.0.1:{address[1]}"
+    try:
+        with httpx.Client(base_url=url, timeout=60.0) as http:
+            yield Live(app, url, http, address)
+    finally:
+        server.should_exit = True
+        thread.join(30.0)
+        listening.close()
+        assert not thread.is_alive()

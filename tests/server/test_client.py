@@ -1,0 +1,158 @@
+"""`ambinav.Client` stands where `AmbiguityService` does, for planners and environments."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import socket
+from collections.abc import Callable, Iterator
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import ambinav as an
+from ambinav.server import client as client_module
+from ambinav_planners import RoutePlanner, pareto
+from tests.server.live import Live
+
+
+@pytest.fixture
+def client(live: Live) -> Iterator[an.Client]:
+    with an.Client(live.url, "map") as one:
+        yield one
+
+
+def test_answers_are_the_services_bit_for_bit(
+    live: Live, turning: an.AmbiguityMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client_module, "PIECE", 30)
+    service = an.AmbiguityService(turning, "major", 3.0)
+    with an.Client(live.url, "narrow-room", layer="major", weight=3.0) as client:
+        assert client.has_headings
+        rng = np.random.default_rng(5)
+        x, y = rng.uniform(-1, 5, (2, 8, 9))
+        theta = rng.uniform(-4, 4, 9)
+        np.testing.assert_array_equal(client.cost(x, y, theta), service.cost(x, y, theta))
+        np.testing.assert_array_equal(
+            client.reward(x, y, 1.0, y, theta, 0.0), service.reward(x, y, 1.0, y, theta, 0.0)
+        )
+        np.testing.assert_array_equal(
+            client.level(x, y, theta), turning.sample("major", x, y, theta)
+        )
+        one = client.cost(1.0, 1.0, 0.5)
+        assert isinstance(one, float) and one == service.cost(1.0, 1.0, 0.5)
+        assert client.cost(-9.0, 0.0, 0.0) == math.inf
+        assert np.asarray(client.cost([], [], [])).shape == (0,)
+        assert "map" not in vars(client), "none of these needs the map's arrays"
+
+
+def test_what_needs_arrays_fetches_them_once(
+    client: an.Client, corridor: an.AmbiguityMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = an.AmbiguityService(corridor)
+    assert client.map.dataset.identical(corridor.dataset)
+    monkeypatch.setattr(client, "_http", None)
+    np.testing.assert_array_equal(client.density.values, service.density.values)
+    np.testing.assert_array_equal(
+        client.gradient([1.0, 5.0], 2.0), service.gradient([1.0, 5.0], 2.0)
+    )
+    assert client.motion_cost(1, 1, 8, 2) == service.motion_cost(1, 1, 8, 2)
+    other = client.with_weight(9.0)
+    np.testing.assert_array_equal(other.density.values, service.with_weight(9.0).density.values)
+    assert (client.weight, other.weight) == (5.0, 9.0)
+    assert client.density.values.max() < other.density.values.max()
+
+
+def test_a_planner_finds_the_same_routes_with_either(
+    client: an.Client, corridor: an.AmbiguityMap
+) -> None:
+    ends = (1.0, 1.0), (10.0, 2.0)
+    mine, theirs = RoutePlanner(client), RoutePlanner(an.AmbiguityService(corridor))
+    a, b = (robot.plan(*ends, weight=4.0) for robot in (mine, theirs))
+    np.testing.assert_array_equal(a.poses, b.poses)
+    assert (a.cost, a.exposure) == (b.cost, b.exposure)
+    fronts = [pareto(robot, *ends, weights=(0, 5)).points for robot in (mine, theirs)]
+    for one, other in zip(*fronts, strict=True):
+        np.testing.assert_array_equal(one.route.poses, other.route.poses)
+
+
+def test_an_ompl_planner_takes_it_too(client: an.Client) -> None:
+    pytest.importorskip("ompl")
+    route = RoutePlanner(client).plan(
+        (1.0, 1.0), (10.0, 2.0), planner_name="rrtstar", seconds=20.0, iterations=200, seed=1
+    )
+    assert route.cost >= route.length > 9.0
+
+
+class Walk(gym.Env[np.ndarray, int]):
+    """A point that walks on a floor and is rewarded by a service, whichever it is."""
+
+    action_space = gym.spaces.Discrete(4)
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (3,), np.float64)
+
+    def __init__(self, service: an.AmbiguityService) -> None:
+        self.service = service
+
+    def reset(self, *, seed: int | None = None, options: object = None):  # type: ignore[no-untyped-def, override]
+        super().reset(seed=seed)
+        self.at = np.array([2.0, 1.7])
+        return self._observed(), {}
+
+    def step(self, action: int):  # type: ignore[no-untyped-def, override]
+        turn = action * math.pi / 2
+        goes = self.at + 0.3 * np.array([math.cos(turn), math.sin(turn)])
+        free = math.isfinite(float(self.service.cost(*goes)))
+        reward = float(self.service.reward(*self.at, *goes)) if free else -1.0
+        self.at = goes if free else self.at
+        return self._observed(), reward, False, False, {}
+
+    def _observed(self) -> np.ndarray:
+        return np.array([*self.at, self.service.cost(*self.at)])
+
+
+def test_an_environment_is_the_same_with_either(
+    client: an.Client, corridor: an.AmbiguityMap
+) -> None:
+    both = [Walk(client), Walk(an.AmbiguityService(corridor))]
+    rng = np.random.default_rng(3)
+    for env in both:
+        env.reset(seed=1)
+    for _ in range(60):
+        action = int(rng.integers(4))
+        (a, ra, *_), (b, rb, *_) = (env.step(action) for env in both)
+        np.testing.assert_array_equal(a, b)
+        assert ra == rb
+
+
+def test_a_client_goes_to_another_process(client: an.Client) -> None:
+    other = pickle.loads(pickle.dumps(client.with_weight(2.0)))
+    assert (other.weight, other.id) == (2.0, "map")
+    assert other.cost(1.0, 1.0) == client.with_weight(2.0).cost(1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda url: an.Client(url), "map, narrow-room; name one of them"),
+        (lambda url: an.Client(url, "mop"), "has no map 'mop'"),
+        (lambda url: an.Client(url, "map", layer="levl"), "no layer 'levl'"),
+        (lambda url: an.Client(url, "map", weight=-1), "at least 0"),
+        (lambda url: an.Client("no address", "map"), "no address"),
+        (lambda url: an.Client(url, "map").with_weight(math.nan), "weight"),
+        (lambda url: an.Client(url, "narrow-room").cost(1, 1), "give theta"),
+        (lambda url: an.Client(url, "map").reward(0, 0, math.nan, 0), "x1 is not finite"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_sentence(
+    live: Live, make: Callable[[str], object], told: str
+) -> None:
+    with pytest.raises(an.InputError, match=told):
+        make(live.url)
+
+
+def test_a_server_that_is_not_there_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(an.InputError, match=r"nobody answers there .* start `ambinav serve`"):
+        an.Client(f"http://127.0.0.1:{port}")

@@ -1,0 +1,265 @@
+"""Plans and audits in processes of their own."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+import ambinav as an
+from ambinav.errors import InputError
+from ambinav.server.jobs import Turns
+from ambinav.server.limits import Limits
+from ambinav.server.problems import Problem
+from ambinav.server.uploads import store
+from ambinav_planners import RoutePlanner, pareto
+from tests.server.live import Live
+
+ENDS = {"start": [1, 1], "goal": [10, 2]}
+LONG = ENDS | {"planner": "rrtstar", "time_s": 30}
+
+
+def wait_until(condition: Any, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.01)
+
+
+def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
+    answer = live.http.post("/v1/maps/map/plan", json=ENDS | {"weight": 3.0})
+    assert answer.status_code == 200, answer.text
+    found = answer.json()
+    route = RoutePlanner(an.AmbiguityService(corridor)).plan((1, 1), (10, 2), weight=3.0)
+    np.testing.assert_array_equal(found["route"], route.poses[:, :2])
+    assert (found["length"], found["cost"], found["exposure"]) == (
+        route.length, route.cost, route.exposure,
+    )  # fmt: skip
+    front = live.http.post("/v1/maps/map/pareto", json=ENDS | {"weights": [0, 5]}).json()
+    wanted = pareto(RoutePlanner(an.AmbiguityService(corridor)), (1, 1), (10, 2), weights=(0, 5))
+    assert [(one["weight"], one["length"]) for one in front] == [
+        (point.weight, point.route.length) for point in wanted.points
+    ]
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (ENDS | {"goal": [14, 1]}, "no path leads"),
+        (ENDS | {"start": [-5, 1]}, "outside"),
+        (ENDS | {"planner": "rrtstra"}, "rrtstar"),
+        (ENDS | {"layer": "levle"}, "level"),
+        (ENDS | {"time_s": 1000}, "at most 30"),
+        (ENDS | {"time_s": -1}, "time_s"),
+        (ENDS | {"weight": -1}, "weight"),
+        (ENDS | {"start": [1]}, "start"),
+        (ENDS | {"start": [1, None]}, "start"),
+        ({"start": [1, 1]}, "goal"),
+    ],
+)
+def test_a_plan_that_cannot_be_is_a_problem(live: Live, body: Any, told: str) -> None:
+    answer = live.http.post("/v1/maps/map/plan", json=body)
+    assert answer.status_code == 422, answer.text
+    assert told in answer.json()["detail"]
+
+
+def test_closing_the_connection_ends_the_plan_and_frees_its_worker(
+    serve: Any, plan_map: Path
+) -> None:
+    live: Live = serve([plan_map], limits=Limits(plans=1, waiting=0))
+    pool = live.context.plans
+    with httpx.Client(base_url=live.url) as hasty, pytest.raises(httpx.ReadTimeout):
+        hasty.post("/v1/maps/map/plan", json=LONG, timeout=0.5)
+    wait_until(lambda: not pool.busy)
+    # There is one place alone, and it is free again.
+    assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200
+
+
+@pytest.mark.slow
+def test_a_plan_that_takes_too_long_is_ended(serve: Any, plan_map: Path) -> None:
+    live: Live = serve([plan_map], limits=Limits(job_seconds=0.2))
+    answer = live.http.post("/v1/maps/map/plan", json=LONG)
+    assert answer.status_code == 504
+    assert not live.context.plans.busy
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_is_told_of_and_replaced(serve: Any, plan_map: Path) -> None:
+    live: Live = serve([plan_map], limits=Limits(plans=1))
+    assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200
+    (worker,) = live.context.plans._idle
+    worker.process.kill()
+    worker.process.join(10.0)
+    assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code in (200, 503)
+    assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200
+
+
+def test_no_more_wait_than_there_are_places() -> None:
+    async def many() -> list[str]:
+        turns = Turns(1, 1, "plans")
+        release = asyncio.Event()
+        order: list[str] = []
+
+        async def job(name: str) -> None:
+            async with turns:
+                order.append(name)
+                await release.wait()
+
+        first, second = asyncio.create_task(job("first")), asyncio.create_task(job("second"))
+        await asyncio.sleep(0)
+        with pytest.raises(Problem) as caught:
+            await job("third")
+        assert caught.value.status_code == 503
+        second.cancel()  # whoever waits may go, and leaves the place to another
+        await asyncio.gather(second, return_exceptions=True)
+        fourth = asyncio.create_task(job("fourth"))
+        release.set()
+        await asyncio.gather(first, fourth)
+        return order
+
+    assert asyncio.run(many()) == ["first", "fourth"]
+
+
+class Sent:
+    """An uploaded file, as far as `store` looks at it."""
+
+    def __init__(self, filename: str, content: bytes) -> None:
+        self.filename, self.file = filename, io.BytesIO(content)
+
+
+def grid() -> bytes:
+    """A PNG of a small room."""
+    cells = np.zeros((40, 60), dtype=np.uint8)
+    cells[2:-2, 2:-2] = 254
+    out = io.BytesIO()
+    Image.fromarray(cells).save(out, "PNG")
+    return out.getvalue()
+
+
+HEADER = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+
+
+def test_no_name_of_an_upload_is_opened(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(b"not yours")
+    folder = tmp_path / "upload"
+    folder.mkdir()
+    header = f"image: {secret}\n{HEADER}other: !!python/name:os.system\n".replace("other", "#")
+    upload = store(
+        [Sent("../../../map.yaml", header.encode()), Sent("..\\evil.png", grid())],  # type: ignore[list-item]
+        folder,
+    )
+    assert sorted(path.name for path in folder.iterdir()) == ["image.png", "map.yaml"]
+    assert "image: image.png" in (folder / "map.yaml").read_text()
+    assert upload.title == "map"
+    assert an.load_environment(folder / upload.file).bounds[2] > 3.0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["secret.png", "upload"]
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        ([("map.yaml", b"image: /etc/passwd\n")], "image of the map_server file is missing"),
+        ([("map.yaml", b"- 1\n"), ("a.png", b"")], "no map_server file"),
+        ([("map.yaml", b"a: [\n"), ("a.png", b"")], "not valid YAML"),
+        ([("map.yaml", b"#" * 200_000), ("a.png", b"")], "bytes"),
+        ([("map.yaml", b"!!python/object/apply:os.system [ls]"), ("a.png", b"")], "not valid YAML"),
+        ([("plan.geojson", b"{}"), ("a.png", b"")], "has no image"),
+        ([("plan.geojson", b"{}"), ("b.wkt", b"")], "send one map"),
+        ([("archive.zip", b"PK")], "send one map"),
+        ([("", b"")], "send one map"),
+    ],
+)
+def test_an_upload_that_is_no_map_is_refused(
+    tmp_path: Path, files: list[tuple[str, bytes]], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        store([Sent(*one) for one in files], tmp_path)  # type: ignore[arg-type]
+
+
+def events(text: str) -> list[tuple[str, Any]]:
+    """Server-sent events, as their specification parses them."""
+    found = []
+    for block in text.split("\n\n"):
+        lines = dict(line.split(": ", 1) for line in block.splitlines() if line[:1] != ":")
+        if lines:
+            found.append((lines["event"], json.loads(lines["data"])))
+    return found
+
+
+@pytest.mark.slow
+def test_an_upload_is_audited_and_then_served(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live: Live = serve([corridor])
+    files = [
+        ("files", ("hall.yaml", f"image: /etc/hostname\n{HEADER}".encode())),
+        ("files", ("hall.png", grid())),
+    ]
+    form = {"scanner": "sick-lms200", "spacing": "0.5"}
+    answer = live.http.post("/v1/audits", files=files, data=form)
+    assert answer.status_code == 202, answer.text
+    place = answer.headers["location"]
+    told = events(live.http.get(f"{place}/events").text)
+    assert {name for name, _ in told} == {"progress", "done"}, told
+    assert {data["stage"] for name, data in told if name == "progress"} <= {
+        "waiting", "read", "map", "report",
+    }  # fmt: skip
+    done = told[-1][1]
+    assert done["map"] == "hall"
+    report = live.http.get(done["report"])
+    assert report.headers["content-type"].startswith("text/html")
+    assert "Ambiguity audit" in report.text and "/tmp" not in report.text
+    assert live.get("/v1/maps/hall")["attrs"]["environment_source"]["value"] == "map.yaml"
+    assert live.get(place)["state"] == "done"
+    folder = live.context.audits.get(place.rpartition("/")[2]).folder
+    assert live.http.delete(place).status_code == 204
+    assert live.http.get(place).status_code == 404
+    assert live.http.get("/v1/maps/hall").status_code == 404
+    assert not folder.exists()
+
+
+@pytest.mark.slow
+def test_an_audit_that_fails_says_why_and_names_no_folder(
+    serve: Any, corridor: an.AmbiguityMap
+) -> None:
+    live: Live = serve([corridor], limits=Limits(audit_cells=10))
+    plan = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,9],[0,9],[0,0]]]}'
+    for content, told in ((plan, "this server takes 10"), (b"{}", "plan.geojson")):
+        answer = live.http.post(
+            "/v1/audits",
+            files=[("files", ("a.geojson", content))],
+            data={"scanner": "sick-lms200"},
+        )
+        name, data = events(live.http.get(f"{answer.headers['location']}/events").text)[-1]
+        assert name == "failed" and told in data["detail"]
+        assert "/tmp" not in data["detail"]
+        assert live.http.get(f"{answer.headers['location']}/report").status_code == 409
+
+
+@pytest.mark.slow
+def test_an_audit_is_ended_when_it_is_deleted(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live: Live = serve([corridor])
+    plan = b'{"type": "Polygon", "coordinates": [[[0,0],[60,0],[60,60],[0,60],[0,0]]]}'
+    answer = live.http.post(
+        "/v1/audits",
+        files=[("files", ("a.geojson", plan))],
+        data={"scanner": "sick-lms200", "spacing": "0.05"},
+    )
+    assert live.http.delete(answer.headers["location"]).status_code == 204
+    assert live.http.get(answer.headers["location"]).status_code == 404
+
+
+@pytest.mark.parametrize("scanner", ["sick-lms20", "/etc/passwd", "a: b\nc: d", ""])
+def test_a_scanner_that_is_none_is_a_problem(live: Live, scanner: str) -> None:
+    answer = live.http.post(
+        "/v1/audits", files=[("files", ("a.wkt", b"x"))], data={"scanner": scanner}
+    )
+    assert answer.status_code == 422
+    assert "root:" not in answer.text

@@ -1,0 +1,96 @@
+"""What the service refuses: tokens, other sites, bodies that are too large or too slow."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+import httpx
+import pytest
+
+import ambinav as an
+from ambinav.server.app import LOOPBACK
+from ambinav.server.limits import Limits
+from tests.server.live import Live
+
+COST = "/v1/maps/environment/cost"
+
+
+@pytest.fixture
+def guarded(serve: Any, corridor: an.AmbiguityMap) -> Live:
+    found: Live = serve(
+        [corridor],
+        token="s3cret",
+        hosts=LOOPBACK,
+        limits=Limits(body=1000, upload=5000, body_seconds=0.3),
+    )
+    found.http.headers["authorization"] = "Bearer s3cret"
+    return found
+
+
+def test_without_the_token_nothing_is_told_of_maps(guarded: Live) -> None:
+    for headers in ({}, {"authorization": "Bearer other"}, {"authorization": "Basic s3cret"}):
+        answer = httpx.get(f"{guarded.url}/v1/maps", headers=headers)
+        assert answer.status_code == 401
+        assert answer.headers["www-authenticate"] == "Bearer"
+        assert "Authorization: Bearer" in answer.json()["detail"]
+        for path in ("/v1/maps/environment/map.npz", "/v1/audits/x", "/v1/no-such-path"):
+            assert httpx.get(guarded.url + path, headers=headers).status_code == 401
+        for path in ("/v1/health", "/openapi.json", "/docs"):
+            assert httpx.get(guarded.url + path, headers=headers).status_code == 200
+    assert guarded.http.get("/v1/maps").status_code == 200
+    assert an.Client(guarded.url, token="s3cret").id == "environment"
+    with pytest.raises(an.InputError, match="token"):
+        an.Client(guarded.url, token="other")
+
+
+def test_pages_of_other_sites_are_refused(guarded: Live) -> None:
+    own = guarded.url
+    assert guarded.http.get("/v1/maps", headers={"origin": own}).status_code == 200
+    for origin in ("https://elsewhere.example", "null", "http://[bad"):
+        assert guarded.http.get("/v1/maps", headers={"origin": origin}).status_code == 403
+    assert guarded.http.get("/v1/maps", headers={"host": "evil.example:80"}).status_code == 403
+    assert guarded.http.get("/v1/maps", headers={"host": "localhost:9"}).status_code == 200
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_body_that_is_too_large_is_refused(guarded: Live, told: bool) -> None:
+    body = b"0" * 1001
+    content: Any = body if told else iter([body[:600], body[600:]])  # chunks tell no length
+    answer = guarded.http.post(COST, content=content)
+    assert answer.status_code == 413
+    assert answer.json()["detail"].startswith("The body is larger than 1000 bytes")
+
+
+def test_a_body_that_does_not_come_is_not_waited_for(guarded: Live) -> None:
+    with socket.create_connection(guarded.address, timeout=10.0) as line:
+        line.sendall(
+            f"POST {COST} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer s3cret\r\n"
+            "Content-Type: application/json\r\nContent-Length: 500\r\n\r\n{".encode()
+        )
+        assert line.recv(100).startswith(b"HTTP/1.1 408 ")
+    assert guarded.http.get("/v1/maps").status_code == 200
+
+
+def test_a_connection_that_ends_within_a_body_harms_nobody(guarded: Live) -> None:
+    with socket.create_connection(guarded.address, timeout=10.0) as line:
+        line.sendall(
+            f"POST {COST} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer s3cret\r\n"
+            "Content-Type: application/json\r\nContent-Length: 500\r\n\r\n{".encode()
+        )
+    assert guarded.http.get("/v1/maps").status_code == 200
+
+
+def test_what_is_no_http_is_refused(guarded: Live) -> None:
+    with socket.create_connection(guarded.address, timeout=10.0) as line:
+        line.sendall(b"\x00\x01\x02 no request\r\n\r\n")
+        assert line.recv(100).startswith(b"HTTP/1.1 400 ")
+
+
+def test_many_idle_connections_hold_nobody_up(guarded: Live) -> None:
+    lines = [socket.create_connection(guarded.address, timeout=10.0) for _ in range(100)]
+    try:
+        assert guarded.http.get("/v1/maps").status_code == 200
+    finally:
+        for line in lines:
+            line.close()
