@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
-from typing import Any, Final
+from typing import Final
 
 from fastapi import FastAPI
 from starlette.datastructures import MutableHeaders
@@ -21,27 +20,27 @@ POLICY: Final = (
 """What the page may load: its own files and the service's answers, nothing from elsewhere."""
 
 
+HEADERS: Final = {
+    "Content-Security-Policy": POLICY,
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    # Browsers ask each time whether a file is still fresh: another version may be served.
+    "Cache-Control": "no-cache",
+}
+
+
 class PageFiles(StaticFiles):
-    """Static files under `POLICY`; browsers ask each time whether they are still fresh."""
+    """Static files with `HEADERS`."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request for a file."""
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                set_headers(message)
+                MutableHeaders(scope=message).update(HEADERS)
             await send(message)
 
         await super().__call__(scope, receive, guarded)
-
-
-def set_headers(message: MutableMapping[str, Any]) -> None:
-    """Add the headers of the page to the start of an answer."""
-    headers = MutableHeaders(scope=message)
-    headers["Content-Security-Policy"] = POLICY
-    headers["Referrer-Policy"] = "no-referrer"
-    headers["X-Content-Type-Options"] = "nosniff"
-    headers.setdefault("Cache-Control", "no-cache")
 
 
 def mount_page(app: FastAPI) -> None:
@@ -49,7 +48,7 @@ def mount_page(app: FastAPI) -> None:
     module = style_module()
 
     async def style() -> Response:
-        return Response(module, media_type="text/javascript")
+        return Response(module, media_type="text/javascript", headers=HEADERS)
 
     app.add_api_route(f"/{GENERATED}", style, include_in_schema=False)
     app.mount("/", PageFiles(directory=FOLDER, html=True), name="page")

@@ -5,6 +5,8 @@ import { area, axis, number } from "./format.js";
 import { settled } from "./dom.js";
 
 const MOST_STROKES = 400;
+/** Pixels of the view that a stroke has to itself, at least. */
+const ROOM = 1000;
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** Round label as an icon; its text is said to screen readers by the marker's title. */
@@ -39,9 +41,11 @@ export class Strokes {
     this.#abort?.abort();
     this.#abort = new AbortController();
     const { leaflet, map, view } = this.floor;
+    const { x: width, y: height } = leaflet.getSize();
+    const most = Math.max(Math.min(MOST_STROKES, Math.round((width * height) / ROOM)), 20);
     let glyphs;
     try {
-      glyphs = await this.source.direction(map.id, clip(view, map.bounds), MOST_STROKES, this.#abort.signal);
+      glyphs = await this.source.direction(map.id, clip(view, map.bounds), most, this.#abort.signal);
     } catch (problem) {
       if (problem.name === "AbortError") return;
       throw problem;

@@ -10,7 +10,7 @@ export function paretoChart(points, choose) {
   const shown = points.filter(({ length, exposure }) => Number.isFinite(length) && Number.isFinite(exposure));
   const across = scale(shown.map(({ length }) => length), LEFT, WIDTH - RIGHT);
   const up = scale(shown.map(({ exposure }) => exposure), HEIGHT - BOTTOM, TOP);
-  const front = [...shown].sort((a, b) => a.length - b.length || a.exposure - b.exposure);
+  const front = together([...shown].sort((a, b) => a.length - b.length || a.exposure - b.exposure), across, up);
   const line = front.map(({ length, exposure }) => `${across.at(length).toFixed(1)},${up.at(exposure).toFixed(1)}`).join(" ");
   const said = h("p", { class: "soft", role: "status" }, "Choose a point to see its route.");
   const dots = new Map();
@@ -19,11 +19,11 @@ export function paretoChart(points, choose) {
       dot.classList.toggle("chosen", one === point);
       dot.setAttribute("aria-pressed", String(one === point));
     }
-    said.textContent = `Weight ${number(point.weight, point.weight % 1 ? 1 : 0)}: ${metres(point.length)} long, exposure ${metres(point.exposure, 2)}.`;
+    said.textContent = `${point.label}: ${metres(point.length)} long, exposure ${metres(point.exposure, 2)}.`;
     choose(point);
   };
   for (const point of front) {
-    const label = `Weight ${point.weight}: length ${metres(point.length)}, exposure ${metres(point.exposure, 2)}`;
+    const label = `${point.label}: length ${metres(point.length)}, exposure ${metres(point.exposure, 2)}`;
     dots.set(point, svg("circle", {
       cx: across.at(point.length).toFixed(1), cy: up.at(point.exposure).toFixed(1), r: 6, class: "dot", tabindex: 0, role: "button",
       "aria-label": label, "aria-pressed": "false", onclick: () => pick(point),
@@ -50,6 +50,20 @@ export function paretoChart(points, choose) {
       svg("polyline", { class: "front", points: line }),
       [...dots.values()]),
     said);
+}
+
+/** Points of one place on the chart as one: often several weights lead to the same route. */
+function together(points, across, up) {
+  const kept = [];
+  for (const point of points) {
+    const near = kept.find((one) => Math.hypot(across.at(one.length) - across.at(point.length), up.at(one.exposure) - up.at(point.exposure)) < 6);
+    if (near) near.weights.push(point.weight);
+    else kept.push({ ...point, weights: [point.weight] });
+  }
+  return kept.map((point) => {
+    const [low, high] = [Math.min(...point.weights), Math.max(...point.weights)].map((weight) => number(weight, weight % 1 ? 1 : 0));
+    return { ...point, weight: Math.min(...point.weights), label: low === high ? `Weight ${low}` : `Weights ${low} to ${high}` };
+  });
 }
 
 /** An axis from the values to pixels, with round ticks. */

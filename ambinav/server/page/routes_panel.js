@@ -173,9 +173,9 @@ export function routeCard(one, than, { chosen, choose, remove }) {
   };
   return h("div", { class: `route-card${chosen ? " chosen" : ""}` },
     h("button", { class: "route-name", "aria-pressed": String(Boolean(chosen)), onclick: choose }, routeSample(one.style), h("b", {}, one.name)),
+    remove && h("button", { class: "close", "aria-label": `Remove ${one.name}`, onclick: remove }, "×"),
     h("dl", {}, [["Length", metres(one.length), "length"], ["Exposure", metres(one.exposure, 2), "exposure"]].map(([name, text, key]) =>
-      [h("dt", {}, name), h("dd", {}, text, change(key))])),
-    remove && h("button", { class: "close", "aria-label": `Remove ${one.name}`, onclick: remove }, "×"));
+      [h("dt", {}, name), h("dd", {}, text, change(key))])));
 }
 
 /** A piece of a route's line, for lists. */

@@ -11,6 +11,7 @@ export function makeTabs(bar, tabs, store) {
     Object.assign(panel, { id: `panel-${id}` });
     panel.setAttribute("role", "tabpanel");
     panel.setAttribute("aria-labelledby", `tab-${id}`);
+    panel.tabIndex = 0;
     return h("button", { role: "tab", id: `tab-${id}`, "aria-controls": `panel-${id}`, onclick: () => store.set({ tab: id }) }, title);
   });
   bar.setAttribute("role", "tablist");
