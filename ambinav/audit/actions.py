@@ -14,7 +14,6 @@ _LARGE_SHARE: Final = 0.1
 """Share of the free floor from which unexplored floor is worth mapping."""
 
 
-
 def actions(report: Document) -> tuple[Action, ...]:
     """The actions that an audit leads to, the most floor first; at least one."""
     found = [_at_place(place, report.scanner.max_range_m) for place in report.places[:MOST]]
@@ -24,8 +23,8 @@ def actions(report: Document) -> tuple[Action, ...]:
             Action(
                 "Map the unexplored floor",
                 f"On {metres2(report.floor.unexplored_area_m2)} "
-                f"({percent(report.floor.unexplored_share)} of the free floor) half of the beams or "
-                "more end in unknown space. Nothing is said of it until the map goes on there.",
+                f"({percent(report.floor.unexplored_share)} of the free floor) half of the beams "
+                "or more end in unknown space. Nothing is said of it until the map goes on there.",
             ),
         )
     found = found[:MOST]

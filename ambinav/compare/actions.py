@@ -50,9 +50,13 @@ def _of_pair(report: Document, pair: str) -> tuple[int, Action]:
         )
     rank = _rank(best)
     if rank == 0:
-        return rank, Action(f"Drive {best.route} on {pair}", _figures(report, pair, best), pair=pair)
+        return rank, Action(
+            f"Drive {best.route} on {pair}", _figures(report, pair, best), pair=pair
+        )
     if rank == 1:
-        return rank, Action(f"Consider {best.route} on {pair}", _figures(report, pair, best), pair=pair)
+        return rank, Action(
+            f"Consider {best.route} on {pair}", _figures(report, pair, best), pair=pair
+        )
     if rank == 2:
         return rank, Action(
             f"Keep {baseline} on {pair}", f"There is nothing to gain. {part.text}", pair=pair
@@ -68,18 +72,21 @@ def _figures(report: Document, pair: str, best: VerdictPart) -> str:
     """What a route changes against the baseline of its pair, in a sentence or two."""
     rows = {row.route: row.figures for row in report.rows if row.pair == pair}
     ours, theirs = rows[best.route], rows[report.verdicts[pair].baseline]
-    parts = [
-        f"{name} {ours[key].value.value:.{digits}f} instead of {theirs[key].value.value:.{digits}f} {unit}"
-        for key, name, digits, unit in (
-            ("lost", "lost", 0, "%"),
-            ("error_p95", "95th percentile of the error", 2, "m"),
-        )
-        if ours[key].value.value is not None and theirs[key].value.value is not None
-    ]
+    parts = []
+    for key, name, digits, unit in (
+        ("lost", "lost", 0, "%"),
+        ("error_p95", "95th percentile of the error", 2, "m"),
+    ):
+        values = ours[key].value.value, theirs[key].value.value
+        if None not in values:
+            now, before = (f"{value:.{digits}f}" for value in values)
+            parts.append(f"{name} {now} instead of {before} {unit}")
     parts.append(f"the route is {length_text(best.length_ratio)}")
     missed = [name for name, met in best.parts.items() if not met]
-    criterion = "The criterion is met." if best.outcome == "met" else (
-        f"The criterion is missed by {' and '.join(missed)}." if missed else ""
+    criterion = (
+        "The criterion is met."
+        if best.outcome == "met"
+        else (f"The criterion is missed by {' and '.join(missed)}." if missed else "")
     )
     told = "; ".join(parts)
     return f"{told[0].upper()}{told[1:]}. {criterion}".strip()

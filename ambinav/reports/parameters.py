@@ -79,7 +79,7 @@ _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
         "seed": ("", "Of their places."),
         "margin": ("m", "Between a box and the robot on any of the pair's routes."),
     },
-    "localizer": {"": ("", "A parameter of the localizer, by the name that its program has for it.")},
+    "localizer": {"": ("", "A parameter of the localizer, by its program's name for it.")},
     "follower": {
         "": ("", "A parameter of nav2's regulated pure pursuit, in metres, seconds and radians.")
     },

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting.scales import layer_scale
@@ -59,7 +60,7 @@ def map_data(
     )
     codes = window.take(_classes(amap, heading, parts))
     names = dict.fromkeys((*LAYERS, amap.cost_layer, *schema.added(data)))
-    left, low, right, high = window.bounds
+    left, low, *_ = window.bounds
     return {
         "map": {
             "id": "map",
@@ -98,6 +99,7 @@ def _raster(
     """A layer: its values, and on which scale they are drawn."""
     data = amap.floor(name, heading)
     attrs = amap.dataset[name].attrs
+    core = CORE_LAYERS.get(schema.base_name(name))
     values = window.take(data.values.astype(np.float64))
     values = np.where(codes <= UNREACHABLE, values, np.nan)
     counted = np.where(codes < UNEXPLORED, values, np.nan)
@@ -108,9 +110,9 @@ def _raster(
     png, low, high = encode(values, codes)
     return {
         "name": name,
-        "long_name": str(attrs.get("long_name", name)),
+        "long_name": str(attrs.get("long_name", core.title if core else name)),
         "units": scale.unit,
-        "worse": attrs.get("worse"),
+        "worse": attrs.get("worse", core.worse if core else None),
         "source": attrs.get("source", ""),
         "png": png,
         "low": low,
@@ -133,9 +135,7 @@ def _classes(amap: AmbiguityMap, heading: str | float, parts: FloorParts) -> NDA
     return codes
 
 
-def _direction(
-    amap: AmbiguityMap, heading: str | float, parts: FloorParts
-) -> list[list[float]]:
+def _direction(amap: AmbiguityMap, heading: str | float, parts: FloorParts) -> list[list[float]]:
     """Strokes of the weak direction: x, y of their middles, radians, metres."""
     major, minor, direction, depth = (
         amap.floor(name, heading).values.astype(np.float64)

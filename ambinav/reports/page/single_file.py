@@ -13,7 +13,7 @@ from typing import Any, Final
 from ambinav.reports.page.style import style_module
 
 FOLDER: Final = Path(__file__).parents[2] / "server" / "page"
-"""The page's files. They are read, not imported: the server needs packages that a report does not."""
+"""The page's files. They are read, not imported: the server needs packages that reports do not."""
 ENTRY: Final = "report.js"
 STYLES: Final = ("leaflet/leaflet.css", "base.css", "explorer.css", "report.css")
 GENERATED: Final = "style.js"
@@ -43,8 +43,8 @@ class PageParts:
 def page_parts(data: Mapping[str, Any]) -> PageParts:
     """The parts of a page that shows `data` (see `ambinav.reports.page.map_data`)."""
     css = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in STYLES)
-    # No pictures of Leaflet are used, and a report points at no other file.
-    css = re.sub(r"url\([^)]*\)", "none", css)
+    # No pictures of Leaflet are used, and a report names no other file, in remarks neither.
+    css = re.sub(r"/\*.*?\*/", "", re.sub(r"url\([^)]*\)", "none", css), flags=re.DOTALL)
     leaflet = (FOLDER / "leaflet" / "leaflet.js").read_text(encoding="utf-8")
     leaflet = leaflet.rpartition("//# sourceMappingURL")[0] or leaflet
     imports = {f"page/{name}": _data_uri(text) for name, text in modules(ENTRY).items()}
