@@ -70,7 +70,7 @@ def test_a_place_of_the_table_is_shown_with_its_values(page, examined):
 def test_layers_switch(page):
     page.locator("input[value=major_radius]").check()
     page.wait_for_selector(".map[data-shown=major_radius]")
-    assert "slide unseen" in page.locator(".legend").inner_text()
+    assert "badly localized" in page.locator(".legend").inner_text()
 
 
 @pytest.mark.parametrize("place", [(2.0, 2.5, 0.3), (9.3, 2.0, 1.0), (20.0, 5.0, -2.0)])

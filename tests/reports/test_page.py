@@ -93,10 +93,8 @@ def test_every_parameter_has_a_sentence(plan_map):
     told = map_parameters(json.loads(amap.dataset.attrs["parameters"]) | {"cost_layer": "level"})
     assert [one.name for one in told if not one.text] == []
     assert next(one for one in told if one.name == "spacing").unit == "m"
-    scenario = Scenario(
-        name="n", environment="e", scanner="s", pairs=[{"name": "p", "start": [0, 0], "goal": [1, 1]}],
-        routes=["shortest"],
-    )  # fmt: skip
+    pairs = [{"name": "p", "start": [0, 0], "goal": [1, 1]}]
+    scenario = Scenario(name="n", environment="e", scanner="s", pairs=pairs, routes=["shortest"])
     parameters = scenario_parameters(_parameters(scenario))
     assert [one.name for one in parameters if not one.text] == []
     assert next(one for one in parameters if one.name == "robot.max speed").unit == "m/s"

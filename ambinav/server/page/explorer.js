@@ -41,8 +41,6 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
   async function open(short) {
     parts.stage.setAttribute("aria-busy", "true");
     store.set({ place: null, probe: null, pinned: false, heading: "mean" });
-    const told = source.map(short.id);
-    const worst = source.worst(short.id);
     if (!short.layers.some(({ name }) => name === store.get("layer"))) store.set({ layer: "zone" });
     await floor.open(short);
     store.set({ map: short });
@@ -52,11 +50,11 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
     planner?.opened(short);
     if (routes.length) store.set({ given: givenRoutes(parts.panels.routes, routes, floor, store) });
     clicks(floor, store, planner);
-    const found = await worst;
+    const [told, found] = await Promise.all([source.map(short.id), source.worst(short.id)]);
     places = Array.isArray(found) ? found : found.places;
     marks.opened(places);
     placesPanel(parts.panels.places, places, floor, store);
-    aboutPanel(parts.panels.about, { ...short, ...(await told) }, source.can.plan);
+    aboutPanel(parts.panels.about, { ...short, ...told }, source.can.plan);
     parts.stage.removeAttribute("aria-busy");
   }
   return { store, floor, open };

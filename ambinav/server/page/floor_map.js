@@ -6,6 +6,8 @@ import { frameOf, levelsFor, rasterTiles, servedTiles } from "./tiles.js";
 import { shadesOf } from "./theme.js";
 
 const MARGIN = 20;
+/** Milliseconds for which the rest of the page waits for the first picture. */
+const PATIENCE = 3000;
 
 export class FloorMap {
   #floor = null;
@@ -44,7 +46,8 @@ export class FloorMap {
     this.leaflet.createPane("walls").style.zIndex = 410;
     this.fit();
     this.#keepFitting();
-    await this.#showFloor();
+    // The first picture goes before all else that is asked for.
+    await Promise.race([this.#showFloor(), new Promise((resolve) => setTimeout(resolve, PATIENCE))]);
     this.#showWalls();
   }
 
@@ -110,7 +113,8 @@ export class FloorMap {
     // The old one stays until the new one is there, so that nothing flickers.
     fresh.once("load", () => old?.remove());
     this.element.dataset.layer = layer;
-    fresh.once("load", () => (this.element.dataset.shown = layer));
+    await new Promise((resolve) => fresh.once("load", resolve));
+    this.element.dataset.shown = layer;
   }
 
   async #tiles(layer, heading) {
