@@ -83,6 +83,7 @@ PAGES = (
     Page("docs/howto/nav2.md"),
     Page("docs/howto/ompl.md"),
     Page("docs/howto/read-the-report.md"),
+    Page("docs/howto/serve.md"),
     Page("docs/howto/train-a-policy.md"),
     Page("docs/howto/which-scanner.md", quick=True),
     Page("docs/audit.md", DEMO),

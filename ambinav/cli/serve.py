@@ -14,6 +14,9 @@ from ambinav.cli.packages import need
 from ambinav.cli.running import note, reporting
 from ambinav.errors import InputError
 
+BACKLOG = 2048
+"""Connections that wait to be accepted, as uvicorn has it."""
+
 
 def serve(
     maps: Annotated[
@@ -63,6 +66,7 @@ def serve(
             if not local and token is None:
                 note(f"whoever reaches {host} may use this server; --token lets in who knows it.")
             _many_connections()
+            listening.listen(BACKLOG)  # whoever reads the address may connect at once
             number = listening.getsockname()[1]
             shown = f"[{host}]" if ":" in host else host
             typer.echo(f"http://{shown}:{number}/  (Ctrl-C ends the server)")

@@ -13,7 +13,17 @@ from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import Response
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server import auditing, docs, layers, looking, planning, poses, problems, shapes
+from ambinav.server import (
+    auditing,
+    docs,
+    layers,
+    looking,
+    openapi,
+    planning,
+    poses,
+    problems,
+    shapes,
+)
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
@@ -93,6 +103,7 @@ def create_app(
     )
     app.state.context = context
     problems.install(app)
+    openapi.install(app)
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
     for router in (
         health,

@@ -28,6 +28,7 @@ class Limits:
 
     Attributes:
         body: Bytes of a body.
+        json: Bytes of a body in JSON: reading it holds up all other requests.
         upload: Bytes of a body of uploaded files.
         body_seconds: In which a body has arrived.
         batch: Poses or steps of a batch.
@@ -43,6 +44,7 @@ class Limits:
     """
 
     body: int = 32 * 2**20
+    json: int = 4 * 2**20
     upload: int = 64 * 2**20
     body_seconds: float = 30.0
     batch: int = 1_000_000

@@ -118,7 +118,7 @@ class Scan(BaseModel):
     y: list[float]
     hit: list[bool] = Field(description="Whether an echo comes from there")
     origin_x: list[float] = Field(description="Where the beams begin, metres")
-    origin_y: list[float]
+    origin_y: list[float] = Field(description="Where the beams begin, metres")
     sentence: str = Field(description="What the scanner sees, in words")
 
 

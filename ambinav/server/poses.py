@@ -138,7 +138,7 @@ async def post_cost(
         await _prepared(context, served, layer, weight)
         service = served.service(layer, weight)
         return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
-    asked = _model(CostPoses, body)
+    asked = _model(CostPoses, body, context)
     x, y, theta = _poses(_columns(asked, POSE_COLUMNS), context)
     await _prepared(context, served, asked.layer, asked.weight)
     service = served.service(asked.layer, asked.weight)
@@ -172,7 +172,7 @@ async def post_level(
     if binary:
         table = unpacked(body, columns or "x,y", POSE_COLUMNS, 2)
     else:
-        asked = _model(Poses, body)
+        asked = _model(Poses, body, context)
         table, layer = _columns(asked, POSE_COLUMNS), asked.layer
     x, y, theta = _poses(table, context)
 
@@ -214,7 +214,7 @@ async def post_reward(
     if binary:
         table = unpacked(body, columns or "x0,y0,x1,y1", STEP_COLUMNS, 4)
     else:
-        asked = _model(Steps, body)
+        asked = _model(Steps, body, context)
         table, layer = _columns(asked, STEP_COLUMNS), asked.layer
         steering, turning_radius = asked.steering, asked.turning_radius
     moves = None if steering == "se2" else Steering(steering, turning_radius)
@@ -267,7 +267,11 @@ class InvalidBodyError(Exception):
         self.response = invalid(error.errors(include_url=False))
 
 
-def _model(model: type[Model], body: bytes) -> Model:
+def _model(model: type[Model], body: bytes, context: Context) -> Model:
+    if len(body) > context.limits.json:
+        raise Problem(
+            413, f"JSON is taken up to {context.limits.json} bytes; send the binary form, {OCTETS}."
+        )
     try:
         return model.model_validate_json(body)
     except ValidationError as error:

@@ -126,8 +126,8 @@ class AmbiguityService:
         Raises:
             InputError: the layer depends on the heading and theta is missing.
         """
-        shape, poses = self._poses(x, y, theta)
-        value = self.density.at(*poses, missing=math.inf)
+        shape, (x, y, theta) = self._poses(x, y, theta)
+        value = self.density.at(x, y, theta, math.inf)
         return value.reshape(shape) if shape else float(value[0])
 
     def gradient(self, x: ArrayLike, y: ArrayLike, theta: ArrayLike | None = None) -> Floats:

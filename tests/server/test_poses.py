@@ -177,3 +177,10 @@ def test_a_batch_of_too_many_rows_is_refused(serve: Any, corridor: an.AmbiguityM
     )
     assert answer.status_code == 413
     assert "at most 10" in answer.json()["detail"]
+
+
+def test_json_is_taken_up_to_a_size(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live = serve([corridor], limits=Limits(json=100))
+    answer = live.http.post("/v1/maps/environment/cost", json={"x": [1.5] * 50, "y": [1.5] * 50})
+    assert answer.status_code == 413
+    assert "binary form" in answer.json()["detail"]

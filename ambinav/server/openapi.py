@@ -1,0 +1,41 @@
+"""The OpenAPI document: FastAPI's, with our form of errors in the place of its own."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from ambinav.server.problems import MEDIA_TYPE, SENTENCES, ProblemDetails
+
+_PROBLEM: Final = {"$ref": "#/components/schemas/ProblemDetails"}
+_THEIRS: Final = ("HTTPValidationError", "ValidationError")
+
+
+def install(app: FastAPI) -> None:
+    """Let an application describe itself."""
+
+    def document() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _document(app)
+        return app.openapi_schema
+
+    app.openapi = document  # type: ignore[method-assign]
+
+
+def _document(app: FastAPI) -> dict[str, Any]:
+    found = get_openapi(
+        title=app.title, version=app.version, description=app.description, routes=app.routes
+    )
+    for methods in found["paths"].values():
+        for route in methods.values():
+            for status, answer in route["responses"].items():
+                if status[0] in "45":
+                    answer["description"] = SENTENCES[int(status)]
+                    answer["content"] = {MEDIA_TYPE: {"schema": _PROBLEM}}
+    schemas = found["components"]["schemas"]
+    for name in _THEIRS:
+        schemas.pop(name, None)
+    schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
+    return found

@@ -1,0 +1,153 @@
+"""schemathesis over the OpenAPI document of the service: so many requests, no status of 500.
+
+    python benchmarks/fuzz_server.py --cases 100000 --out benchmarks/results/fuzz-server.md
+
+Requests follow the document's schemas or break them on purpose; half of them name a map and a
+layer that there are. Every answer must have a status, a type and a body that the document knows.
+Plans and audits are asked for too, under limits that end them soon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import httpx
+import schemathesis
+import shapely
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import seed as seeded
+from schemathesis import GenerationMode
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+import ambinav as an
+from ambinav.server.limits import Limits
+
+LIMITS = Limits(plan_seconds=0.05, job_seconds=5.0, audit_cells=50, audits=1, waiting=1, batch=1000)
+"""Under which jobs end soon."""
+SLOW = {"/plan": 0.03, "/pareto": 0.03, "/audits": 0.05, "/map.npz": 0.1}
+"""Shares of an even number of cases that go to paths whose answers take long."""
+KNOWN = {"layer": "level"}
+"""Parameters of paths that there are, besides the map."""
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_schema_conformance,
+]
+
+
+def fuzz(url: str, cases: int, seed: int) -> Counter[int]:
+    """Ask so many requests, shared by all routes.
+
+    Returns:
+        Statuses of the answers.
+
+    Raises:
+        Exception: an answer is none that the document knows.
+    """
+    schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
+    operations = [result.ok() for result in schema.get_all_operations()]
+    shares = [
+        next((share for end, share in SLOW.items() if one.path.endswith(end)), 1.0)
+        for one in operations
+    ]
+    map_id = _first_map(url)
+    counts: Counter[int] = Counter()
+    for operation, share in zip(operations, shares, strict=True):
+        known = {"id": map_id} if "/maps/{id}" in operation.path else {}
+        known |= {name: value for name, value in KNOWN.items() if f"{{{name}}}" in operation.path}
+        each = max(round(cases * share / sum(shares) / 4), 1)
+        for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
+            for path in ({}, known):
+                _ask(operation, mode, path, each, seed, counts)
+    return counts
+
+
+def _first_map(url: str) -> str:
+    return str(httpx.get(f"{url}/v1/maps", timeout=60).json()["maps"][0]["id"])
+
+
+def _ask(
+    operation: Any,
+    mode: GenerationMode,
+    path: dict[str, str],
+    count: int,
+    number: int,
+    counts: Counter[int],
+) -> None:
+    try:
+        strategy = operation.as_strategy(generation_mode=mode, path_parameters=path or None)
+    except schemathesis.errors.InvalidSchema:  # nothing in it can be broken
+        return
+
+    @seeded(number)
+    @settings(
+        max_examples=count,
+        phases=[Phase.generate],
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(case=strategy)
+    def asked(case: Any) -> None:
+        answer = case.call(timeout=120)
+        counts[answer.status_code] += 1
+        # What became another path or method by what stands in it is not in the document.
+        if answer.status_code not in (404, 405, 503):
+            case.validate_response(answer, checks=CHECKS)
+
+    try:
+        asked()
+    except Exception as error:
+        if "Unsatisfiable" not in type(error).__name__:
+            raise
+
+
+def main() -> None:
+    """Fuzz a server of a small map, and write the report."""
+    from bench_serve import serving_app
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    environment = an.environment_from_shapes([shapely.box(0, 0, 6, 3)], name="room")
+    scanner = an.RangeScanner.planar(
+        sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=24, aperture=3.0
+    )
+    amap = an.build_map(environment, scanner, spacing=0.25, headings=4)
+    begun = time.monotonic()
+    with serving_app([amap], limits=LIMITS) as url:
+        counts = fuzz(url, options.cases, options.seed)
+    minutes = (time.monotonic() - begun) / 60
+    rows = "\n".join(f"| {status} | {count:,} |" for status, count in sorted(counts.items()))
+    text = f"""# schemathesis over the OpenAPI document
+
+`python {" ".join(sys.argv)}`, schemathesis {schemathesis.__version__}, seed {options.seed},
+{minutes:.0f} minutes, load {os.getloadavg()[0]:.1f}. {counts.total():,} requests; none was answered
+with 500, and each answer but 404, 405 and 503 was checked against the document.
+
+| status | requests |
+| ---: | ---: |
+{rows}
+"""
+    if options.out is None:
+        print(text)
+    else:
+        options.out.write_text(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,212 @@
+"""Mixed load on the service for a long time: memory, processes, open files, lost requests.
+
+    python benchmarks/soak_server.py --minutes 30 --out benchmarks/results/soak-server.md
+
+Threads ask at random for costs (single, JSON, binary), levels, values, scans, tiles, shapes and
+the map itself, plan and give up plans, upload a map and follow or end its audit, and send what is
+wrong. A request is lost if its answer is none that it may have. 100 connections stay idle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+import httpx
+import numpy as np
+import psutil
+from bench_serve import make_map, poses, serving
+
+import ambinav as an
+
+OCTETS = {"content-type": "application/octet-stream"}
+PLAN = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,3],[0,3],[0,0]]]}'
+IDLE = 100
+
+
+class Load:
+    """What the threads ask, and what came of it."""
+
+    def __init__(self, url: str, amap: an.AmbiguityMap, until: float) -> None:
+        self.url, self.amap, self.until = url, amap, until
+        self.done: Counter[str] = Counter()
+        self.lost: list[str] = []
+        self._lock = threading.Lock()
+
+    def run(self, seed: int) -> None:
+        """Ask until the time is over."""
+        rng = np.random.default_rng(seed)
+        kinds = list(SHARES)
+        shares = np.array([SHARES[kind] for kind in kinds])
+        with httpx.Client(base_url=self.url, timeout=120.0) as http:
+            while time.monotonic() < self.until:
+                kind = kinds[int(rng.choice(len(kinds), p=shares / shares.sum()))]
+                try:
+                    problem = getattr(self, kind)(http, rng)
+                except Exception as error:
+                    problem = f"{type(error).__name__}: {error}"
+                with self._lock:
+                    self.done[kind] += 1
+                    if problem:
+                        self.lost.append(f"{kind}: {problem}")
+
+    def single(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """The cost of one pose."""
+        x, y = poses(self.amap, 1, rng)
+        return expected(http.get(f"{MAP}/cost", params={"x": x[0], "y": y[0]}), 200)
+
+    def batch(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """Costs in binary."""
+        x, y = poses(self.amap, int(rng.integers(1, 100_000)), rng)
+        answer = http.post(f"{MAP}/cost", content=x.tobytes() + y.tobytes(), headers=OCTETS)
+        short = answer.status_code == 200 and len(answer.content) != x.nbytes
+        return "a short answer" if short else expected(answer, 200)
+
+    def json(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """Levels in JSON, at a weight now and then."""
+        x, y = (part.tolist() for part in poses(self.amap, 500, rng))
+        what = {"x": x, "y": y}
+        if rng.random() < 0.5:
+            return expected(http.post(f"{MAP}/level", json=what), 200)
+        return expected(
+            http.post(f"{MAP}/cost", json=what | {"weight": float(rng.integers(9))}), 200
+        )
+
+    def place(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """What a pointer asks."""
+        x, y = poses(self.amap, 1, rng)
+        query = {"x": x[0], "y": y[0], "theta": float(rng.uniform(0, 6))}
+        return expected(http.get(f"{MAP}/{rng.choice(['values', 'scan'])}", params=query), 200)
+
+    def tile(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """A tile."""
+        layer = rng.choice(self.amap.layers)
+        return expected(http.get(f"{MAP}/layers/{layer}/tiles/0/0/0.png"), 200)
+
+    def whole(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """Something of the whole map."""
+        what = rng.choice(["zones.geojson", "walls.geojson", "worst", "direction", "map.npz", ""])
+        return expected(http.get(f"{MAP}/{what}".rstrip("/")), 200)
+
+    def plan(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """A route, which may be none."""
+        x, y = (part.tolist() for part in poses(self.amap, 2, rng))
+        what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 0.3}
+        return expected(http.post(f"{MAP}/plan", json=what), 200, 422, 503)
+
+    def give_up(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """A plan whose connection is closed."""
+        x, y = (part.tolist() for part in poses(self.amap, 2, rng))
+        what = {"start": [x[0], y[0]], "goal": [x[1], y[1]], "time_s": 20, "planner": "rrtstar"}
+        try:
+            answer = http.post(f"{MAP}/plan", json=what, timeout=float(rng.uniform(0.1, 2)))
+        except httpx.TimeoutException:
+            return None
+        return expected(answer, 200, 422, 503)
+
+    def audit(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """An upload, ended at random or followed to its end."""
+        answer = http.post(
+            "/v1/audits",
+            files=[("files", ("room.geojson", PLAN))],
+            data={"scanner": "sick-lms200", "spacing": "0.5"},
+        )
+        if answer.status_code != 202:
+            return expected(answer, 503)
+        place = answer.headers["location"]
+        if rng.random() < 0.5:
+            return expected(http.delete(place), 204)
+        told = http.get(f"{place}/events").text
+        return None if "event: done" in told else told[-200:]
+
+    def wrong(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
+        """Something that cannot be answered."""
+        body = rng.bytes(int(rng.integers(0, 3000)))
+        return expected(http.post(f"{MAP}/cost", content=body), 400, 415, 422)
+
+
+SHARES = {
+    "single": 60, "batch": 10, "json": 8, "place": 10, "tile": 10, "whole": 2, "plan": 0.5,
+    "give_up": 0.3, "audit": 0.1, "wrong": 3,
+}  # fmt: skip
+"""How often each is asked."""
+MAP = "/v1/maps/hall"
+
+
+def expected(answer: httpx.Response, *statuses: int) -> str | None:
+    """What is wrong with an answer, or None."""
+    if answer.status_code in statuses:
+        return None
+    return f"{answer.status_code} {answer.text[:200]}"
+
+
+def main() -> None:
+    """Load a server, and write the report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("AMBINAV_DATA", ".")))
+    parser.add_argument("--maps", type=Path, help="folder in which maps are kept between runs")
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--threads", type=int, default=6)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = options.maps or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        building = options.data / "maps" / "stata_hallways_5cm.yaml"
+        path = make_map(folder / "hall.zarr", building, 0.2)
+        amap = an.AmbiguityMap.open(path)
+        log = Path(scratch) / "server.log"
+        with serving(path, log=log) as (url, server):
+            process = psutil.Process(server.pid)
+            address = httpx.URL(url)
+
+            idle = [socket.create_connection((address.host, address.port)) for _ in range(IDLE)]
+            load = Load(url, amap, time.monotonic() + 60 * options.minutes)
+            threads = [threading.Thread(target=load.run, args=(i,)) for i in range(options.threads)]
+            for thread in threads:
+                thread.start()
+            rows = []
+            begun = time.monotonic()
+            while time.monotonic() < load.until:
+                time.sleep(min(60.0 * options.minutes / 12, 60.0))
+                rows.append(
+                    f"| {(time.monotonic() - begun) / 60:.1f} | {load.done.total():,} "
+                    f"| {process.memory_info().rss / 2**20:.0f} "
+                    f"| {len(process.children(recursive=True))} | {process.num_fds()} "
+                    f"| {process.num_threads()} |"
+                )
+            for thread in threads:
+                thread.join(300)
+            for line in idle:
+                line.close()
+        errors = log.read_text().strip()
+    asked = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
+    text = f"""# Mixed load
+
+`python {" ".join(sys.argv)}`: {options.threads} threads, {IDLE} idle connections beside them, load
+of the machine at the end {os.getloadavg()[0]:.1f}.
+
+{load.done.total():,} requests ({asked}); lost: {len(load.lost)}.
+The server's log: {errors[-500:] or "empty"}.
+
+| minute | requests | memory, MiB | processes | open files | threads |
+| ---: | ---: | ---: | ---: | ---: | ---: |
+{chr(10).join(rows)}
+"""
+    if load.lost:
+        text += "\nLost:\n\n" + "\n".join(f"- {one}" for one in load.lost[:20]) + "\n"
+    if options.out is None:
+        print(text)
+    else:
+        options.out.write_text(text)
+
+
+if __name__ == "__main__":
+    main()

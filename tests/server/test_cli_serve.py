@@ -1,0 +1,119 @@
+"""`ambinav serve` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+import ambinav.cli.packages
+from ambinav.cli import app
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def runner() -> CliRunner:
+    return CliRunner()
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A server in a process of its own, and its address."""
+    paths = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ambinav.cli", "serve", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
+    try:
+        assert process.stdout is not None
+        yield process, process.stdout.readline().split(" ")[0].rstrip("/")
+    finally:
+        process.kill()
+        process.communicate(timeout=60)
+
+
+@pytest.mark.slow
+def test_it_serves_until_it_is_interrupted(plan_map: Path, tmp_path: Path) -> None:
+    store = tmp_path / "office.zarr"
+    shutil.copytree(plan_map, store)
+    with started(str(store), "--port", "0", "--token", "secret") as (process, url):
+        assert httpx.get(f"{url}/v1/health", timeout=60).json()["maps"] == 1
+        assert httpx.get(f"{url}/v1/maps").status_code == 401
+        headers = {"authorization": "Bearer secret"}
+        (found,) = httpx.get(f"{url}/v1/maps", headers=headers).json()["maps"]
+        assert found["id"] == "office"
+        ends = {"start": [1, 1], "goal": [10, 2]}
+        plan = httpx.post(f"{url}/v1/maps/office/plan", json=ends, headers=headers, timeout=60)
+        assert plan.status_code == 200
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) in (0, 130)
+        assert process.stderr is not None
+        assert "Traceback" not in process.stderr.read()
+
+
+def test_a_port_in_use_is_said_before_maps_are_read(runner: CliRunner, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        result = runner.invoke(app, ["serve", str(tmp_path / "none.zarr"), "--port", str(port)])
+    assert result.exit_code == 2
+    assert f"--port: {port} is in use on 127.0.0.1" in result.stderr
+
+
+def test_what_is_no_map_is_said_in_a_sentence(runner: CliRunner, plan_folder: Path) -> None:
+    newer = plan_folder / "map.zarr" / "zarr.json"
+    for name, told in (
+        ("none.zarr", "there is no such map"),
+        ("notes.txt", "not an ambiguity map"),
+    ):
+        result = runner.invoke(app, ["serve", name, "--port", "0"])
+        assert (result.exit_code, told in result.stderr) == (2, True), result.stderr
+    root = json.loads(newer.read_text())
+    root["attributes"]["map_format"] = 99
+    newer.write_text(json.dumps(root))
+    result = runner.invoke(app, ["serve", "map.zarr", "--port", "0"])
+    assert result.exit_code == 2
+    assert "has format 99" in result.stderr and "install a newer ambinav" in " ".join(
+        result.stderr.split()
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--port", "70000"), "--port: 70000 is no port"),
+        (("--host", "no such host"), "--host: 'no such host' is no address"),
+        (("--host", "203.0.113.7"), "--host: '203.0.113.7' cannot be listened on"),
+        (("--token", ""), "--token"),
+        (("--token", "tökén"), "--token"),
+    ],
+)
+def test_options_that_cannot_be_are_named(
+    runner: CliRunner, plan_folder: Path, arguments: tuple[str, ...], told: str
+) -> None:
+    result = runner.invoke(app, ["serve", "map.zarr", "--port", "0", *arguments])
+    assert result.exit_code == 2
+    assert told in result.stderr
+
+
+def test_without_the_extra_it_says_what_to_install(
+    runner: CliRunner, plan_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ambinav.cli.packages, "find_spec", lambda name: None)
+    result = runner.invoke(app, ["serve", "map.zarr"])
+    assert result.exit_code == 2
+    assert 'pip install "ambinav[serve]"' in result.stderr
