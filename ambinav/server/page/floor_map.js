@@ -41,7 +41,7 @@ export class FloorMap {
       preferCanvas: true,
     });
     L.control.zoom({ position: "topleft", zoomInTitle: "Zoom in", zoomOutTitle: "Zoom out" }).addTo(this.leaflet);
-    L.control.scale({ position: "bottomright", imperial: false, maxWidth: 120 }).addTo(this.leaflet);
+    L.control.scale({ position: "bottomright", imperial: false, maxWidth: this.element.clientWidth < 600 ? 80 : 120 }).addTo(this.leaflet);
     this.leaflet.createPane("strokes").style.zIndex = 420;
     this.leaflet.createPane("walls").style.zIndex = 410;
     this.fit();

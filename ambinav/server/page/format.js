@@ -9,11 +9,11 @@ export function number(value, digits = 2) {
 }
 
 /** Metres. */
-export const metres = (value, digits = 1) => (known(value) ? `${number(value, digits)} m` : "–");
+export const metres = (value, digits = 1) => (known(value) ? `${number(value, digits)}\u00a0m` : "–");
 
 /** Square metres with as many digits as they deserve. */
 export const area = (value) =>
-  known(value) ? `${value >= 10 ? Math.round(value).toLocaleString("en") : number(value, 1)} m²` : "–";
+  known(value) ? `${value >= 10 ? Math.round(value).toLocaleString("en") : number(value, 1)}\u00a0m²` : "–";
 
 /** A direction without sense, given in radians, as whole degrees from 0 to 179. */
 export const axis = (radians) =>
@@ -30,7 +30,7 @@ export function quantity(value, units) {
   if (units === "1") return number(value);
   const size = Math.abs(value);
   const digits = size >= 100 ? 0 : size >= 10 ? 1 : size >= 0.095 || size === 0 ? 2 : 4;
-  return units ? `${number(value, digits)} ${units}` : number(value, digits);
+  return units ? `${number(value, digits)}\u00a0${units}` : number(value, digits);
 }
 
 /** A name of a layer as a title: "major_radius" -> "Major radius". */
