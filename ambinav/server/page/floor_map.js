@@ -37,7 +37,7 @@ export class FloorMap {
       wheelPxPerZoomLevel: 90,
       maxZoom: this.top + 6,
       minZoom: -3,
-      maxBounds: this.bounds.pad(0.6),
+      maxBounds: this.bounds.pad(2),
       preferCanvas: true,
     });
     L.control.zoom({ position: "topleft", zoomInTitle: "Zoom in", zoomOutTitle: "Zoom out" }).addTo(this.leaflet);
@@ -82,7 +82,10 @@ export class FloorMap {
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     const box = L.latLngBounds([y - around, x - around], [y + around, x + around]);
     const zoom = Math.min(this.leaflet.getBoundsZoom(box), this.top + 3);
-    this.leaflet[still ? "setView" : "flyTo"]([y, x], zoom, { duration: 0.8 });
+    // On a narrow map the readout covers the upper part.
+    const lower = this.element.clientWidth < 600 ? 50 : 0;
+    const centre = this.leaflet.unproject(this.leaflet.project([y, x], zoom).subtract([0, lower]), zoom);
+    this.leaflet[still ? "setView" : "flyTo"](centre, zoom, { duration: 0.8 });
   }
 
   /** Metres of the map frame in the middle of the view. */

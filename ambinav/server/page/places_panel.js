@@ -18,7 +18,7 @@ export function placesPanel(element, places, floor, store) {
     buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(i === place)));
     if (place === null || place === undefined) return;
     const { x, y, theta, length, area_m2: size } = places[place];
-    floor.flyTo(x, y, Math.min(Math.max(0.8 * (length ?? Math.sqrt(size)), 5), 40));
+    floor.flyTo(x, y, Math.min(Math.max(0.5 * (length ?? Math.sqrt(size)), 4), 15));
     store.set({ probe: { x, y }, pinned: true, ...(typeof theta === "number" ? { theta } : {}) });
     const panel = element.closest(".panel");
     if (panel?.offsetParent) buttons[place].scrollIntoView({ block: "nearest" });
