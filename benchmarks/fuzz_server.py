@@ -2,7 +2,7 @@
 
     python benchmarks/fuzz_server.py --cases 100000 --out benchmarks/results/fuzz-server.md
 
-Requests follow the document's schemas or break them on purpose; half of them name a map and a
+Requests follow the document's schemas or break them on purpose; most of them name a map and a
 layer that there are. Every answer must have a status, a type and a body that the document knows.
 Plans and audits are asked for too, under limits that end them soon.
 """
@@ -39,6 +39,8 @@ SLOW = {"/plan": 0.03, "/pareto": 0.03, "/audits": 0.05, "/map.npz": 0.1}
 """Shares of an even number of cases that go to paths whose answers take long."""
 KNOWN = {"layer": "level"}
 """Parameters of paths that there are, besides the map."""
+KNOWN_SHARE = 0.8
+"""Of the requests, with these parameters; the others name anything."""
 CHECKS = [
     not_a_server_error,
     status_code_conformance,
@@ -67,10 +69,10 @@ def fuzz(url: str, cases: int, seed: int) -> Counter[int]:
     for operation, share in zip(operations, shares, strict=True):
         known = {"id": map_id} if "/maps/{id}" in operation.path else {}
         known |= {name: value for name, value in KNOWN.items() if f"{{{name}}}" in operation.path}
-        each = max(round(cases * share / sum(shares) / 4), 1)
+        each = cases * share / sum(shares) / 2
         for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
-            for path in ({}, known):
-                _ask(operation, mode, path, each, seed, counts)
+            for path, part in ((known, KNOWN_SHARE), ({}, 1.0 - KNOWN_SHARE)):
+                _ask(operation, mode, path, max(round(each * part), 1), seed, counts)
     return counts
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,7 @@ def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
         mean = tuple(_mean_angles(values, depth, 2.0 if kind == "axis" else 1.0))
     else:
         mean = tuple(
-            np.divide(t, n, out=np.full_like(t, np.nan), where=n > 0.0).astype(np.float32)
+            np.divide(t, n, out=np.full_like(t, np.nan), where=n > 0).astype(np.float32)
             for t, n in zip(
                 _sums(np.nan_to_num(values), depth), _sums(_known(values), depth), strict=True
             )
@@ -98,13 +98,11 @@ def build(values: Values, layer: str, lowest_is_worst: bool) -> Pyramid:
     return Pyramid(values, mean, worst)
 
 
-def _known(values: Values) -> NDArray[np.float64]:
-    return np.isfinite(values).astype(np.float64)
+def _known(values: Values) -> NDArray[np.bool_]:
+    return np.isfinite(values)
 
 
-def _quarters(
-    values: NDArray[np.floating], fill: float
-) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
+def _quarters(values: NDArray[Any], fill: float) -> tuple[NDArray[Any], ...]:
     """The four cells of each block of 2 x 2, from the first row and column on."""
     rows, columns = values.shape
     if rows % 2 or columns % 2:
@@ -112,14 +110,14 @@ def _quarters(
     return values[::2, ::2], values[::2, 1::2], values[1::2, ::2], values[1::2, 1::2]
 
 
-def _sums(values: NDArray[np.floating], depth: int) -> Iterator[NDArray[np.float64]]:
-    """Sums over blocks of 2, 4, 8 ... cells along the side."""
+def _sums(values: NDArray[Any], depth: int) -> Iterator[NDArray[Any]]:
+    """Sums over blocks of 2, 4, 8 ... cells along the side: float64, of masks int32."""
+    kind = np.int32 if values.dtype in (np.bool_, np.int32) else np.float64
     for _ in range(depth):
-        a, b, c, d = _quarters(values, 0.0)
-        total: NDArray[np.float64] = np.add(a, b, dtype=np.float64)
-        total += np.add(c, d, dtype=np.float64)
-        yield total
-        values = total
+        a, b, c, d = _quarters(values, 0)
+        values = np.add(a, b, dtype=kind)
+        values += np.add(c, d, dtype=kind)
+        yield values
 
 
 def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
@@ -133,20 +131,20 @@ def _extremes(values: Values, depth: int, lowest: bool) -> Iterator[Values]:
 
 def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
     """Mean directions, of period 2 pi / fold."""
-    turned = fold * np.nan_to_num(values.astype(np.float64))
+    turned = np.float32(fold) * np.nan_to_num(values)
     known = _known(values)
     parts = (_sums(np.sin(turned) * known, depth), _sums(np.cos(turned) * known, depth))
     for sine, cosine, count in zip(*parts, _sums(known, depth), strict=True):
         angle = np.mod(np.arctan2(sine, cosine), 2.0 * math.pi) / fold
-        yield np.where(count > 0.0, angle, np.nan).astype(np.float32)
+        yield np.where(count > 0, angle, np.nan).astype(np.float32)
 
 
 def _commonest(values: Values, depth: int) -> Iterator[Values]:
     """The zone of most cells of each block."""
     codes = range(len(ZONES) - 1, -1, -1)  # of equals argmax takes the first: the worse
-    each = [_sums((values == code).astype(np.float32), depth) for code in codes]
+    each = [_sums(values == code, depth) for code in codes]
     for counts in zip(*each, strict=True):
         stacked = np.stack(counts)
         found = (len(ZONES) - 1 - stacked.argmax(axis=0)).astype(np.float32)
-        found[stacked.sum(axis=0) == 0.0] = np.nan
+        found[stacked.max(axis=0) == 0] = np.nan
         yield found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -44,13 +45,17 @@ class Pyramids:
     def get(self, layer: str, heading: int | None = None) -> Pyramid:
         """The pyramid of a layer, one of the map's or `WALLS`; at a heading if it has some."""
         key = (layer, heading)
+        found = self._kept.get(key)
+        if found is not None:  # not behind the lock, which is held while another one is made
+            with contextlib.suppress(KeyError):
+                self._kept.move_to_end(key)
+            return found
         with self._lock:
             found = self._kept.get(key)
             if found is None:
                 found = self._kept[key] = self._find(layer, heading)
                 while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
                     self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
         return found
 
     def keep(self, stop: threading.Event) -> bool:

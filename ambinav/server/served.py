@@ -78,6 +78,8 @@ class ServedMap:
         if found is not None:
             return found
         with self._lock:
+            if key in self._services:
+                return self._services[key]
             same_layer = next(
                 (s for (name, _), s in self._services.items() if name == key[0]), None
             )

@@ -96,10 +96,10 @@ def outline(
     ends = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, begin = np.nonzero(ends == 1)
     _, end = np.nonzero(ends == -1)
-    runs = shapely.box(x0 + begin * side, y1 - (row + 1) * side, x0 + end * side, y1 - row * side)
-    # On a grid, or the edges of neighbours would miss each other by rounding.
-    area = shapely.union_all(runs, grid_size=side * 1e-6)
-    return shapely.simplify(area, 0.0)  # the corners alone
+    # In whole numbers, so that the edges of neighbours meet exactly.
+    area = shapely.union_all(shapely.box(begin, -(row + 1.0), end, -row))
+    corners = shapely.simplify(area, 0.0)
+    return shapely.transform(corners, lambda xy: xy * side + (x0, y1))
 
 
 @router.get(
