@@ -118,6 +118,9 @@ def test_layers_switch_and_the_legend_follows(page):
     page.locator("input[value=clearance]").check()
     page.wait_for_selector(".map[data-shown=clearance]")
     assert "(m)" in page.locator(".legend").inner_text()
+    with page.expect_response(lambda answer: "stat=worst" in answer.url) as answered:
+        page.get_by_label("A pixel shows the worst of its cells").check()
+    assert answered.value.status == 200
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import { Raster, UNEXPLORED, UNREACHABLE, numbers } from "./raster.js";
 import style from "./style.js";
 
 export class EmbeddedSource {
-  can = { plan: false, scan: true };
+  can = { plan: false, stat: false };
   #rasters = new Map();
 
   constructor(data) {

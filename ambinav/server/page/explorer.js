@@ -19,7 +19,7 @@ import { currentTheme } from "./theme.js";
 /** Build the explorer into `root`; returns its store, and `open(map)`. */
 export function makeExplorer(root, source, { tab = "layers", routes = [] } = {}) {
   const store = new Store({
-    map: null, layer: "zone", heading: "mean", theta: 0, probe: null, pinned: false, place: null, start: null, goal: null,
+    map: null, layer: "zone", heading: "mean", stat: "mean", theta: 0, probe: null, pinned: false, place: null, start: null, goal: null,
     weight: 5, routes: [], chosen: null, trial: null, canPlan: source.can.plan, tab, theme: currentTheme(),
     overlays: { walls: true, direction: true, scan: true, places: true },
   });
@@ -31,7 +31,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
   const readout = new Readout(parts.readout, floor, source, store);
   let places = [];
   const planner = source.can.plan ? new RoutesPanel(parts.panels.routes, floor, source, store) : null;
-  layersPanel(parts.panels.layers, store);
+  layersPanel(parts.panels.layers, store, source.can);
   makeTabs(parts.tabs, parts.tabList, store);
   followLegend(parts.legend, source, store);
   followKeys(parts.map, floor, store, () => places);

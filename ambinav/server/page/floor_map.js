@@ -102,7 +102,7 @@ export class FloorMap {
 
   /** Follow the store: layer, heading, colours, walls. */
   follow() {
-    this.store.watch(["layer", "heading", "theme"], () => this.map && this.#showFloor());
+    this.store.watch(["layer", "heading", "stat", "theme"], () => this.map && this.#showFloor());
     this.store.watch(["overlays", "theme"], () => this.map && this.#showWalls());
   }
 
@@ -121,7 +121,7 @@ export class FloorMap {
   }
 
   async #tiles(layer, heading) {
-    if (!this.source.raster) return servedTiles(this.source, this.map, layer, this.top, heading);
+    if (!this.source.raster) return servedTiles(this.source, this.map, layer, this.top, heading, this.store.get("stat"));
     const raster = await this.source.raster(layer);
     return rasterTiles(raster.paint(shadesOf(this.element), layer === "zone"), this.map, this.top);
   }
@@ -137,7 +137,7 @@ export class FloorMap {
     if (!this.store.get("overlays").walls) return;
     const { found } = this.#lines;
     if (found === null) {
-      this.#walls = servedTiles(this.source, this.map, "walls", this.top, null);
+      this.#walls = servedTiles(this.source, this.map, "walls", this.top, null, "worst");
     } else {
         // Custom properties are not resolved; the element's colour is the same one.
       const { color } = getComputedStyle(this.element);

@@ -25,7 +25,7 @@ function takeToken() {
 
 export class HttpSource {
   /** What the page may offer. */
-  can = { plan: true, scan: true };
+  can = { plan: true, stat: true };
 
   constructor(base = "v1") {
     this.base = base;
@@ -45,11 +45,13 @@ export class HttpSource {
     return this.#json(`maps/${id}/layers/${name}`);
   }
 
-  /** Address of a tile; `heading` is "mean", "worst" or radians. */
-  tileAddress(id, layer, { z, x, y }, heading) {
-    const query = new URLSearchParams();
+  /**
+   * Address of a tile. `heading` is "mean" or radians; `stat` says what a pixel shows of the cells
+   * that it covers: their "mean", or the "worst" of them.
+   */
+  tileAddress(id, layer, { z, x, y }, heading, stat) {
+    const query = new URLSearchParams({ stat });
     if (typeof heading === "number") query.set("theta", heading.toFixed(6));
-    else if (heading) query.set("stat", heading);
     return `${this.base}/maps/${id}/layers/${layer}/tiles/${z}/${x}/${y}.png?${query}`;
   }
 
@@ -69,8 +71,14 @@ export class HttpSource {
     return { ...(await told), cost };
   }
 
-  scan(id, x, y, theta) {
-    return this.#json(`maps/${id}/scan?${this.#pose(x, y, theta ?? 0)}`);
+  /** The expected scan; null where the map does not keep its scanner. */
+  async scan(id, x, y, theta) {
+    try {
+      return await this.#json(`maps/${id}/scan?${this.#pose(x, y, theta ?? 0)}`);
+    } catch (problem) {
+      if (problem instanceof Problem && problem.status === 404) return null;
+      throw problem;
+    }
   }
 
   worst(id) {

@@ -21,8 +21,8 @@ const OVERLAYS = [
 const HIDDEN = new Set(["free", "best_heading"]);
 
 /** Build the panel into an element and follow the store. */
-export function layersPanel(element, store) {
-  store.watch(["map"], ({ map }) => map && fill(element, layerList(map, store), headings(map, store), overlays(store, map)));
+export function layersPanel(element, store, can) {
+  store.watch(["map"], ({ map }) => map && fill(element, layerList(map, store), headings(map, store), overlays(store, map), can.stat && summary(store)));
   store.watch(["layer", "map"], ({ layer }) => {
     const radio = element.querySelector(`input[name=layer][value="${CSS.escape(layer ?? "")}"]`);
     if (radio) radio.checked = true;
@@ -61,6 +61,12 @@ function headings(map, store) {
   said.textContent = "0°";
   return h("fieldset", {}, h("legend", {}, "Robot's heading"), !map.fixed_heading && radios, h("div", { class: "slider" }, slider, said),
     h("p", { class: "soft" }, "The scanner does not look all around. The expected scan is drawn at this heading, counter-clockwise from x."));
+}
+
+function summary(store) {
+  return h("fieldset", {}, h("legend", {}, "Zoomed out"),
+    h("label", { class: "line" }, h("input", { type: "checkbox", name: "worst", checked: store.get("stat") === "worst",
+      onchange: (event) => store.set({ stat: event.target.checked ? "worst" : "mean" }) }), h("span", {}, "A pixel shows the worst of its cells")));
 }
 
 function overlays(store, map) {

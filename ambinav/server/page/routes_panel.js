@@ -6,7 +6,7 @@ import { paretoChart } from "./pareto_chart.js";
 import { routeStyle } from "./route_lines.js";
 
 const WEIGHTS = [0, 0.5, 1, 2, 3, 5, 8, 12, 20, 35, 50];
-const CURVE = [0, 0.5, 1, 2, 5, 10, 20, 50];
+const CURVE = [0, 0.5, 1, 2, 5, 12, 20, 50];
 
 export class RoutesPanel {
   #planning = null;

@@ -77,8 +77,8 @@ const shared = (map, top) => {
 };
 
 /** Tiles of the service for a layer of a map at a heading. */
-export function servedTiles(source, map, layer, top, heading) {
-  const address = ({ z, x, y }) => source.tileAddress(map.id, layer, { z, x, y }, heading);
+export function servedTiles(source, map, layer, top, heading, stat) {
+  const address = ({ z, x, y }) => source.tileAddress(map.id, layer, { z, x, y }, heading, stat);
   return new ServedTiles(address, source, {
     ...shared(map, top), minNativeZoom: 0, maxNativeZoom: top, updateWhenZooming: false,
   });
