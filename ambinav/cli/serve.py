@@ -18,6 +18,10 @@ BACKLOG = 2048
 """Connections that wait to be accepted, as uvicorn has it."""
 
 
+KEEP_ALIVE = 75
+"""Seconds for which a connection stays open when nothing is asked."""
+
+
 def serve(
     maps: Annotated[
         list[Path],
@@ -71,7 +75,11 @@ def serve(
             shown = f"[{host}]" if ":" in host else host
             typer.echo(f"http://{shown}:{number}/  (Ctrl-C ends the server)")
             config = uvicorn.Config(
-                app, log_level="warning", access_log=False, timeout_graceful_shutdown=5
+                app,
+                log_level="warning",
+                access_log=False,
+                timeout_keep_alive=KEEP_ALIVE,
+                timeout_graceful_shutdown=5,
             )
             uvicorn.Server(config).run([listening])
 

@@ -103,7 +103,7 @@ def create_app(
     )
     app.state.context = context
     problems.install(app)
-    openapi.install(app)
+    openapi.install(app, with_token=token is not None)
     app.add_exception_handler(InvalidBodyError, _on_invalid_body)
     for router in (
         health,

@@ -14,13 +14,13 @@ from typing import Any, Final, Literal
 from starlette.datastructures import UploadFile
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.server.jobs import RETRY, Turns, received
+from ambinav.server.jobs import RETRY, Turns, received, started
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.uploads import Upload, store
 from ambinav.server.wire import read_dataset
-from ambinav.server.workers import AuditTask, Failure, Worker, audits
+from ambinav.server.workers import AuditTask, Failure, audits
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 OVER: Final = ("done", "failed", "cancelled")
@@ -158,14 +158,14 @@ class Audits:
         try:
             async with self._turns:
                 audit.change(state="running", stage="read")
-                worker = await asyncio.to_thread(Worker, audits)
+                worker = await started(audits)
                 try:
                     worker.line.send(task)
                     async with asyncio.timeout(self._limits.audit_seconds):
                         while isinstance(news := await received(worker), tuple):
                             audit.change(stage=news[0], done=news[1])
                 finally:
-                    worker.end()
+                    await asyncio.to_thread(worker.end)
             if isinstance(news, Failure):
                 audit.change(state="failed", detail=news.detail)
                 return

@@ -211,20 +211,25 @@ class Client(AmbiguityService):
     def _post(self, what: str, body: bytes, query: dict[str, str]) -> bytes:
         path = f"/v1/maps/{self.id}/{what}"
         headers = {"content-type": OCTETS}
-        try:
-            answer = self._http.post(path, content=body, params=query, headers=headers)
-        except self._errors as error:
-            raise self._unanswered(error) from error
-        self._check(answer)
+        answer = self._send("POST", path, content=body, params=query, headers=headers)
         return bytes(answer.content)
 
     def _get(self, path: str) -> Any:
-        try:
-            answer = self._http.get(path)
-        except self._errors as error:
-            raise self._unanswered(error) from error
+        return self._send("GET", path).json()
+
+    def _send(self, method: str, path: str, **what: Any) -> Any:
+        """The answer to a request, sent again if the server closed the connection meanwhile."""
+        import httpx
+
+        for last in (False, True):
+            try:
+                answer = self._http.request(method, path, **what)
+                break
+            except self._errors as error:
+                if last or not isinstance(error, httpx.RemoteProtocolError):
+                    raise self._unanswered(error) from error
         self._check(answer)
-        return answer.json()
+        return answer
 
     def _fetch(self) -> AmbiguityMap:
         """The map with all its arrays."""

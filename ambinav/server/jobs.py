@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
+from multiprocessing.connection import Connection
 from typing import Any, Final, TypeVar
 
 from fastapi import Request
@@ -76,7 +77,7 @@ class PlanPool:
             Problem: it cannot be done, takes too long, or its process was killed.
         """
         async with self._turns:
-            worker = self._idle.pop() if self._idle else await asyncio.to_thread(Worker, plans)
+            worker = self._idle.pop() if self._idle else await started(plans)
             self.busy.add(worker)
             done = False
             try:
@@ -97,7 +98,7 @@ class PlanPool:
                 if done:
                     self._idle.append(worker)
                 else:
-                    worker.end()
+                    await asyncio.to_thread(worker.end)
         if isinstance(found, Failure):
             if found.ours:
                 raise RuntimeError(found.detail)
@@ -109,6 +110,21 @@ class PlanPool:
         for worker in (*self._idle, *self.busy):
             worker.end()
         self._idle.clear()
+
+
+async def started(work: Callable[[Connection], None]) -> Worker:
+    """A process for some work; one that nobody waits for any more ends when it has begun."""
+    begun = asyncio.get_running_loop().run_in_executor(None, Worker, work)
+    try:
+        return await asyncio.shield(begun)
+    except asyncio.CancelledError:
+        begun.add_done_callback(_unwanted)
+        raise
+
+
+def _unwanted(begun: asyncio.Future[Worker]) -> None:
+    if begun.exception() is None:
+        begun.result().end()
 
 
 async def received(worker: Worker) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Annotated, Any, Final, Literal
 
 from fastapi import APIRouter, Path, Query, Request
@@ -17,10 +18,9 @@ from ambinav.server.tiles import legend
 router = APIRouter(prefix="/v1/maps/{id}/layers/{layer}", tags=["drawing"])
 
 _PNG: Final[dict[int | str, Any]] = {
-    200: {"description": "256 x 256 pixels, with a palette", "content": {"image/png": {}}}
+    200: {"description": "256 x 256 pixels, with a palette", "content": {"image/png": {}}},
+    304: {"description": "The tile is the one that If-None-Match names"},
 }
-FRESH: Final = "max-age=300"
-"""For how many seconds a browser keeps a tile: a server that is started again may have new maps."""
 
 LayerName = Annotated[str, Path(description="One of the map's layers, or `walls`")]
 
@@ -70,7 +70,7 @@ async def get_tile(
         float | None, Query(description="Heading, radians; none: the mean over headings")
     ] = None,
 ) -> Response:
-    """A tile of 256 x 256 pixels, transparent where there is no value."""
+    """A tile of 256 x 256 pixels, transparent where there is no value; 304 if it is known."""
     context = context_of(request)
     tiles = context.tiles(context.maps.get(id))
     name, heading = tiles.resolve(layer, theta)
@@ -78,4 +78,9 @@ async def get_tile(
         png = tiles.png(name, heading, stat, z, tx, ty)
     else:
         png = await context.in_thread(tiles.png, name, heading, stat, z, tx, ty)
-    return Response(png, media_type="image/png", headers={"cache-control": FRESH})
+    # A server that is started again may have another map of this name: browsers ask.
+    tag = f'"{zlib.crc32(png):x}-{len(png):x}"'
+    headers = {"cache-control": "no-cache", "etag": tag}
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers=headers)
+    return Response(png, media_type="image/png", headers=headers)

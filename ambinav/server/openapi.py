@@ -13,18 +13,23 @@ _PROBLEM: Final = {"$ref": "#/components/schemas/ProblemDetails"}
 _THEIRS: Final = ("HTTPValidationError", "ValidationError")
 
 
-def install(app: FastAPI) -> None:
-    """Let an application describe itself."""
+def install(app: FastAPI, *, with_token: bool) -> None:
+    """Let an application describe itself.
+
+    Args:
+        app: The application.
+        with_token: Whether requests must bear a token.
+    """
 
     def document() -> dict[str, Any]:
         if app.openapi_schema is None:
-            app.openapi_schema = _document(app)
+            app.openapi_schema = _document(app, with_token)
         return app.openapi_schema
 
     app.openapi = document  # type: ignore[method-assign]
 
 
-def _document(app: FastAPI) -> dict[str, Any]:
+def _document(app: FastAPI, with_token: bool) -> dict[str, Any]:
     found = get_openapi(
         title=app.title, version=app.version, description=app.description, routes=app.routes
     )
@@ -37,5 +42,9 @@ def _document(app: FastAPI) -> dict[str, Any]:
     schemas = found["components"]["schemas"]
     for name in _THEIRS:
         schemas.pop(name, None)
+    if with_token:
+        found["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        found["security"] = [{"token": []}]
+        found["paths"]["/v1/health"]["get"]["security"] = []
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
     return found

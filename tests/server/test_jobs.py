@@ -5,21 +5,24 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import socket
 import time
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
-import httpx
 import numpy as np
+import psutil
 import pytest
 from PIL import Image
 
 import ambinav as an
 from ambinav.errors import InputError
-from ambinav.server.jobs import Turns
+from ambinav.server.jobs import Turns, started
 from ambinav.server.limits import Limits
 from ambinav.server.problems import Problem
 from ambinav.server.uploads import store
+from ambinav.server.workers import plans
 from ambinav_planners import RoutePlanner, pareto
 from tests.server.live import Live
 
@@ -75,12 +78,18 @@ def test_closing_the_connection_ends_the_plan_and_frees_its_worker(
     serve: Any, plan_map: Path
 ) -> None:
     live: Live = serve([plan_map], limits=Limits(plans=1, waiting=0))
-    pool = live.context.plans
-    with httpx.Client(base_url=live.url) as hasty, pytest.raises(httpx.ReadTimeout):
-        hasty.post("/v1/maps/map/plan", json=LONG, timeout=0.5)
-    wait_until(lambda: not pool.busy)
-    # There is one place alone, and it is free again.
-    assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200
+    pool, body = live.context.plans, json.dumps(LONG)
+    with socket.create_connection(live.address, timeout=60.0) as line:
+        line.sendall(
+            "POST /v1/maps/map/plan HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json"
+            f"\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode()
+        )
+        wait_until(lambda: pool.busy)
+        (worker,) = pool.busy
+        process = psutil.Process(worker.process.pid)
+        assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 503
+    process.wait(60.0)  # of 30 s of planning hardly any are over
+    wait_until(lambda: live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200)
 
 
 @pytest.mark.slow
@@ -263,3 +272,15 @@ def test_a_scanner_that_is_none_is_a_problem(live: Live, scanner: str) -> None:
     )
     assert answer.status_code == 422
     assert "root:" not in answer.text
+
+
+def test_a_plan_that_is_given_up_while_its_worker_begins_leaves_no_process() -> None:
+    async def given_up() -> None:
+        before = set(active_children())
+        task = asyncio.create_task(started(plans))
+        await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        await asyncio.to_thread(wait_until, lambda: set(active_children()) <= before)
+
+    asyncio.run(given_up())

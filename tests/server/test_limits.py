@@ -39,6 +39,7 @@ def test_without_the_token_nothing_is_told_of_maps(guarded: Live) -> None:
         for path in ("/v1/health", "/openapi.json", "/docs"):
             assert httpx.get(guarded.url + path, headers=headers).status_code == 200
     assert guarded.http.get("/v1/maps").status_code == 200
+    assert guarded.get("/openapi.json")["security"] == [{"token": []}]
     assert an.Client(guarded.url, token="s3cret").id == "environment"
     with pytest.raises(an.InputError, match="token"):
         an.Client(guarded.url, token="other")

@@ -107,6 +107,14 @@ def test_a_tile_shows_each_cell_in_its_colour(live: Live, corridor: an.Ambiguity
     assert not pixels[rows:, :, 3].any() and not pixels[:, columns:, 3].any()
 
 
+def test_a_tile_that_is_known_is_not_sent_again(live: Live) -> None:
+    path = "/v1/maps/map/layers/zone/tiles/0/0/0.png"
+    tag = live.http.get(path).headers["etag"]
+    answer = live.http.get(path, headers={"if-none-match": tag})
+    assert (answer.status_code, answer.content) == (304, b"")
+    assert live.http.get(path, headers={"if-none-match": '"another"'}).status_code == 200
+
+
 def test_shares_are_drawn_from_0_to_1(live: Live, corridor: an.AmbiguityMap) -> None:
     import matplotlib
 
