@@ -88,7 +88,7 @@ export class Probe {
     if (scan) {
       const ring = scan.x.map((sx, i) => [scan.y[i], sx]);
       const { hit, silent } = { hit: colour("--echo"), silent: colour("--silent") };
-      parts.push(L.polygon([[y, x], ...ring], { stroke: false, fillColor: hit, fillOpacity: 0.16, interactive: false }));
+      parts.push(L.polygon(isRound(scan, x, y) ? ring : [[y, x], ...ring], { stroke: false, fillColor: hit, fillOpacity: 0.16, interactive: false }));
       const ends = (echoes) => ring.filter((_, i) => Boolean(scan.hit[i]) === echoes);
       const many = ring.length > 120;
       if (!many) {
@@ -113,6 +113,12 @@ export class Probe {
     if (pinned) parts.push(L.circleMarker([y, x], { radius: 11, color: colour("--wall"), weight: 2, fill: false, interactive: false }));
     this.#group = L.layerGroup(parts).addTo(this.floor.leaflet);
   }
+}
+
+/** Whether a scan goes all around: its last beam is beside its first. */
+function isRound({ x: ends, y: heights }, x, y) {
+  const [first, last] = [0, ends.length - 1].map((i) => Math.atan2(heights[i] - y, ends[i] - x));
+  return ends.length > 8 && Math.abs(Math.atan2(Math.sin(last - first), Math.cos(last - first))) < Math.PI / 12;
 }
 
 /** Numbered marks of the worst places. */
