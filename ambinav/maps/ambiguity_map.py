@@ -272,7 +272,7 @@ class AmbiguityMap:
         poses = np.broadcast_arrays(
             *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
         )
-        flat = [np.ascontiguousarray(v).ravel() for v in poses]
+        flat = [v.flatten() for v in poses]  # copies: numpy warns of what broadcasting shares
         origin = (self._origin[0], self._origin[1], self._origin[2])
         step = (self._step[0], self._step[1], self._step[2])
         if nearest:

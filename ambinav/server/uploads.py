@@ -6,14 +6,17 @@ anew with the name that the uploaded image has been given.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import yaml
+from PIL import Image
 from starlette.datastructures import UploadFile
 
 from ambinav.errors import InputError
+from ambinav.geometry.io.map_server import FORMATS
 from ambinav.server.served import slug
 
 GRID_SUFFIXES: Final = (".yaml", ".yml")
@@ -21,6 +24,8 @@ PLAN_SUFFIXES: Final = (".geojson", ".json", ".wkt")
 IMAGE_SUFFIXES: Final = (".pgm", ".png", ".bmp")
 MOST_YAML: Final = 100_000
 """Bytes of a map_server file: it has ten lines."""
+MOST_PIXELS: Final = 60_000_000
+"""Cells of an uploaded occupancy map."""
 
 
 class Upload(NamedTuple):
@@ -71,12 +76,29 @@ def store(files: Sequence[UploadFile], folder: Path) -> Upload:
         raise InputError("files: the image of the map_server file is missing; send it too.")
     image = f"image{_suffix(kinds['image'][0])}"
     (folder / image).write_bytes(kinds["image"][0].file.read())
+    _check_pixels(folder / image)
     (folder / "map.yaml").write_text(_header(source.file.read(MOST_YAML + 1), image))
     return Upload("map.yaml", title)
 
 
 def _suffix(file: UploadFile) -> str:
     return Path((file.filename or "").replace("\\", "/")).suffix.lower()
+
+
+def _check_pixels(image: Path) -> None:
+    """Refuse an image that is small as a file and large in memory; it is not unpacked for this."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(image, formats=FORMATS) as opened:
+                pixels = opened.width * opened.height
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return  # for the reader of maps to say
+    if pixels > MOST_PIXELS:
+        raise InputError(
+            f"files: the image has {pixels} cells, more than the {MOST_PIXELS} that this server "
+            "takes; crop it or make it coarser."
+        )
 
 
 def _header(content: bytes, image: str) -> str:

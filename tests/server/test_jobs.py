@@ -194,6 +194,15 @@ def test_an_upload_that_is_no_map_is_refused(
         store([Sent(*one) for one in files], tmp_path)  # type: ignore[arg-type]
 
 
+def test_an_image_that_is_large_in_memory_alone_is_refused(tmp_path: Path) -> None:
+    out = io.BytesIO()
+    Image.new("1", (9000, 9000)).save(out, "PNG")
+    assert len(out.getvalue()) < 100_000
+    files = [Sent("map.yaml", b"image: a.png\n"), Sent("a.png", out.getvalue())]
+    with pytest.raises(InputError, match="81000000 cells"):
+        store(files, tmp_path)  # type: ignore[arg-type]
+
+
 def events(text: str) -> list[tuple[str, Any]]:
     """Server-sent events, as their specification parses them."""
     found = []

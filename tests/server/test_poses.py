@@ -88,6 +88,14 @@ def test_numbers_that_json_has_not_do_not_break_the_answer(live: Live) -> None:
     assert answer.status_code == 422
 
 
+def test_a_batch_may_have_one_row(live: Live, corridor: an.AmbiguityMap) -> None:
+    one = {"x": [1.0], "y": [1.0]}
+    for what, key in (("cost", "cost"), ("level", "level")):
+        found = live.http.post(f"/v1/maps/map/{what}", json=one).json()
+        assert found["reason"] == [None] and found[key][0] > 0.0
+    assert corridor.sample("level", [1.0], [1.0]) == corridor.sample("level", 1.0, 1.0)
+
+
 def test_a_single_cost_is_the_services(live: Live, corridor: an.AmbiguityMap) -> None:
     service = an.AmbiguityService(corridor, "major", 2.0)
     for x, y in ((1.0, 1.0), (7.3, 1.9)):
