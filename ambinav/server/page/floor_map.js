@@ -1,6 +1,7 @@
 // The map of the floor: Leaflet, the layer that is shown, walls, scale bar.
 /* global L */
 
+import { h, svg } from "./dom.js";
 import style from "./style.js";
 import { frameOf, levelsFor, rasterTiles, servedTiles } from "./tiles.js";
 import { shadesOf } from "./theme.js";
@@ -40,7 +41,8 @@ export class FloorMap {
       maxBounds: this.bounds.pad(2),
       preferCanvas: true,
     });
-    L.control.zoom({ position: "topleft", zoomInTitle: "Zoom in", zoomOutTitle: "Zoom out" }).addTo(this.leaflet);
+    const zoom = L.control.zoom({ position: "topleft", zoomInTitle: "Zoom in", zoomOutTitle: "Zoom out" }).addTo(this.leaflet);
+    zoom.getContainer().append(this.#whole());
     L.control.scale({ position: "bottomright", imperial: false, maxWidth: this.element.clientWidth < 600 ? 80 : 120 }).addTo(this.leaflet);
     this.leaflet.createPane("strokes").style.zIndex = 420;
     this.leaflet.createPane("walls").style.zIndex = 410;
@@ -60,6 +62,18 @@ export class FloorMap {
       paddingBottomRight: [MARGIN, narrow ? 4 * MARGIN : 2.5 * MARGIN],
       animate: false,
     });
+  }
+
+  /** A button that shows the whole floor, in the manner of Leaflet's own. */
+  #whole() {
+    const show = (event) => {
+      event.preventDefault();
+      event.stopPropagation();
+      this.fit();
+    };
+    const frame = svg("path", { d: "M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5" });
+    return h("a", { href: "#", role: "button", class: "whole", title: "Show the whole floor", "aria-label": "Show the whole floor", onclick: show, ondblclick: (event) => event.stopPropagation() },
+      svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, frame));
   }
 
   /** Until somebody moves the map, it fits its element whatever size that gets. */
