@@ -71,7 +71,7 @@ class Audits:
     Args:
         maps: Where their maps are served.
         limits: How many, and how long.
-        folder: Of the application; each audit gets one in it.
+        folder: Gives that of the application; each audit gets one in it.
         forget: Called with a map that is no longer served.
     """
 
@@ -79,7 +79,7 @@ class Audits:
         self,
         maps: ServedMaps,
         limits: Limits,
-        folder: Path,
+        folder: Callable[[], Path],
         forget: Callable[[ServedMap], None],
     ) -> None:
         self._maps = maps
@@ -119,7 +119,7 @@ class Audits:
         limits = self._limits
         if len(running) >= limits.audits + limits.waiting:
             raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
-        folder = Path(tempfile.mkdtemp(prefix="audit-", dir=self._folder))
+        folder = Path(tempfile.mkdtemp(prefix="audit-", dir=self._folder()))
         try:
             upload = await asyncio.to_thread(store, files, folder)
         except BaseException:

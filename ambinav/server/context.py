@@ -49,7 +49,7 @@ class Context:
     @cached_property
     def audits(self) -> Audits:
         """Audits of uploaded maps."""
-        return Audits(self.maps, self.limits, self.folder, self.forget)
+        return Audits(self.maps, self.limits, lambda: self.folder, self.forget)
 
     @cached_property
     def _limiter(self) -> CapacityLimiter:
@@ -61,8 +61,10 @@ class Context:
 
     @property
     def folder(self) -> Path:
-        """A folder for what lasts as long as the application."""
-        return Path(self._scratch.name)
+        """A folder for what lasts as long as the application, if nobody tidies it up."""
+        path = Path(self._scratch.name)
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return path
 
     def tiles(self, served: ServedMap) -> Tiles:
         """The tiles of a map."""
@@ -74,11 +76,12 @@ class Context:
         return found
 
     def file_of(self, served: ServedMap) -> Path:
-        """A map as one file, for workers and clients; written once."""
+        """A map as one file, for workers and clients; written when it is not there."""
         with self._lock:
             path = self._files.get(served)
-            if path is None:
-                path = self.folder / f"{len(self._files)}.npz"
+            if path is None or not path.exists():
+                path = path or self.folder / f"{len(self._files)}.npz"
+                path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
                 write_dataset(served.amap.dataset, path)
                 self._files[served] = path
         return path

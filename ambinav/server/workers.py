@@ -12,6 +12,7 @@ import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
@@ -147,12 +148,16 @@ def _end_with_server() -> None:
 def plans(line: Connection) -> None:
     """Do one `PlanTask` after the other, and answer each with its outcome or a `Failure`."""
     kept: dict[str, AmbiguityMap] = {}
-    while True:
-        task: PlanTask = line.recv()
+
+    def planned(task: PlanTask) -> Any:
         if task.map_file not in kept:
             kept.clear()
             kept[task.map_file] = AmbiguityMap(read_dataset(Path(task.map_file)))
-        line.send(_outcome(lambda: plan(kept[task.map_file], task)))  # noqa: B023 (called at once)
+        return plan(kept[task.map_file], task)
+
+    while True:
+        task: PlanTask = line.recv()
+        line.send(_outcome(partial(planned, task)))
 
 
 def _outcome(work: Callable[[], Any]) -> Any:
@@ -213,7 +218,7 @@ def audits(line: Connection) -> None:
             last = now
             line.send((stage, min(max(done, 0.0), 1.0)))
 
-    line.send(_outcome(lambda: _audit(task, report)))
+    line.send(_outcome(partial(_audit, task, report)))
 
 
 def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import shutil
 import socket
 import time
 from multiprocessing import active_children
@@ -90,6 +91,15 @@ def test_closing_the_connection_ends_the_plan_and_frees_its_worker(
         assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 503
     process.wait(60.0)  # of 30 s of planning hardly any are over
     wait_until(lambda: live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200)
+
+
+def test_a_folder_that_was_tidied_up_is_made_again(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live: Live = serve([corridor])
+    path = "/v1/maps/environment/map.npz"
+    first = live.http.get(path)
+    shutil.rmtree(live.context.folder)
+    again = live.http.get(path)
+    assert (again.status_code, len(again.content)) == (200, len(first.content))
 
 
 @pytest.mark.slow
