@@ -50,6 +50,7 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
     planner?.opened(short);
     if (routes.length) store.set({ given: givenRoutes(parts.panels.routes, routes, floor, store) });
     clicks(floor, store, planner);
+    fill(parts.panels.places, h("p", { class: "soft", role: "status" }, "Looking for the worst places …"));
     const [told, found] = await Promise.all([source.map(short.id), source.worst(short.id)]);
     places = Array.isArray(found) ? found : found.places;
     marks.opened(places);
