@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
 
@@ -53,14 +53,20 @@ def share(work: Callable[[int, int], object], count: int, least: int = 1) -> Non
                 pass
             raise
 
-    # Ctrl-C within them would leave the executor's locks taken, and whoever comes next, were it
-    # only Python's own end, would wait for them for ever.
-    with holding_interrupts():
-        if threads not in _pools:
-            _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
-        others = [_pools[threads].submit(some) for _ in range(threads - 1)]
+    others: list[Future[None]] = []
     try:
+        # Ctrl-C within them would leave the executor's locks taken, and whoever comes next, were it
+        # only Python's own end, would wait for them for ever. It comes out of the block's end.
+        with holding_interrupts():
+            if threads not in _pools:
+                _pools[threads] = ThreadPoolExecutor(threads - 1, thread_name_prefix="ambinav")
+            for _ in range(threads - 1):
+                others.append(_pools[threads].submit(some))
         some()
+    except BaseException:
+        for _ in pieces:
+            pass
+        raise
     finally:
         # Whoever goes on after an error must not find others still at work.
         with holding_interrupts():

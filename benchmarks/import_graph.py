@@ -30,6 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("logs",),
     ("export.formats", "reports"),
     ("plotting",),
+    ("reports.page",),
     ("audit", "demo"),
     ("compare", "diff", "server"),
     ("ambinav_envs", "ambinav_planners"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
@@ -64,6 +65,32 @@ def test_after_an_error_nobody_is_at_work(here: bool) -> None:
     with pytest.raises(ValueError, match="rows"):
         share(work, 20 * LEAST, LEAST)
     assert (begun, ended) == (2, 1)
+
+
+def test_an_interrupt_that_waited_for_the_threads_to_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended, blocks = threading.Event(), threading.Event(), 0
+
+    @contextlib.contextmanager
+    def interrupted() -> Iterator[None]:
+        nonlocal blocks
+        yield
+        blocks += 1
+        if blocks == 1:
+            assert begun.wait(10.0)
+            raise KeyboardInterrupt
+
+    def work(low: int, high: int) -> None:
+        begun.set()
+        time.sleep(0.2)
+        ended.set()
+
+    monkeypatch.setattr("ambinav.threads.holding_interrupts", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        share(work, 20 * LEAST, LEAST)
+    assert ended.is_set()
+    ended.clear()
+    time.sleep(0.3)
+    assert not ended.is_set()
 
 
 def test_a_kernel_gets_its_rows_and_its_arguments() -> None:

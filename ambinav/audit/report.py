@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ambinav.audit.audit import Audit, axis_degrees, metres2, percent, places_text
 from ambinav.audit.document import FORMAT, Document, document
+from ambinav.audit.page import audit_page
 from ambinav.audit.pictures import save_pictures
 from ambinav.files import replacing
 from ambinav.maps.floor_parts import unreachable_label
@@ -60,7 +61,8 @@ def write_report(
         (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
         (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
         inlined = {name: data_uri(fresh / name) for name in _pictures(report)}
-        (fresh / HTML).write_text(render("report.html.j2", report, inlined), encoding="utf-8")
+        page = audit_page(audit, report, inlined, _values(report))
+        (fresh / HTML).write_text(page, encoding="utf-8")
     return report
 
 
@@ -79,6 +81,13 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         "places": places_text,
     }
     named = pictures or {name: name for name in _pictures(report)}
+    return fill(
+        "ambinav.audit", template, filters, report=report, pictures=named, **_values(report)
+    )
+
+
+def _values(report: Document) -> dict[str, Any]:
+    """What the templates ask for beside the report and its pictures."""
     floor = report.floor
     stripes = f"{style.UNKNOWN} 0 2px, {style.UNEXPLORED} 2px 4px"
     unexplored = {
@@ -91,16 +100,11 @@ def render(template: str, report: Document, pictures: dict[str, str] | None = No
         f"{metres2(floor.beside_walls_area_m2)} nearer to a wall than its centre comes",
         "swatch": style.UNREACHABLE,
     }
-    return fill(
-        "ambinav.audit",
-        template,
-        filters,
-        report=report,
-        pictures=named,
-        image_format=report.pictures[0].rpartition(".")[2],
-        unexplored=unexplored,
-        unreachable=unreachable,
-    )
+    return {
+        "image_format": report.pictures[0].rpartition(".")[2],
+        "unexplored": unexplored,
+        "unreachable": unreachable,
+    }
 
 
 def _pictures(report: Document) -> list[str]:

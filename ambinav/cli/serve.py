@@ -70,6 +70,7 @@ def serve(
             if not local and token is None:
                 note(f"whoever reaches {host} may use this server; --token lets in who knows it.")
             _many_connections()
+            app.state.context.prepare()
             listening.listen(BACKLOG)  # whoever reads the address may connect at once
             number = listening.getsockname()[1]
             shown = f"[{host}]" if ":" in host else host

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +11,7 @@ from ambinav.ambiguity.layers.registry import on_request
 from ambinav.compare.document import Document, document, pairs_of
 from ambinav.compare.exports import export_all
 from ambinav.compare.main_guard import check_guarded
+from ambinav.compare.page import compare_page
 from ambinav.compare.pictures import PICTURES, is_picture, save_overview, save_pictures, slug
 from ambinav.compare.plans import Plan, check_plans, make_plans
 from ambinav.compare.runs import drive_all
@@ -41,6 +42,14 @@ FOLDER: Final = RunFolder(
     "comparison", (JSON, HTML, MARKDOWN, TABLE, WORK, ROUTES, DRIVES, *PICTURES)
 )
 """Its folder `work` has the map, and a file for each piece of work."""
+
+FILTERS: Final[Mapping[str, Callable[..., str]]] = {
+    "value": value_text,
+    "difference": difference_text,
+    "ratio": ratio_text,
+    "stretch": stretch_text,
+}
+"""Of the written reports."""
 
 Bars = Callable[[str], Callable[[float], None]]
 
@@ -112,7 +121,8 @@ def _compare(
     inlined = {name: data_uri(out / name) for name in _names(report)}
     write_text(out / TABLE, to_csv(rows))
     write_text(out / MARKDOWN, render("report.md.j2", report, rows))
-    write_text(out / HTML, render("report.html.j2", report, rows, inlined))
+    page = compare_page(setup, plans, report, FILTERS, _values(report, rows, inlined))
+    write_text(out / HTML, page)
     write_text(out / JSON, report.model_dump_json(indent=2) + "\n")
     for path in out.iterdir():
         # Of an earlier scenario with other pairs, or in another format.
@@ -135,24 +145,24 @@ def render(
         rows: The table.
         pictures: What stands for each picture's file name; None: the file name itself.
     """
-    return fill(
-        "ambinav.compare",
-        template,
-        {
-            "value": value_text,
-            "difference": difference_text,
-            "ratio": ratio_text,
-            "stretch": stretch_text,
-        },
-        report=report,
-        pairs=pairs_of(rows),
-        rows=rows,
-        figures=FIGURES,
-        ratios=[figure for figure in FIGURES if figure.has_ratio],
-        effects=EFFECTS,
-        outcomes=OUTCOMES,
-        pictures=pictures or {name: name for name in _names(report)},
-    )
+    named = pictures or {name: name for name in _names(report)}
+    values = _values(report, rows, named)
+    return fill("ambinav.compare", template, FILTERS, report=report, **values)
+
+
+def _values(
+    report: Document, rows: Sequence[Row], pictures: Mapping[str, str]
+) -> dict[str, object]:
+    """What the templates ask for beside the report."""
+    return {
+        "pairs": pairs_of(rows),
+        "rows": rows,
+        "figures": FIGURES,
+        "ratios": [figure for figure in FIGURES if figure.has_ratio],
+        "effects": EFFECTS,
+        "outcomes": OUTCOMES,
+        "pictures": pictures,
+    }
 
 
 def _has_policies(loaded: ScenarioBundle) -> bool:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize, to_rgba
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps import schema
@@ -18,9 +16,8 @@ from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.plotting import style
 from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
-
-WIDE: Final = 1e4
-"""Ratio of the highest values to the lowest from which an added layer is drawn on a log scale."""
+from ambinav.plotting.scales import layer_norm as layer_norm
+from ambinav.plotting.scales import layer_scale
 
 
 def plot_zones(
@@ -101,25 +98,13 @@ def plot_layer(
     if parts is not None:
         values = np.where(parts.counted, values, np.nan)
     label = str(amap.dataset[layer].attrs.get("long_name", layer))
-    units = str(data.attrs.get("units", ""))
-    if units == "rad" or schema.is_axis(layer):
-        units, unknown = "degrees", style.UNKNOWN_BEHIND_ANGLES
-        top = 180.0 if schema.is_axis(layer) else 360.0
-        norm, colours = Normalize(0.0, top), "twilight"
-        values = np.mod(np.degrees(values), top)
-    else:
-        # Perceptually uniform and fit for colour-blind eyes; turned round so that the bad places
-        # are the dark ones. cividis fades into the greys.
-        low_is_bad = data.attrs.get("worse") == "low" or data.attrs.get("better") == "high"
-        colours, unknown = "viridis" if low_is_bad else "viridis_r", style.UNKNOWN
-        norm = layer_norm(layer, values, added="source" in data.attrs)
-        values = np.clip(values, norm.vmin, norm.vmax)
+    scale = layer_scale(layer, data, values)
     title = title or floor_title(amap, layer.replace("_", " ").capitalize(), heading)
-    floor = FloorFigure(amap, ax, title, unknown=unknown)
-    image = floor.paint(values, cmap=colours, norm=norm)
+    floor = FloorFigure(amap, ax, title, unknown=scale.unknown)
+    image = floor.paint(scale.values, cmap=scale.colours, norm=scale.norm)
     if strokes:
         floor.strokes(heading, FloorParts.of(amap) if parts is None else parts)
-    floor.colour_bar(image, label if units in ("", "1") else f"{label} ({units})")
+    floor.colour_bar(image, label if scale.unit in ("", "1") else f"{label} ({scale.unit})")
     if parts is not None:
         others = np.zeros((*values.shape, 4))
         floor.paint_parts(others, parts)
@@ -147,19 +132,3 @@ def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
     if isinstance(heading, str):
         return f"{text} (each point at its {heading} heading)"
     return f"{text} (heading {math.degrees(heading):.0f}°)"
-
-
-def layer_norm(layer: str, values: NDArray[np.float64], *, added: bool) -> Normalize:
-    """From 0, or from below it, to the highest value; by powers where an added layer is wide."""
-    if schema.is_share(layer):
-        return Normalize(0.0, 1.0)
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return Normalize(0.0, 1.0)
-    low, high = min(float(known.min()), 0.0), float(known.max())
-    if added and low == 0.0 < high:
-        # The lowest hundredth is no guide: it may be next to nothing.
-        most, least = np.percentile(known[known > 0.0], [99.0, 1.0])
-        if most > WIDE * least:
-            return LogNorm(max(float(least), 1e-9 * high), high)
-    return Normalize(low, high if high > low else low + 1.0)

@@ -6,13 +6,11 @@ import asyncio
 import threading
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
-from importlib import resources
 from pathlib import Path
 from typing import Final
 
 from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import Response
-from starlette.staticfiles import StaticFiles
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server import (
@@ -29,6 +27,7 @@ from ambinav.server import (
 from ambinav.server.context import Context, context_of
 from ambinav.server.limits import Guard, Limits
 from ambinav.server.models import Health, as_json
+from ambinav.server.page_files import mount_page
 from ambinav.server.poses import InvalidBodyError
 from ambinav.server.pyramid_store import key_of
 from ambinav.server.served import ServedMaps
@@ -117,9 +116,7 @@ def create_app(
         docs.router,
     ):
         app.include_router(router)
-    with resources.as_file(resources.files("ambinav.server") / "page") as page:
-        if page.is_dir():
-            app.mount("/", StaticFiles(directory=page, html=True), name="page")
+    mount_page(app)
     app.add_middleware(Guard, limits=limits, token=token, hosts=hosts)
     return app
 

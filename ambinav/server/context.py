@@ -86,6 +86,12 @@ class Context:
                 self._files[served] = path
         return path
 
+    def prepare(self) -> None:
+        """Make ready what the page shows first of each map: its zones."""
+        for served in self.maps:
+            tiles = self.tiles(served)
+            tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
+
     def keep_pyramids(self, stop: threading.Event) -> None:
         """Write the pyramids of all maps into their stores, one after the other."""
         for served in self.maps:

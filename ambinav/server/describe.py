@@ -9,26 +9,11 @@ import numpy as np
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import MEANINGS
 from ambinav.plotting import style
+from ambinav.reports import parameters
 from ambinav.server.models import Figures, Layer, MapDetail, MapInfo, Parameter, Zone
 from ambinav.server.pyramid import depth_of
 from ambinav.server.served import ServedMap, finite, layer_kind, worse_end
 
-_PARAMETERS: Final = {
-    "spacing": ("m", "Distance between cell centres."),
-    "radius": ("m", "Around a pose: how far off the poses are that its scan is compared with."),
-    "map_std": ("m", "Standard deviation of a wall's position; adds to the sensor's."),
-    "tau": ("1", "How many beams carry one independent piece of evidence."),
-    "sigma_theta": ("rad", "How well the heading is known beforehand."),
-    "outlier_share": ("1", "Share of the beams that meet what is not on the map."),
-    "low": ("1", "A relative ambiguity radius up to this is small."),
-    "high": ("1", "A relative ambiguity radius from this on is large."),
-    "robot_radius": ("m", "Of the robot's body: no pose is possible at which it meets a wall."),
-    "headings": ("1", "Number of headings; none: they do not matter."),
-    "beams_used": ("1", "Beams of a scan that took part."),
-    "beams": ("1", "Beams of a scan."),
-    "free_poses": ("1", "Cells in which a robot can stand."),
-    "off_centre": ("m", "How far the beams were moved to the robot's centre."),
-}  # fmt: skip
 _ATTRS: Final = {
     "environment": "The building.",
     "environment_source": "The file that the building was read from.",
@@ -91,7 +76,7 @@ def map_detail(served: ServedMap) -> MapDetail:
             update={"value": str(source.value).replace("\\", "/").rpartition("/")[2]}
         )
     for name, value in served.parameters.items():
-        unit, text = _PARAMETERS.get(name, ("", ""))
+        unit, text = parameters.MAP.get(name, ("", ""))
         plain = value if isinstance(value, int | float | str) or value is None else str(value)
         attrs[name] = Parameter(value=plain, unit=unit, text=text)
     return MapDetail(

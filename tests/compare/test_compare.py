@@ -67,9 +67,34 @@ def test_what_is_written(done: Path) -> None:
 
 def test_the_html_stands_alone(done: Path) -> None:
     html = (done / "report.html").read_text()
-    sources = re.findall(r'(?:src|href)="(.{0,30})', html)
+    # Leaflet's text, which no element is made of, names its own site.
+    marked = re.sub(r"<script>.*?</script>", "", html, flags=re.DOTALL)
+    sources = re.findall(r'(?:src|href)="([^#].{0,30})', marked)
     assert len(sources) == 4 and all(s.startswith("data:image/png;base64") for s in sources)
     assert "{{" not in html
+
+
+@pytest.mark.slow
+def test_the_html_shows_the_routes_of_each_pair(done: Path, chromium: Any) -> None:
+    report = json.loads((done / "report.json").read_text())
+    context = chromium.new_context(viewport={"width": 1280, "height": 900})
+    page = context.new_page()
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto((done / "report.html").as_uri())
+    page.wait_for_selector(".map[data-shown]")
+    cards = page.locator(".route-card")
+    cards.first.wait_for()
+    pair = report["plans"][0]["pair"]
+    plans = [plan for plan in report["plans"] if plan["pair"] == pair]
+    assert cards.count() == len(plans)
+    for card, plan in zip(cards.all_inner_texts(), plans, strict=True):
+        assert plan["route"] in card
+        assert f"{plan['length_m']:.1f}" in card
+    assert page.locator(".actions li").count() == 3
+    assert page.locator(".badge.start").count() == 1
+    assert faults == []
+    context.close()
 
 
 @pytest.mark.slow

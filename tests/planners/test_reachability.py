@@ -66,7 +66,7 @@ def test_the_place_that_is_offered_is_free() -> None:
     with pytest.raises(InputError, match="nearest free point") as caught:
         robot.plan((0.1231, 1.0), (7, 2))
     x, y = (
-        float(part) for part in str(caught.value).split("place is (")[1].split(")")[0].split(",")
+        float(part) for part in str(caught.value).split("point is (")[1].split(")")[0].split(",")
     )
     assert robot.checker.poses_free([[x, y, 0.0]])[0]
 

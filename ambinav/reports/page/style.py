@@ -1,0 +1,46 @@
+"""The table of colours as a module of the page, so that it is written down once.
+
+The page imports `page/style.js`; the server answers it with this text, a report embeds it.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Final
+
+from ambinav.maps.zones import MEANINGS, ZONES
+from ambinav.plotting import style
+
+ROUTES: Final = 4
+"""Styles of each kind of route that the page is given."""
+
+
+def page_style() -> dict[str, Any]:
+    """Colours by meaning, hexadecimal; those of routes with rim and dashes (in line widths)."""
+    return {
+        "zones": [
+            {"name": name, "colour": colour, "meaning": meaning}
+            for name, colour, meaning in zip(ZONES, style.ZONE_COLOURS, MEANINGS, strict=True)
+        ],
+        "floor": style.FLOOR,
+        "solid": style.SOLID,
+        "unreachable": style.UNREACHABLE,
+        "unknown": style.UNKNOWN,
+        "unexplored": style.UNEXPLORED,
+        "wall": style.WALL,
+        "frontier": style.FRONTIER,
+        "echo": style.ECHO,
+        "silent": style.SILENT,
+        "slide": style.SLIDE,
+        "letters": {"start": style.START, "goal": style.GOAL},
+        "routes": {
+            kind: [style.route_style(kind, number)._asdict() for number in range(ROUTES)]
+            for kind in style.ROUTE_COLOURS
+        },
+        "series": list(style.SERIES),
+    }
+
+
+def style_module() -> str:
+    """The same as an ES module with a default export."""
+    return f"export default {json.dumps(page_style(), indent=1)};\n"

@@ -1,0 +1,37 @@
+// What the map is of: parameters with units and a sentence each, and the keys.
+
+import { fill, h } from "./dom.js";
+import { area, sentence } from "./format.js";
+import { KEYS, PLAN_KEYS } from "./keys.js";
+import style from "./style.js";
+
+/** Build the panel from what the service tells of a map. */
+export function aboutPanel(element, map, canPlan) {
+  fill(element,
+    h("h2", {}, "Zones"),
+    h("dl", { class: "zones" }, style.zones.map(({ name, colour, meaning }) => {
+      const told = (map.zones ?? []).find((zone) => (zone.zone ?? zone.name) === name);
+      const size = told && [`${Math.round(100 * told.share)} %`, area(told.area_m2)].join(", ");
+      return [h("dt", {}, h("span", { class: "swatch", style: { background: colour } }), sentence(name), size && h("span", { class: "soft" }, ` ${size}`)), h("dd", {}, `${sentence(meaning)}.`)];
+    })),
+    parameters(map),
+    h("h2", {}, "Keys, while the map has the focus"),
+    h("dl", { class: "keys" }, [...KEYS, ...(canPlan ? PLAN_KEYS : [])].map(([key, text]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, text)])));
+}
+
+function parameters({ attrs }) {
+  if (!attrs) return null;
+  return [
+    h("h2", {}, "Parameters"),
+    h("dl", { class: "parameters" }, Object.entries(attrs).map(([name, { value, unit, text: meaning }]) => [
+      h("dt", {}, sentence(name.replaceAll("_", " ")), h("b", {}, `${text(value)}${unit && unit !== "1" ? ` ${unit}` : ""}`)),
+      h("dd", {}, meaning),
+    ])),
+  ];
+}
+
+function text(value) {
+  if (value === null) return "none";
+  if (typeof value === "number") return String(Number(value.toPrecision(4)));
+  return String(value);
+}

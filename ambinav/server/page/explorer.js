@@ -1,0 +1,87 @@
+// The map with its panels: on the page of the service, and at the head of a report.
+
+import { aboutPanel } from "./about_panel.js";
+import { fill, h } from "./dom.js";
+import { FloorMap } from "./floor_map.js";
+import { givenRoutes } from "./given_routes.js";
+import { followFocus, followKeys } from "./keys.js";
+import { layersPanel } from "./layers_panel.js";
+import { followLegend } from "./legend.js";
+import { PlaceMarks, Strokes } from "./overlays.js";
+import { placesPanel } from "./places_panel.js";
+import { Readout } from "./readout.js";
+import { RouteLines } from "./route_lines.js";
+import { RoutesPanel } from "./routes_panel.js";
+import { Store } from "./store.js";
+import { makeTabs } from "./tabs.js";
+import { currentTheme } from "./theme.js";
+
+/** Build the explorer into `root`; returns its store, and `open(map)`. */
+export function makeExplorer(root, source, { tab = "layers", routes = [] } = {}) {
+  const store = new Store({
+    map: null, layer: "zone", heading: "mean", stat: "mean", theta: 0, probe: null, pinned: false, place: null, start: null, goal: null,
+    weight: 5, routes: [], chosen: null, trial: null, canPlan: source.can.plan, tab, theme: currentTheme(),
+    overlays: { walls: true, direction: true, scan: true, places: true },
+  });
+  const parts = build(root, source.can.plan || routes.length > 0, !routes.length);
+  const floor = new FloorMap(parts.map, source, store);
+  const strokes = new Strokes(floor, source, store);
+  const marks = new PlaceMarks(floor, store);
+  const lines = new RouteLines(floor, store);
+  const readout = new Readout(parts.readout, floor, source, store);
+  let places = [];
+  const planner = source.can.plan ? new RoutesPanel(parts.panels.routes, floor, source, store) : null;
+  layersPanel(parts.panels.layers, store, source.can);
+  makeTabs(parts.tabs, parts.tabList, store);
+  followLegend(parts.legend, source, store);
+  followKeys(parts.map, floor, store, () => places);
+  followFocus();
+  floor.follow();
+
+  async function open(short) {
+    parts.stage.setAttribute("aria-busy", "true");
+    store.set({ place: null, probe: null, pinned: false, heading: "mean" });
+    if (!short.layers.some(({ name }) => name === store.get("layer"))) store.set({ layer: "zone" });
+    await floor.open(short);
+    store.set({ map: short });
+    readout.opened(short);
+    strokes.opened();
+    lines.opened();
+    planner?.opened(short);
+    if (routes.length) store.set({ given: givenRoutes(parts.panels.routes, routes, floor, store) });
+    clicks(floor, store, planner);
+    fill(parts.panels.places, h("p", { class: "soft", role: "status" }, "Looking for the worst places …"));
+    const [told, found] = await Promise.all([source.map(short.id), source.worst(short.id)]);
+    places = Array.isArray(found) ? found : found.places;
+    marks.opened(places);
+    placesPanel(parts.panels.places, places, floor, store);
+    aboutPanel(parts.panels.about, { ...short, ...told }, source.can.plan);
+    parts.stage.removeAttribute("aria-busy");
+  }
+  return { store, floor, open };
+}
+
+/** A click sets start and goal while routes are planned; else it holds the point, or lets it go. */
+function clicks(floor, store, planner) {
+  floor.leaflet.on("click", ({ latlng }) => {
+    const at = { x: latlng.lng, y: latlng.lat };
+    if (store.get("tab") === "routes" && planner?.take(at)) return;
+    const touch = matchMedia("(hover: none)").matches;
+    store.set(store.get("pinned") && !touch ? { pinned: false, probe: at } : { pinned: true, probe: at });
+  });
+}
+
+function build(root, hasRoutes, hasPlaces) {
+  const panel = () => h("section", { class: "tab" });
+  const panels = { layers: panel(), places: panel(), routes: panel(), about: panel() };
+  const map = h("div", { class: "map", role: "region", "aria-label": "Floor map", tabindex: 0 });
+  const readout = h("div", { class: "readout card", "aria-live": "polite" });
+  const legend = h("div", { class: "legend card", role: "group", "aria-label": "Legend" });
+  const cross = h("div", { class: "cross", "aria-hidden": "true" });
+  const stage = h("div", { class: "stage" }, map, cross, legend, readout);
+  const tabs = h("div", { class: "tabs", "aria-label": "Panels" });
+  const tabList = [["layers", "Layers", panels.layers], hasPlaces && ["places", "Places", panels.places], hasRoutes && ["routes", "Routes", panels.routes], ["about", "About", panels.about]].filter(Boolean);
+  fill(root, stage, h("div", { class: "panel" }, tabs, h("div", { class: "panels" }, tabList.map(([, , one]) => one))));
+  root.classList.add("explorer");
+  return { map, stage, readout, legend, tabs, tabList, panels };
+}

@@ -1,0 +1,64 @@
+// The page of the service: header, choice of the map, explorer.
+
+import { fill, h } from "./dom.js";
+import { makeExplorer } from "./explorer.js";
+import { HttpSource } from "./http_source.js";
+import { applyColours, currentTheme, followTheme, setTheme } from "./theme.js";
+
+const byId = (id) => document.getElementById(id);
+
+async function start() {
+  applyColours();
+  setTheme(currentTheme());
+  const source = new HttpSource();
+  const explorer = makeExplorer(byId("explorer"), source);
+  followTheme(byId("theme"), explorer.store);
+  let maps;
+  try {
+    maps = await source.maps();
+  } catch (problem) {
+    fail(problem.status === 401 ? "This service asks for a token. Open the page as …/#token=TOKEN." : problem.message);
+    return;
+  }
+  if (!maps.length) {
+    fail("The service has no map to show.");
+    return;
+  }
+  const asked = new URLSearchParams(location.search).get("map");
+  const first = maps.find(({ id }) => id === asked) ?? maps[0];
+  const open = async (map) => {
+    document.title = `${map.name} · ambinav`;
+    fill(byId("about-map"), [map.scanner, `${size(map)} m`, `cells of ${Number(map.spacing.toPrecision(3))} m`].join(" · "));
+    try {
+      await explorer.open(map);
+    } catch (problem) {
+      fail(problem.message);
+      throw problem;
+    }
+  };
+  choice(maps, first, open);
+  await open(first);
+}
+
+function choice(maps, first, open) {
+  if (maps.length === 1) {
+    fill(byId("map-name"), first.name);
+    return;
+  }
+  const select = h("select", { "aria-label": "Map", onchange: () => {
+    const map = maps.find(({ id }) => id === select.value);
+    history.replaceState(null, "", `?map=${encodeURIComponent(map.id)}`);
+    open(map);
+  } }, maps.map(({ id, name }) => h("option", { value: id, selected: id === first.id }, name)));
+  fill(byId("map-name"), select);
+}
+
+const size = ({ bounds: [x0, y0, x1, y1] }) => `${Math.round(x1 - x0)} × ${Math.round(y1 - y0)}`;
+
+function fail(text) {
+  const note = byId("failure");
+  note.textContent = text;
+  note.hidden = false;
+}
+
+start();

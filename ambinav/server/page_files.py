@@ -1,0 +1,54 @@
+"""The page: its files, the table of colours as a module of it, and what it may load."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from fastapi import FastAPI
+from starlette.datastructures import MutableHeaders
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+from starlette.types import Message, Receive, Scope, Send
+
+from ambinav.reports.page.single_file import FOLDER, GENERATED
+from ambinav.reports.page.style import style_module
+
+POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+"""What the page may load: its own files and the service's answers, nothing from elsewhere."""
+
+
+HEADERS: Final = {
+    "Content-Security-Policy": POLICY,
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    # Browsers ask each time whether a file is still fresh: another version may be served.
+    "Cache-Control": "no-cache",
+}
+
+
+class PageFiles(StaticFiles):
+    """Static files with `HEADERS`."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request for a file."""
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        await super().__call__(scope, receive, guarded)
+
+
+def mount_page(app: FastAPI) -> None:
+    """Answer `/` and all that the page consists of."""
+    module = style_module()
+
+    async def style() -> Response:
+        return Response(module, media_type="text/javascript", headers=HEADERS)
+
+    app.add_api_route(f"/{GENERATED}", style, include_in_schema=False)
+    app.mount("/", PageFiles(directory=FOLDER, html=True), name="page")

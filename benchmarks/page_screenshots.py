@@ -1,0 +1,87 @@
+"""Screenshots of the page and of a report, light and dark, 1280 and 390 pixels wide.
+
+    python benchmarks/page_screenshots.py MAP.zarr --report DIR/report.html --out out/page
+
+They are for people to look at: nothing is compared. `--start` and `--goal` are for the routes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from page_browser import browser, serving
+
+SIZES = ((1280, 800), (390, 844))
+SCHEMES = ("light", "dark")
+
+
+def main() -> None:
+    """Take all screenshots."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("map", type=Path)
+    parser.add_argument("--report", type=Path, action="append", default=[])
+    parser.add_argument("--start", type=float, nargs=2)
+    parser.add_argument("--goal", type=float, nargs=2)
+    parser.add_argument("--out", type=Path, default=Path("out/page"))
+    asked = parser.parse_args()
+    asked.out.mkdir(parents=True, exist_ok=True)
+    with browser() as chromium, serving([asked.map]) as url:
+        for width, height in SIZES:
+            for scheme in SCHEMES:
+                name = f"{width}-{scheme}.png"
+                size = {"width": width, "height": height}
+                context = chromium.new_context(viewport=size, color_scheme=scheme)
+                page = context.new_page()
+                page.goto(url)
+                _ready(page)
+                _page(page, asked, name)
+                for report in asked.report:
+                    page.goto(report.resolve().as_uri())
+                    _ready(page)
+                    kind = report.resolve().parent.name
+                    page.screenshot(path=asked.out / f"report-{kind}-{name}", full_page=True)
+                context.close()
+                print(name, flush=True)
+
+
+def _page(page: Any, asked: argparse.Namespace, name: str) -> None:
+    """Zones, a layer with a scan, a place, and routes where ends are given."""
+    page.screenshot(path=asked.out / f"zones-{name}")
+    page.locator("input[value=level]").check()
+    page.wait_for_selector(".map[data-shown=level]")
+    page.get_by_role("tab", name="Places").click()
+    if page.locator(".place-entry").count():
+        page.locator(".place-entry").first.click()
+        page.locator(".readout dd").first.wait_for()
+        page.wait_for_timeout(2500)
+    page.screenshot(path=asked.out / f"place-{name}")
+    page.get_by_role("tab", name="About").click()
+    page.screenshot(path=asked.out / f"about-{name}")
+    if asked.start and asked.goal:
+        page.get_by_role("tab", name="Routes").click()
+        page.locator(".map").focus()
+        page.keyboard.press("Escape")
+        page.keyboard.press("0")
+        for end, place in (("start", asked.start), ("goal", asked.goal)):
+            for axis, value in zip("xy", place, strict=True):
+                field = page.get_by_label(f"{end} {axis}, metres")
+                field.fill(str(value))
+                field.press("Tab")
+        page.locator(".route-card").nth(1).wait_for(timeout=120_000)
+        page.get_by_role("button", name="Trade-off curve").click()
+        page.locator(".chart .dot").first.wait_for(timeout=300_000)
+        page.locator(".chart .dot").nth(1).click()
+        page.wait_for_timeout(500)
+        page.screenshot(path=asked.out / f"routes-{name}")
+
+
+def _ready(page: Any) -> None:
+    page.wait_for_selector(".map[data-shown]")
+    page.wait_for_selector(".stage:not([aria-busy])")
+    page.wait_for_timeout(800)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,251 @@
+"""The page in a browser: layers, values, places, keyboard, contrast, and no foreign address."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ambinav.plotting import style
+from ambinav.reports.page.single_file import FOLDER, modules
+from ambinav.server.app import create_app
+from tests.server.axe import violations
+from tests.server.live import running
+
+FILES = sorted(path.name for path in FOLDER.iterdir() if path.is_file())
+WAIT = 60_000
+"""Milliseconds after which something did not happen."""
+
+
+def visit(chromium: Any, url: str, **options: Any) -> Any:
+    """A page that is open and shows its map; it notes requests, errors and whose they are."""
+    context = chromium.new_context(**{"viewport": {"width": 1280, "height": 800}, **options})
+    context.set_default_timeout(WAIT)
+    page = context.new_page()
+    page.asked, page.faults = [], []
+    page.on("request", lambda request: page.asked.append(request.url))
+    page.on("pageerror", lambda error: page.faults.append(str(error)))
+    page.on("console", lambda said: said.type == "error" and page.faults.append(said.text))
+    page.goto(url)
+    page.wait_for_selector(".map[data-shown]")
+    page.wait_for_selector(".stage:not([aria-busy])")
+    return page
+
+
+@pytest.fixture
+def page(chromium: Any, live: Any) -> Iterator[Any]:
+    opened = visit(chromium, f"{live.url}/?map=map")
+    yield opened
+    opened.context.close()
+
+
+def at(page: Any, x: float, y: float) -> tuple[float, float]:
+    """Pixels of a point of the map frame, from two points that the page tells the metres of."""
+    box = page.locator(".map").bounding_box()
+    known = []
+    for share in (0.3, 0.6):
+        px, py = box["x"] + share * box["width"], box["y"] + share * box["height"]
+        page.mouse.move(px - 3, py - 3)
+        page.mouse.move(px, py)
+        page.wait_for_timeout(150)
+        readout = page.locator(".readout[data-x]")
+        readout.wait_for()
+        known.append((px, py, *(float(readout.get_attribute(f"data-{a}")) for a in "xy")))
+    (ax, ay, amx, amy), (bx, by, bmx, bmy) = known
+    return (
+        ax + (x - amx) / (bmx - amx) * (bx - ax),
+        ay + (y - amy) / (bmy - amy) * (by - ay),
+    )
+
+
+def test_files_are_served_under_a_strict_policy(live):
+    for name in ("", *FILES, "leaflet/leaflet.js", "style.js"):
+        answer = live.http.get(f"/{name}")
+        assert answer.status_code == 200, name
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "http" not in policy
+
+
+def test_the_page_names_no_address_and_each_module_is_short():
+    for name in FILES:
+        text = (FOLDER / name).read_text()
+        # The name of SVG's language is no address that anything loads.
+        assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text), name
+        assert len(text.splitlines()) <= 250, name
+    assert (FOLDER / "leaflet" / "LICENSE").read_text().startswith("BSD 2-Clause")
+
+
+def test_colours_are_those_of_the_table(live):
+    module = live.http.get("/style.js").text
+    told = json.loads(module.removeprefix("export default ").rstrip().rstrip(";"))
+    assert tuple(zone["colour"] for zone in told["zones"]) == style.ZONE_COLOURS
+    assert told["routes"]["ambiguity"][0] == style.route_style("ambiguity")._asdict() | {
+        "dashes": []
+    }
+    drawn = " ".join((FOLDER / name).read_text() for name in FILES if name != "icon.svg").lower()
+    for colour in (*style.ZONE_COLOURS, *style.SERIES, style.SLIDE, style.ECHO):
+        assert colour.lower() not in drawn
+
+
+def test_all_modules_are_reached_from_the_pages():
+    reached = modules("main.js").keys() | modules("report.js").keys()
+    assert {name for name in FILES if name.endswith(".js")} | {"style.js"} == reached
+
+
+@pytest.mark.slow
+def test_it_opens_and_asks_nobody_else(page, live):
+    assert page.faults == []
+    assert page.asked
+    assert all(url.startswith((live.url, "blob:", "data:")) for url in page.asked)
+    assert page.locator("#map-name select").input_value() == "map"
+    assert page.locator(".legend li").count() == 4
+    assert page.locator(".leaflet-control-scale-line").inner_text().endswith("m")
+
+
+@pytest.mark.slow
+def test_layers_switch_and_the_legend_follows(page):
+    page.get_by_text("Ambiguity level").first.click()
+    page.wait_for_selector(".map[data-shown=level]")
+    assert "Ambiguity level, mean of major and minor" in page.locator(".legend").inner_text()
+    assert any("/layers/level/tiles/" in url for url in page.asked)
+    page.get_by_text(re.compile(r"\d more layers")).click()
+    page.locator("input[value=clearance]").check()
+    page.wait_for_selector(".map[data-shown=clearance]")
+    assert "(m)" in page.locator(".legend").inner_text()
+    with page.expect_response(lambda answer: "stat=worst" in answer.url) as answered:
+        page.get_by_label("A pixel shows the worst of its cells").check()
+    assert answered.value.status == 200
+
+
+@pytest.mark.slow
+def test_values_at_the_pointer_are_those_of_the_service(page, live):
+    for x, y in ((1.3, 1.7), (7.0, 1.8), (14.0, 1.5)):
+        page.mouse.move(*at(page, x, y))
+        page.wait_for_timeout(500)
+        told = page.locator(".readout[data-x]")
+        told.locator("dd[data-layer=level]").wait_for()
+        px, py = (float(told.get_attribute(f"data-{axis}")) for axis in "xy")
+        assert (px, py) == pytest.approx((x, y), abs=0.15)  # whole pixels
+        found = live.get("/v1/maps/map/values", x=f"{px:.4f}", y=f"{py:.4f}")
+        for name in ("level", "major_radius", "minor_radius", "clearance"):
+            shown = float(told.locator(f"dd[data-layer={name}]").get_attribute("data-value"))
+            assert shown == pytest.approx(found["values"][name], abs=1e-9)
+        cost = float(told.locator("dd[data-layer=cost]").get_attribute("data-value"))
+        assert cost == pytest.approx(found["cost"])
+        assert found["zone"] in told.inner_text().lower()
+
+
+@pytest.mark.slow
+def test_places_fly_and_hold_the_point(page, live):
+    worst = live.get("/v1/maps/map/worst")
+    page.get_by_role("tab", name="Places").click()
+    entries = page.locator(".place-entry")
+    assert entries.count() == len(worst) > 0
+    entries.first.click()
+    readout = page.locator(f".readout[data-x='{worst[0]['x']:g}']")
+    readout.locator("dd[data-layer=level]").wait_for()
+    assert entries.first.get_attribute("aria-pressed") == "true"
+    assert page.locator(".badge.place.chosen").count() == 1
+    page.get_by_role("button", name="Let go of this point").click()
+    page.wait_for_selector(".readout.resting")
+
+
+@pytest.mark.slow
+def test_the_keyboard_is_enough(page):
+    page.locator(".map").focus()
+    page.keyboard.press("2")
+    page.wait_for_selector(".map[data-shown=level]")
+    page.keyboard.press("Enter")
+    page.wait_for_selector(".readout[data-x]")
+    page.keyboard.press("Escape")
+    page.wait_for_selector(".readout.resting")
+    page.keyboard.press("w")
+    assert not page.locator("input[name=walls]").is_checked()
+    page.keyboard.press("n")
+    page.wait_for_selector(".badge.place.chosen")
+    before = page.locator(".leaflet-map-pane").get_attribute("style")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(500)
+    assert page.locator(".leaflet-map-pane").get_attribute("style") != before
+    page.get_by_role("tab", name="Layers").focus()
+    page.keyboard.press("ArrowRight")
+    assert page.get_by_role("tab", name="Places").get_attribute("aria-selected") == "true"
+    page.keyboard.press("Shift+Tab")
+    assert page.faults == []
+
+
+@pytest.mark.slow
+def test_routes_are_planned_by_clicks_and_again_after_a_drag(page):
+    pytest.importorskip("ambinav_planners.registry")
+    page.get_by_role("tab", name="Routes").click()
+    (sx, sy), (gx, gy) = at(page, 1.5, 1.5), at(page, 10.0, 1.75)
+    page.mouse.click(sx, sy)
+    page.mouse.click(gx, gy)
+    cards = page.locator(".route-card")
+    cards.nth(1).wait_for()
+    texts = cards.all_inner_texts()
+    assert "Shortest" in texts[0]
+    assert "Weight 5" in texts[1]
+    assert all("Length" in text and "Exposure" in text for text in texts)
+    page.mouse.move(gx, gy)
+    page.mouse.down()
+    page.mouse.move(gx - 40, gy, steps=4)
+    with page.expect_response(lambda answer: answer.url.endswith("/plan")) as answered:
+        page.mouse.up()
+    goal = json.loads(answered.value.request.post_data)["goal"]
+    assert goal[0] < 9.9
+    page.get_by_role("button", name="Trade-off curve").click()
+    dots = page.locator(".chart .dot")
+    dots.first.wait_for()
+    dots.first.focus()
+    page.keyboard.press("Enter")
+    assert dots.first.get_attribute("aria-pressed") == "true"
+
+
+@pytest.mark.slow
+def test_a_goal_in_a_wall_is_told_in_a_sentence(page):
+    pytest.importorskip("ambinav_planners.registry")
+    page.get_by_role("tab", name="Routes").click()
+    for name, x, y in (("start", 1.5, 1.5), ("goal", 12.0, 1.5)):
+        page.get_by_label(f"{name} x, metres").fill(str(x))
+        page.get_by_label(f"{name} y, metres").fill(str(y))
+        page.keyboard.press("Tab")
+    page.locator(".message.error").wait_for()
+    assert "goal" in page.locator(".message.error").inner_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(chromium, live, width, scheme):
+    size = {"width": width, "height": 844}
+    page = visit(chromium, live.url, viewport=size, color_scheme=scheme, bypass_csp=True)
+    for tab in ("Layers", "Places", "Routes", "About"):
+        page.get_by_role("tab", name=tab).click()
+        assert violations(page) == [], tab
+    # Nothing is wider than the screen.
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.context.close()
+
+
+@pytest.mark.slow
+def test_a_token_is_taken_from_the_address_and_sent(chromium, plan_map: Path):
+    with running(create_app([plan_map], token="s3cret")) as live:
+        page = visit(chromium, f"{live.url}/#token=s3cret")
+        assert "s3cret" not in page.url
+        assert page.locator("img.floor-tile").first.get_attribute("src").startswith("blob:")
+        page.reload()
+        page.wait_for_selector(".map[data-shown]")
+        page.context.close()
+        context = chromium.new_context()
+        other = context.new_page()
+        other.goto(live.url)
+        other.locator("#failure:not([hidden])").wait_for()
+        assert "#token=TOKEN" in other.locator("#failure").inner_text()
+        context.close()
