@@ -173,7 +173,7 @@ def test_reports_tell_the_same(found, tmp_path):
     markdown = (tmp_path / "out" / "report.md").read_text()
     page = (tmp_path / "out" / "report.html").read_text()
     for text in (markdown, page):
-        assert "not reachable by a robot of 0.25 m" in text
+        assert "not reachable by a robot of 0.25 m" in text.lower()
         assert "unexplored" in text
     assert UNREACHABLE in page and "repeating-linear-gradient" in page
 
