@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import typer
 
@@ -32,6 +33,105 @@ def _complete_kind(begun: str) -> list[str]:
     return [name for name in EXPORTERS.names() if name.startswith(begun)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class FloorOptions:
+    """What of the floor is written, and how."""
+
+    PANEL: ClassVar[str] = "Masks, zones and layers"
+
+    layer: Annotated[
+        str | None,
+        typer.Option("--layer", metavar="NAME", help="The layer.", show_default="the cost layer"),
+    ] = None
+    zones: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--zone",
+            metavar="NAME",
+            help="A zone to mark or write; may be repeated.",
+            show_default="corridor, open; of nav2-keepout open",
+        ),
+    ] = None
+    threshold: Annotated[
+        float | None,
+        typer.Option("--threshold", help="Mark where the layer is at least this, not zones."),
+    ] = None
+    least_area: Annotated[
+        float | None,
+        typer.Option(
+            "--least-area", metavar="M2", help="Leave out smaller zones.", show_default="0.5"
+        ),
+    ] = None
+    slowest: Annotated[
+        float | None,
+        typer.Option(
+            "--slowest", metavar="PERCENT", help="Of the speed at level 1.", show_default="30"
+        ),
+    ] = None
+    max_speed: Annotated[
+        float | None,
+        typer.Option("--max-speed", metavar="M/S", help="Say speed limits in m/s, below this."),
+    ] = None
+    heading: Annotated[
+        float | None,
+        typer.Option(
+            "--heading", metavar="DEG", help="Of the robot, where it matters; see the how-to."
+        ),
+    ] = None
+    resolution: Annotated[
+        float | None,
+        typer.Option(
+            "--resolution",
+            metavar="M",
+            help="Edge of a cell of the building's image.",
+            show_default="as the building's own map, or the spacing",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteOptions:
+    """What goes along: routes, drives, a graph of routes."""
+
+    PANEL: ClassVar[str] = "Routes, drives and graphs"
+
+    routes: Annotated[
+        list[Path] | None,
+        typer.Option("--route", metavar="FILE", help="A route of `ambinav plan`; repeatable."),
+    ] = None
+    step: Annotated[
+        float | None,
+        typer.Option(
+            "--step", metavar="M", help="Between the poses of a path.", show_default="0.05"
+        ),
+    ] = None
+    drives: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--drive",
+            metavar="FILE",
+            help="A drive.csv of a comparison, or a trajectory .tum; repeatable.",
+        ),
+    ] = None
+    weight: Annotated[
+        float | None,
+        typer.Option("--weight", "-w", help="Of the layer in a cost.", show_default="5"),
+    ] = None
+    robot_radius: Annotated[
+        float | None,
+        typer.Option("--robot-radius", metavar="M", help="Of a round robot.", show_default="0.2"),
+    ] = None
+    milestones: Annotated[
+        int | None,
+        typer.Option("--milestones", metavar="N", help="Of the roadmap.", show_default="500"),
+    ] = None
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="N", help="Of the roadmap.", show_default="0"),
+    ] = None
+
+
+@options.grouped
 def export(
     map_file: Annotated[
         Path,
@@ -61,88 +161,8 @@ def export(
             show_default=False,
         ),
     ],
-    layer: Annotated[
-        str | None,
-        typer.Option("--layer", metavar="NAME", help="The layer.", show_default="the cost layer"),
-    ] = None,
-    zones: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--zone",
-            metavar="NAME",
-            help="A zone to mark or write; may be repeated.",
-            show_default="corridor, open; of nav2-keepout open",
-        ),
-    ] = None,
-    threshold: Annotated[
-        float | None,
-        typer.Option("--threshold", help="Mark where the layer is at least this, not zones."),
-    ] = None,
-    least_area: Annotated[
-        float | None,
-        typer.Option(
-            "--least-area", metavar="M2", help="Leave out smaller zones.", show_default="0.5"
-        ),
-    ] = None,
-    slowest: Annotated[
-        float | None,
-        typer.Option(
-            "--slowest", metavar="PERCENT", help="Of the speed at level 1.", show_default="30"
-        ),
-    ] = None,
-    max_speed: Annotated[
-        float | None,
-        typer.Option("--max-speed", metavar="M/S", help="Say speed limits in m/s, below this."),
-    ] = None,
-    heading: Annotated[
-        float | None,
-        typer.Option(
-            "--heading", metavar="DEG", help="Of the robot, where it matters; see the how-to."
-        ),
-    ] = None,
-    resolution: Annotated[
-        float | None,
-        typer.Option(
-            "--resolution",
-            metavar="M",
-            help="Edge of a cell of the building's image.",
-            show_default="as the building's own map, or the spacing",
-        ),
-    ] = None,
-    route: Annotated[
-        list[Path] | None,
-        typer.Option("--route", metavar="FILE", help="A route of `ambinav plan`; repeatable."),
-    ] = None,
-    step: Annotated[
-        float | None,
-        typer.Option(
-            "--step", metavar="M", help="Between the poses of a path.", show_default="0.05"
-        ),
-    ] = None,
-    drive: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--drive",
-            metavar="FILE",
-            help="A drive.csv of a comparison, or a trajectory .tum; repeatable.",
-        ),
-    ] = None,
-    weight: Annotated[
-        float | None,
-        typer.Option("--weight", "-w", help="Of the layer in a cost.", show_default="5"),
-    ] = None,
-    robot_radius: Annotated[
-        float | None,
-        typer.Option("--robot-radius", metavar="M", help="Of a round robot.", show_default="0.2"),
-    ] = None,
-    milestones: Annotated[
-        int | None,
-        typer.Option("--milestones", metavar="N", help="Of the roadmap.", show_default="500"),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", help="Of the roadmap.", show_default="0"),
-    ] = None,
+    floor: FloorOptions,
+    along: RouteOptions,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace files that are there.")
     ] = False,
@@ -162,29 +182,18 @@ def export(
         from ambinav.export.formats.exporting import export_map, prepare
         from ambinav.export.options import ExportOptions
 
-        told = ExportOptions(
-            layer=layer,
-            threshold=threshold,
-            zones=tuple(zones or ()),
-            least_area=least_area,
-            slowest=slowest,
-            max_speed=max_speed,
-            heading=heading,
-            resolution=resolution,
-            step=step,
-            routes=tuple(route or ()),
-            drives=tuple(drive or ()),
-            weight=weight,
-            robot_radius=robot_radius,
-            milestones=milestones,
-            seed=seed,
-        )
-        exporter, _ = prepare(kind, output, told, overwrite)
+        given: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in {**vars(floor), **vars(along)}.items()
+            if value is not None
+        }
+        chosen = ExportOptions(**given)
+        exporter, _ = prepare(kind, output, chosen, overwrite)
         check_writable(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
 
         amap = AmbiguityMap.open(map_file)
-        files = export_map(amap, kind, output, told, overwrite=overwrite)
+        files = export_map(amap, kind, output, chosen, overwrite=overwrite)
         if as_json:
             result = {
                 "map": str(map_file),

@@ -32,7 +32,7 @@ def actions(report: Document) -> tuple[Action, ...]:
     found.append(
         Action(
             "Look for the cause",
-            "Audit the building with this scanner: `ambinav audit` lists the worst places and "
+            "Audit the building with this scanner: ambinav audit lists the worst places and "
             "what is seen there.",
         )
     )
