@@ -77,7 +77,7 @@ class PlanPool:
             Problem: it cannot be done, takes too long, or its process was killed.
         """
         async with self._turns:
-            worker = self._idle.pop() if self._idle else await started(plans)
+            worker = self._waiting() or await started(plans)
             self.busy.add(worker)
             done = False
             try:
@@ -104,6 +104,15 @@ class PlanPool:
                 raise RuntimeError(found.detail)
             raise Problem(422, found.detail)
         return found
+
+    def _waiting(self) -> Worker | None:
+        """A process that has planned before; those that were killed meanwhile are left out."""
+        while self._idle:
+            worker = self._idle.pop()
+            if worker.process.is_alive():
+                return worker
+            worker.end()
+        return None
 
     def close(self) -> None:
         """End all processes."""
