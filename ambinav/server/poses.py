@@ -222,7 +222,7 @@ async def post_reward(
         steering, turning_radius = asked.steering, asked.turning_radius
     moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
-    metres = _metres(ends, moves, context)
+    metres = _metres(ends, moves, context.limits.metres)
     await _prepared(context, served, layer, DEFAULT_WEIGHT)
     service = served.service(layer)
 
@@ -238,7 +238,7 @@ async def post_reward(
     return await _answer(context, max(len(ends["x0"]), math.ceil(metres / METRES)), work)
 
 
-def _metres(ends: dict[str, Floats], moves: Steering | None, context: Context) -> float:
+def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> float:
     """Metres that steps travel, at most: the time that their rewards take.
 
     Raises:
@@ -248,11 +248,10 @@ def _metres(ends: dict[str, Floats], moves: Steering | None, context: Context) -
     # No curve is longer than the straight line, a circle at either end, and the way around them.
     circles = 0.0 if moves is None else (4.0 * math.pi + 4.0) * moves.radius
     metres = float(np.sum(straight[np.isfinite(straight)] + circles))
-    if metres > context.limits.metres:
+    if metres > most:
         raise Problem(
             413,
-            f"The steps travel {metres:.3g} m; send at most {context.limits.metres:.3g} m at a "
-            "time.",
+            f"The steps travel {metres:.3g} m; send at most {most:.3g} m at a time.",
         )
     return metres
 
