@@ -16,11 +16,12 @@ import numpy as np
 import psutil
 import pytest
 from PIL import Image
+from starlette.requests import Request
 
 import ambinav as an
 from ambinav.errors import InputError
 from ambinav.server.audits import OVER, Audit, Audits
-from ambinav.server.jobs import Turns, started
+from ambinav.server.jobs import Turns, started, while_connected
 from ambinav.server.limits import Limits
 from ambinav.server.problems import OURS, Problem
 from ambinav.server.served import ServedMaps
@@ -365,3 +366,30 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
     assert [(one.state, one.detail) for one in failed] == [("failed", OURS)] * 3
     assert "secret" in caplog.text
     assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_job_ends_with_the_server_and_says_so() -> None:
+    async def asked() -> None:
+        begun, ended = asyncio.Event(), asyncio.Event()
+
+        async def work() -> None:
+            begun.set()
+            try:
+                await asyncio.Event().wait()
+            finally:
+                ended.set()
+
+        async def receive() -> dict[str, str]:
+            await asyncio.Event().wait()
+            raise AssertionError
+
+        request = Request({"type": "http"}, receive)  # type: ignore[arg-type]
+        task = asyncio.create_task(while_connected(request, work()))
+        await begun.wait()
+        task.cancel()
+        with pytest.raises(Problem, match="ending"):
+            await task
+        async with asyncio.timeout(10.0):
+            await ended.wait()
+
+    asyncio.run(asked())
