@@ -115,6 +115,12 @@ def _scanner(asked: str, most: int) -> str:
         if "\n" in asked
         else RangeScanner.from_preset(asked)
     )
+    said = f"{chosen.name}{chosen.description}{chosen.source}"
+    if any("\ud800" <= one <= "\udfff" for one in said):
+        raise InputError(
+            "scanner: its name, description or source has half of a character (a surrogate), which "
+            "no file takes; correct it."
+        )
     if chosen.beams > most:
         raise InputError(
             f"scanner: it has {chosen.beams} beams, more than the {most} that this server takes; "

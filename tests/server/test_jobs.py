@@ -315,9 +315,13 @@ def test_a_plan_that_is_given_up_while_its_worker_begins_leaves_no_process() -> 
             "name: many\nparts:\n- sensor: sick-lms200\n  ring: {count: 5000000, radius: 0.1}\n",
             "5000000 beams",
         ),
+        (
+            'name: "\\ud800"\nparts:\n- sensor: sick-lms200\n  ring: {count: 8, radius: 0.1}\n',
+            "half of a character",
+        ),
     ],
 )
-def test_a_scanner_that_is_too_large_is_refused(live: Live, scanner: str, told: str) -> None:
+def test_a_scanner_that_is_too_much_is_refused(live: Live, scanner: str, told: str) -> None:
     files = [("files", ("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))"))]
     answer = live.http.post("/v1/audits", files=files, data={"scanner": scanner})
     assert answer.status_code == 422
