@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,14 +111,14 @@ def find_ambiguous_regions(
         InputError: no such heading.
     """
     floor = {
-        name: np.nan_to_num(amap.floor(name, heading).values.astype(np.float64))
+        name: _numbers(amap.floor(name, heading).values)
         for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
     }
     room = ROOM if parts is None else 0.0
     parts = FloorParts.of(amap) if parts is None else parts
     zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
     axis = np.where(floor["major"] - floor["minor"] >= _PRONOUNCED, floor["direction"], np.nan)
-    clearance = np.nan_to_num(amap.dataset["clearance"].values.astype(np.float64))
+    clearance = _numbers(amap.dataset["clearance"].values)
     labels = find_regions(
         zone,
         (CORRIDOR, OPEN),
@@ -136,6 +137,12 @@ def find_ambiguous_regions(
         _describe(amap, labels, boxes[label - 1], int(label), number, zone, floor, axis)
         for number, label in enumerate(worst.tolist(), start=1)
     )
+
+
+def _numbers(values: NDArray[np.floating[Any]]) -> Floats:
+    """As `np.nan_to_num` in float64, which is slow on large maps; infinite values are rare."""
+    out = np.where(np.isnan(values), np.float32(0.0), values).astype(np.float64)
+    return np.nan_to_num(out, copy=False) if np.isinf(values).any() else out
 
 
 def _describe(

@@ -72,11 +72,17 @@ def find_regions(
 
 def _spread(labels: Labels, mask: Mask, steps: int) -> Labels:
     """Grow all labels by `steps` cells within `mask`; the larger label wins a tie."""
-    cross = ndimage.generate_binary_structure(2, 1)
+    # Cell by cell: of a large floor few are to be labelled, and a filter looks at all.
+    padded = np.pad(labels, 1)
+    flat, width = padded.reshape(-1), padded.shape[1]
+    cells = np.flatnonzero(np.pad(mask & (labels == 0), 1))
     for _ in range(steps):
-        grown = ndimage.grey_dilation(labels, footprint=cross)
-        labels = np.where((labels == 0) & mask, grown, labels).astype(np.int32)
-    return labels
+        grown = np.zeros(cells.size, dtype=np.int32)
+        for offset in (-width, -1, 1, width):
+            np.maximum(grown, flat[cells + offset], out=grown)
+        flat[cells] = grown
+        cells = cells[grown == 0]
+    return padded[1:-1, 1:-1]
 
 
 def _touching(labels: Labels) -> NDArray[np.int32]:
@@ -126,5 +132,6 @@ def _root(index: NDArray[np.int_], i: int) -> int:
 
 
 def _numbered(labels: Labels) -> Labels:
-    _, dense = np.unique(np.append(labels.ravel(), 0), return_inverse=True)
-    return dense[:-1].reshape(labels.shape).astype(np.int32)
+    used = np.bincount(labels.ravel(), minlength=1) > 0
+    used[0] = False
+    return (np.cumsum(used) * used).astype(np.int32)[labels]

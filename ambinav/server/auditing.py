@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse, Response, StreamingResponse
 
+from ambinav.errors import InputError
 from ambinav.sensing.presets import preset_names
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.audits import Audit
@@ -87,16 +88,45 @@ async def post_audit(
     When it is done, its ambiguity map is served like the others, until too many audits have
     followed or the server ends.
     """
-    chosen = (
-        RangeScanner.from_yaml_text(scanner, file="scanner")
-        if "\n" in scanner
-        else RangeScanner.from_preset(scanner)
-    )
-    audits = context_of(request).audits
-    audit = await audits.begin(files, chosen.to_yaml(), spacing, radius, headings)
+    context = context_of(request)
+    chosen = await context.in_thread(_scanner, scanner, context.limits.audit_beams)
+    audit = await context.audits.begin(files, chosen, spacing, radius, headings)
     info = as_json(_info(audit), 202)
     info.headers["location"] = f"/v1/audits/{audit.id}"
     return info
+
+
+MOST_SCANNER: Final = 100_000
+"""Characters of a scanner file: reading it takes a second for each megabyte or more."""
+
+
+def _scanner(asked: str, most: int) -> str:
+    """The text of a scanner that is named or given as a text.
+
+    Raises:
+        InputError: it is none, or has more than `most` beams.
+    """
+    if len(asked) > MOST_SCANNER:
+        raise InputError(
+            f"scanner: the text has {len(asked)} characters; give at most {MOST_SCANNER}."
+        )
+    chosen = (
+        RangeScanner.from_yaml_text(asked, file="scanner")
+        if "\n" in asked
+        else RangeScanner.from_preset(asked)
+    )
+    said = f"{chosen.name}{chosen.description}{chosen.source}"
+    if any("\ud800" <= one <= "\udfff" for one in said):
+        raise InputError(
+            "scanner: its name, description or source has half of a character (a surrogate), which "
+            "no file takes; correct it."
+        )
+    if chosen.beams > most:
+        raise InputError(
+            f"scanner: it has {chosen.beams} beams, more than the {most} that this server takes; "
+            "give fewer."
+        )
+    return chosen.to_yaml()
 
 
 @router.get(

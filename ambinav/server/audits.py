@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 import shutil
 import tempfile
@@ -16,7 +17,7 @@ from starlette.datastructures import UploadFile
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server.jobs import RETRY, Turns, received, started
 from ambinav.server.limits import Limits
-from ambinav.server.problems import Problem
+from ambinav.server.problems import OURS, Problem
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.uploads import Upload, store
 from ambinav.server.wire import read_dataset
@@ -24,6 +25,8 @@ from ambinav.server.workers import AuditTask, Failure, audits
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 OVER: Final = ("done", "failed", "cancelled")
+
+_log = logging.getLogger("ambinav.server")
 
 
 @dataclass(eq=False)
@@ -120,12 +123,13 @@ class Audits:
         if len(running) >= limits.audits + limits.waiting:
             raise Problem(503, "Too many audits are waiting; try again later.", headers=RETRY)
         folder = Path(tempfile.mkdtemp(prefix="audit-", dir=self._folder()))
+        audit = Audit(secrets.token_urlsafe(12), folder)
+        self._all[audit.id] = audit  # counts from now on: others ask while the files are stored
         try:
             upload = await asyncio.to_thread(store, files, folder)
         except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)
+            self._drop(audit)
             raise
-        audit = Audit(secrets.token_urlsafe(12), folder)
         task = AuditTask(
             folder=str(folder),
             map_name=upload.file,
@@ -136,7 +140,6 @@ class Audits:
             headings=headings,
             cells=limits.audit_cells,
         )
-        self._all[audit.id] = audit
         self._forget_old()
         audit.job = asyncio.create_task(self._run(audit, task, upload))
         return audit
@@ -167,7 +170,7 @@ class Audits:
                 finally:
                     await asyncio.to_thread(worker.end)
             if isinstance(news, Failure):
-                audit.change(state="failed", detail=news.detail)
+                audit.change(state="failed", detail=OURS if news.ours else news.detail)
                 return
             amap = await asyncio.to_thread(_opened, audit.folder / "map.npz", upload.title)
             served = self._maps.add(amap, upload.title)
@@ -183,6 +186,9 @@ class Audits:
                 state="failed",
                 detail="The audit's process was killed, perhaps for lack of memory.",
             )
+        except Exception:
+            _log.exception("an audit failed")
+            audit.change(state="failed", detail=OURS)
 
     def _forget_old(self) -> None:
         for audit in [one for one in self._all.values() if one.state in OVER]:

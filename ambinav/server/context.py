@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+import itertools
+import logging
 import tempfile
 import threading
 from collections.abc import Callable
@@ -22,6 +25,8 @@ from ambinav.server.wire import write_dataset
 
 T = TypeVar("T")
 
+_log = logging.getLogger("ambinav.server")
+
 THREADS: Final = 4
 """In which answers are worked out that would hold up the others."""
 
@@ -39,6 +44,8 @@ class Context:
         self.limits = limits
         self._tiles: dict[ServedMap, Tiles] = {}
         self._files: dict[ServedMap, Path] = {}
+        self._kept: dict[ServedMap, dict[str, asyncio.Task[Any]]] = {}
+        self._numbers = itertools.count()
         self._lock = threading.Lock()
 
     @cached_property
@@ -80,7 +87,7 @@ class Context:
         with self._lock:
             path = self._files.get(served)
             if path is None or not path.exists():
-                path = path or self.folder / f"{len(self._files)}.npz"
+                path = path or self.folder / f"{next(self._numbers)}.npz"
                 path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
                 write_dataset(served.amap.dataset, path)
                 self._files[served] = path
@@ -95,19 +102,34 @@ class Context:
     def keep_pyramids(self, stop: threading.Event) -> None:
         """Write the pyramids of all maps into their stores, one after the other."""
         for served in self.maps:
-            self.tiles(served).pyramids.keep(stop)
+            try:
+                self.tiles(served).pyramids.keep(stop)
+            except Exception:  # tiles are made without it, and the other maps' are still kept
+                _log.exception("the pyramid of %s cannot be kept", served.name)
 
     def forget(self, served: ServedMap) -> None:
         """Serve a map no longer, and drop what was kept of it."""
         self.maps.remove(served.name)
         self._tiles.pop(served, None)
-        path = self._files.get(served)
+        self._kept.pop(served, None)
+        with self._lock:
+            path = self._files.pop(served, None)
         if path is not None:
             path.unlink(missing_ok=True)
 
     async def in_thread(self, function: Callable[..., T], *arguments: Any) -> T:
         """Call what takes long without holding up other requests."""
         return await to_thread.run_sync(function, *arguments, limiter=self._limiter)
+
+    async def once(self, served: ServedMap, name: str, work: Callable[[ServedMap], T]) -> T:
+        """What is worked out once for a map, in a thread; whoever asks meanwhile waits for it."""
+        kept = self._kept.setdefault(served, {})
+        task = kept.get(name)
+        if task is None or (task.done() and (task.cancelled() or task.exception())):
+            task = kept[name] = asyncio.create_task(self.in_thread(work, served))
+        # Whoever goes away takes nobody else's answer along.
+        found: T = await asyncio.shield(task)
+        return found
 
     def close(self) -> None:
         """End all jobs and remove what was written."""
@@ -121,6 +143,7 @@ class Context:
             self._scratch.cleanup()
             del self._scratch
         self._files.clear()
+        self._kept.clear()
         vars(self).pop("_limiter", None)
 
 

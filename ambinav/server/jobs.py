@@ -77,7 +77,7 @@ class PlanPool:
             Problem: it cannot be done, takes too long, or its process was killed.
         """
         async with self._turns:
-            worker = self._idle.pop() if self._idle else await started(plans)
+            worker = self._waiting() or await started(plans)
             self.busy.add(worker)
             done = False
             try:
@@ -104,6 +104,15 @@ class PlanPool:
                 raise RuntimeError(found.detail)
             raise Problem(422, found.detail)
         return found
+
+    def _waiting(self) -> Worker | None:
+        """A process that has planned before; those that were killed meanwhile are left out."""
+        while self._idle:
+            worker = self._idle.pop()
+            if worker.process.is_alive():
+                return worker
+            worker.end()
+        return None
 
     def close(self) -> None:
         """End all processes."""
@@ -150,17 +159,20 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
     """Await some work, and cancel it when the request's connection is closed.
 
     Raises:
-        Problem: it was closed; nobody is there to read of it.
+        Problem: it was closed, and nobody is there to read of it; or the server ends.
     """
     task = asyncio.ensure_future(work)
     gone = asyncio.ensure_future(_disconnected(request))
     try:
         await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+    except asyncio.CancelledError:
+        # By uvicorn, which waits for requests a few seconds when it ends. It has no time for the
+        # process to be gone; `PlanPool` sees to that.
+        raise Problem(503, "The server is ending; ask again when it is back.") from None
     finally:
         gone.cancel()
-        if not task.done():
-            task.cancel()
-        await asyncio.gather(task, gone, return_exceptions=True)
+        task.cancel()
+    await asyncio.gather(task, gone, return_exceptions=True)
     if task.cancelled():
         raise Problem(503, "The connection was closed.")
     return task.result()

@@ -11,6 +11,7 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 from ambinav.server.problems import Problem, problem_response
+from ambinav.server.wire import OCTETS
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -28,10 +29,11 @@ class Limits:
 
     Attributes:
         body: Bytes of a body.
-        json: Bytes of a body in JSON: reading it holds up all other requests.
+        json: Bytes of a body in JSON, or of no known type: reading it holds up all other requests.
         upload: Bytes of a body of uploaded files.
         body_seconds: In which a body has arrived.
         batch: Poses or steps of a batch.
+        metres: Travelled by the steps of a batch, about.
         plan_seconds: Of planning, as a request may ask for.
         job_seconds: After which a plan is ended, whatever it does.
         audit_seconds: After which an audit is ended.
@@ -40,6 +42,7 @@ class Limits:
         waiting: Jobs of a kind that may wait for their turn.
         kept_audits: Finished audits whose map and report are kept; the oldest go first.
         audit_cells: Cells of an uploaded map's ambiguity map, over all headings.
+        audit_beams: Of the scanner of an audit.
         weights: Of a Pareto front.
     """
 
@@ -48,6 +51,7 @@ class Limits:
     upload: int = 64 * 2**20
     body_seconds: float = 30.0
     batch: int = 1_000_000
+    metres: float = 5e7
     plan_seconds: float = 30.0
     job_seconds: float = 120.0
     audit_seconds: float = 900.0
@@ -56,6 +60,7 @@ class Limits:
     waiting: int = 8
     kept_audits: int = 8
     audit_cells: int = 4_000_000
+    audit_beams: int = 20_000
     weights: int = 25
 
 
@@ -90,8 +95,7 @@ class Guard:
             await problem_response(status, detail, headers=more)(scope, receive, send)
             return
         if b"content-length" in headers or b"transfer-encoding" in headers:
-            upload = headers.get(b"content-type", b"").startswith(b"multipart/")
-            most = self._limits.upload if upload else self._limits.body
+            most = self._most(headers.get(b"content-type", b""))
             receive = _limited(receive, most, self._limits.body_seconds)
             told = headers.get(b"content-length", b"0")
             if told.isdigit() and int(told) > most:
@@ -99,6 +103,14 @@ class Guard:
                 await response(scope, receive, send)
                 return
         await self._app(scope, receive, send)
+
+    def _most(self, kind: bytes) -> int:
+        """Bytes that a body of some Content-Type may have."""
+        kind = kind.lower()
+        if kind.startswith(b"multipart/"):
+            return self._limits.upload
+        is_binary = kind.partition(b";")[0].strip() == OCTETS.encode()
+        return self._limits.body if is_binary else min(self._limits.body, self._limits.json)
 
     def _refused(
         self, scope: Scope, headers: dict[bytes, bytes]
@@ -129,7 +141,10 @@ class Guard:
 
 def too_large(most: int) -> str:
     """What is said of a body that is too large."""
-    return f"The body is larger than {most} bytes; send less at a time."
+    return (
+        f"The body is larger than {most} bytes; send less at a time, or poses in the binary form, "
+        f"{OCTETS}."
+    )
 
 
 def _name_of(host: str) -> str:

@@ -22,9 +22,9 @@ from ambinav.server.models import (
     Scan,
     as_json,
 )
-from ambinav.server.poses import Theta, X, Y
+from ambinav.server.poses import Theta, Weight, X, Y
 from ambinav.server.problems import answers
-from ambinav.server.served import ServedMap, finite, zone_name
+from ambinav.server.served import DEFAULT_WEIGHT, ServedMap, finite, zone_name
 from ambinav.server.wire import OCTETS
 
 router = APIRouter(prefix="/v1/maps", tags=["maps"])
@@ -68,17 +68,26 @@ async def get_arrays(request: Request, id: str) -> Response:
     response_model=PoseValues,
     responses=answers(401, 404, 422),
 )
-async def get_values(request: Request, id: str, x: X, y: Y, theta: Theta = None) -> Response:
+async def get_values(
+    request: Request,
+    id: str,
+    x: X,
+    y: Y,
+    theta: Theta = None,
+    weight: Weight = DEFAULT_WEIGHT,
+) -> Response:
     """Every layer's value at a pose, its cost and its zone.
 
     Without theta, layers with headings tell their mean over headings, and those without a mean
     nothing. Where there is no value, `reason` says why.
     """
     context = context_of(request)
-    return as_json(await context.in_thread(pose_values, context.maps.get(id), x, y, theta))
+    return as_json(await context.in_thread(pose_values, context.maps.get(id), x, y, theta, weight))
 
 
-def pose_values(served: ServedMap, x: float, y: float, theta: float | None) -> PoseValues:
+def pose_values(
+    served: ServedMap, x: float, y: float, theta: float | None, weight: float = DEFAULT_WEIGHT
+) -> PoseValues:
     """Everything that a map knows of a pose, metres and radians."""
     amap = served.amap
     reason = None
@@ -98,7 +107,7 @@ def pose_values(served: ServedMap, x: float, y: float, theta: float | None) -> P
         found = values[layer]
         if layer.startswith("zone") and found is not None and found >= len(ZONES):
             values[layer] = None
-    cost = math.inf if near is None else _cost(served, x, y, theta)
+    cost = math.inf if near is None else _cost(served, x, y, theta, weight)
     if reason is None and values["level"] is None:
         reason = served.reasons(*at, np.array([True]))[0]
     nearest = None
@@ -118,14 +127,14 @@ def pose_values(served: ServedMap, x: float, y: float, theta: float | None) -> P
     )
 
 
-def _cost(served: ServedMap, x: float, y: float, theta: float | None) -> float:
+def _cost(served: ServedMap, x: float, y: float, theta: float | None, weight: float) -> float:
     """Cost of a metre at a pose; without a heading by the layer's mean over headings."""
     layer = served.amap.cost_layer
     if theta is None and "theta" in served.amap.dataset[layer].dims:
         layer = f"{layer}_mean"
         if layer not in served.amap.dataset:
             return math.inf
-    cost = served.service(layer).cost(x, y, theta)
+    cost = served.service(layer, weight).cost(x, y, theta)
     assert isinstance(cost, float)
     return cost
 
@@ -189,16 +198,12 @@ def expected_scan(served: ServedMap, x: float, y: float, theta: float | None) ->
 async def get_worst(request: Request, id: str) -> Response:
     """Connected regions of the corridor and open zones, the worst first."""
     context = context_of(request)
-    return as_json(await context.in_thread(worst_places, context.maps.get(id)))
+    return as_json(await context.once(context.maps.get(id), "worst", worst_places))
 
 
 def worst_places(served: ServedMap) -> list[Place]:
-    """The worst places of a map, at most `MOST_PLACES`; worked out once."""
-    found = served.memory.get("worst")
-    if found is None:
-        regions = find_ambiguous_regions(served.amap, MOST_PLACES)
-        found = served.memory["worst"] = [_place(region) for region in regions]
-    return list(found)
+    """The worst places of a map, at most `MOST_PLACES`."""
+    return [_place(region) for region in find_ambiguous_regions(served.amap, MOST_PLACES)]
 
 
 MOST_PLACES = 50

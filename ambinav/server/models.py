@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, FailFast, Field
 from pydantic_core import to_json
 from starlette.responses import Response
 
@@ -128,12 +128,22 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
+class _FirstOnly(FailFast):
+    """One complaint about a list, in a form that `| None` takes."""
+
+    __hash__ = object.__hash__
+
+
+Column = Annotated[list[float], _FirstOnly()]
+"""Numbers of a request. The first wrong one is told: of a million, complaints take gigabytes."""
+
+
 class Poses(Strict):
     """Poses, in columns of equal length."""
 
-    x: list[float] = Field(description="Metres")
-    y: list[float] = Field(description="Metres")
-    theta: list[float] | None = Field(
+    x: Column = Field(description="Metres")
+    y: Column = Field(description="Metres")
+    theta: Column | None = Field(
         None, description="Radians; needed where the layer depends on the heading"
     )
     layer: str | None = Field(None, description="Layer; null: the map's own choice")
@@ -148,12 +158,12 @@ class CostPoses(Poses):
 class Steps(Strict):
     """Motions from one pose to another, in columns of equal length."""
 
-    x0: list[float] = Field(description="Start, metres")
-    y0: list[float] = Field(description="Start, metres")
-    x1: list[float] = Field(description="End, metres")
-    y1: list[float] = Field(description="End, metres")
-    theta0: list[float] | None = Field(None, description="Heading at the start, radians")
-    theta1: list[float] | None = Field(None, description="Heading at the end, radians")
+    x0: Column = Field(description="Start, metres")
+    y0: Column = Field(description="Start, metres")
+    x1: Column = Field(description="End, metres")
+    y1: Column = Field(description="End, metres")
+    theta0: Column | None = Field(None, description="Heading at the start, radians")
+    theta1: Column | None = Field(None, description="Heading at the end, radians")
     layer: str | None = Field(None, description="Layer; null: the map's own choice")
     steering: Motion = Field("se2", description="How the robot moves; se2: straight")
     turning_radius: float = Field(0.0, ge=0.0, description="Of a car, metres")

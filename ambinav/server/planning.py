@@ -10,7 +10,7 @@ from starlette.responses import Response
 
 from ambinav.server.context import context_of
 from ambinav.server.jobs import while_connected
-from ambinav.server.models import XY, Strict, as_json
+from ambinav.server.models import XY, Column, Strict, as_json
 from ambinav.server.problems import Problem, answers
 from ambinav.server.served import DEFAULT_WEIGHT
 from ambinav.server.workers import PlanTask
@@ -47,7 +47,7 @@ class PlanRequest(_Ends):
 class ParetoRequest(_Ends):
     """Routes that are wanted: one for each weight."""
 
-    weights: list[float] = Field(
+    weights: Column = Field(
         [0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0],
         min_length=2,
         description="Extra metres that a metre at layer 1 is worth",

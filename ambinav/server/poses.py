@@ -38,6 +38,9 @@ router = APIRouter(prefix="/v1/maps/{id}", tags=["poses"])
 INLINE: Final = 512
 """Rows of a batch that are worked out at once; more would hold up other requests."""
 
+METRES: Final = 40.0
+"""Of a step whose reward takes no longer than a row counts for."""
+
 _BATCH = answers(400, 401, 404, 408, 413, 415, 422)
 
 
@@ -138,7 +141,7 @@ async def post_cost(
         await _prepared(context, served, layer, weight)
         service = served.service(layer, weight)
         return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
-    asked = _model(CostPoses, body, context)
+    asked = _model(CostPoses, body)
     x, y, theta = _poses(_columns(asked, POSE_COLUMNS), context)
     await _prepared(context, served, asked.layer, asked.weight)
     service = served.service(asked.layer, asked.weight)
@@ -172,7 +175,7 @@ async def post_level(
     if binary:
         table = unpacked(body, columns or "x,y", POSE_COLUMNS, 2)
     else:
-        asked = _model(Poses, body, context)
+        asked = _model(Poses, body)
         table, layer = _columns(asked, POSE_COLUMNS), asked.layer
     x, y, theta = _poses(table, context)
 
@@ -214,11 +217,12 @@ async def post_reward(
     if binary:
         table = unpacked(body, columns or "x0,y0,x1,y1", STEP_COLUMNS, 4)
     else:
-        asked = _model(Steps, body, context)
+        asked = _model(Steps, body)
         table, layer = _columns(asked, STEP_COLUMNS), asked.layer
         steering, turning_radius = asked.steering, asked.turning_radius
     moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
+    metres = _metres(ends, moves, context.limits.metres)
     await _prepared(context, served, layer, DEFAULT_WEIGHT)
     service = served.service(layer)
 
@@ -231,7 +235,25 @@ async def post_reward(
         )  # fmt: skip
         return _octets(rewards) if binary else as_json({"reward": rewards.tolist()})
 
-    return await _answer(context, len(ends["x0"]), work)
+    return await _answer(context, max(len(ends["x0"]), math.ceil(metres / METRES)), work)
+
+
+def _metres(ends: dict[str, Floats], moves: Steering | None, most: float) -> float:
+    """Metres that steps travel, at most: the time that their rewards take.
+
+    Raises:
+        Problem: they are too many.
+    """
+    straight = np.hypot(ends["x1"] - ends["x0"], ends["y1"] - ends["y0"])
+    # No curve is longer than the straight line, a circle at either end, and the way around them.
+    circles = 0.0 if moves is None else (4.0 * math.pi + 4.0) * moves.radius
+    metres = float(np.sum(straight[np.isfinite(straight)] + circles))
+    if metres > most:
+        raise Problem(
+            413,
+            f"The steps travel {metres:.3g} m; send at most {most:.3g} m at a time.",
+        )
+    return metres
 
 
 async def _prepared(context: Context, served: ServedMap, layer: str | None, weight: float) -> None:
@@ -267,11 +289,7 @@ class InvalidBodyError(Exception):
         self.response = invalid(error.errors(include_url=False))
 
 
-def _model(model: type[Model], body: bytes, context: Context) -> Model:
-    if len(body) > context.limits.json:
-        raise Problem(
-            413, f"JSON is taken up to {context.limits.json} bytes; send the binary form, {OCTETS}."
-        )
+def _model(model: type[Model], body: bytes) -> Model:
     try:
         return model.model_validate_json(body)
     except ValidationError as error:

@@ -17,6 +17,8 @@ from starlette.responses import Response
 from ambinav.errors import InputError
 
 MEDIA_TYPE: Final = "application/problem+json"
+OURS: Final = "This is the server's fault; its log says more. Please report it."
+"""What is said of a fault of the program."""
 
 _log = logging.getLogger("ambinav.server")
 
@@ -110,9 +112,7 @@ def install(app: FastAPI) -> None:
 
     async def on_fault(request: Request, error: Exception) -> Response:
         _log.exception("%s %s failed", request.method, request.url.path, exc_info=error)
-        return problem_response(
-            500, "This is the server's fault; its log says more. Please report it."
-        )
+        return problem_response(500, OURS)
 
     app.add_exception_handler(HTTPException, on_http)
     app.add_exception_handler(InputError, on_input)

@@ -93,7 +93,8 @@ class Pyramids:
         return build(values, layer, low)
 
     def _bytes(self) -> int:
-        return sum(one.bytes for one in self._kept.values())
+        # A copy: `get` moves entries meanwhile, and Python minds that.
+        return sum(one.bytes for one in tuple(self._kept.values()))
 
 
 def _fits(pyramid: Pyramid) -> bool:

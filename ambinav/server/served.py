@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,6 @@ class ServedMap:
         self.path = path
         self.key = key
         self._services: OrderedDict[tuple[str, float], AmbiguityService] = OrderedDict()
-        self.memory: dict[str, Any] = {}
         self._lock = threading.Lock()
 
     def has_service(self, layer: str | None, weight: float) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -49,10 +50,7 @@ async def get_zones(request: Request, id: str) -> Response:
     """
     context = context_of(request)
     served = context.maps.get(id)
-    body = served.memory.get("zones")
-    if body is None:
-        body = await context.in_thread(_zones, context, served)
-        served.memory["zones"] = body
+    body = await context.once(served, "zones", partial(_zones, context))
     return Response(body, media_type=GEOJSON)
 
 
@@ -114,11 +112,7 @@ async def get_walls(request: Request, id: str) -> Response:
     A map of very many walls has tiles of them instead, in the layer `walls`.
     """
     context = context_of(request)
-    served = context.maps.get(id)
-    body = served.memory.get("walls")
-    if body is None:
-        body = await context.in_thread(_walls, served)
-        served.memory["walls"] = body
+    body = await context.once(context.maps.get(id), "walls", _walls)
     return Response(body, media_type=GEOJSON)
 
 

@@ -20,6 +20,7 @@ from typing import Any, Final
 from ambinav.errors import InputError, InputWarning
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.plugins import load_module
+from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.wire import read_dataset, write_dataset
 from ambinav.service.service import AmbiguityService
 
@@ -226,7 +227,6 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     from ambinav.audit.audit import audit
     from ambinav.audit.report import write_report
     from ambinav.geometry.io.load import load_environment
-    from ambinav.sensing.scanner import RangeScanner
 
     folder = Path(task.folder)
     scanner = RangeScanner.from_yaml_text(task.scanner, file="scanner")
@@ -236,7 +236,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
         # Where uploads lie is nobody's business.
         environment.name, environment.source = task.title, Path(task.map_name)
         environment.notes = tuple(_without(folder, note) for note in environment.notes)
-        _check_size(environment.bounds, task)
+        _check_size(environment.bounds, scanner, task)
         report("map", 0.0)
         amap = build_map(
             environment,
@@ -259,9 +259,14 @@ def _without(folder: Path, text: str) -> str:
     return text.replace(f"{folder}{os.sep}", "")
 
 
-def _check_size(bounds: tuple[float, float, float, float], task: AuditTask) -> None:
+def _check_size(
+    bounds: tuple[float, float, float, float], scanner: RangeScanner, task: AuditTask
+) -> None:
+    from ambinav.ambiguity.build import HEADINGS
+
     xmin, ymin, xmax, ymax = bounds
-    cells = (xmax - xmin) * (ymax - ymin) / task.spacing**2 * (task.headings or 1)
+    headings = task.headings or (1 if scanner.looks_all_around else HEADINGS)
+    cells = (xmax - xmin) * (ymax - ymin) / task.spacing**2 * headings
     if cells > task.cells:
         raise InputError(
             f"spacing is {task.spacing:g} m, which makes {cells:.3g} cells of this building; this "

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from ambinav.audit.ambiguous_regions import find_ambiguous_regions
-from ambinav.audit.regions import find_regions, passable
+from ambinav.audit.ambiguous_regions import _numbers, find_ambiguous_regions
+from ambinav.audit.regions import _numbered, _spread, find_regions, passable
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
 from tests.maps import synthetic
@@ -140,3 +141,25 @@ def test_cracks_that_no_robot_stands_in_are_no_places():
     dataset = synthetic.dataset()
     dataset["clearance"] = dataset["clearance"].clip(max=0.19)
     assert find_ambiguous_regions(AmbiguityMap(dataset)) == ()
+
+
+def test_spreading_is_a_dilation_within_the_mask():
+    rng = np.random.default_rng(0)
+    cross = ndimage.generate_binary_structure(2, 1)
+    for _ in range(50):
+        shape = rng.integers(1, 14, 2)
+        labels = (rng.integers(1, 9, shape) * (rng.random(shape) < 0.1)).astype(np.int32)
+        mask, wanted = rng.random(shape) < 0.7, labels
+        steps = int(rng.integers(0, 5))
+        for _ in range(steps):
+            grown = ndimage.grey_dilation(wanted, footprint=cross)
+            wanted = np.where((wanted == 0) & mask, grown, wanted)
+        np.testing.assert_array_equal(_spread(labels, mask, steps), wanted)
+        dense = np.unique(np.append(labels, 0), return_inverse=True)[1][:-1].reshape(shape)
+        np.testing.assert_array_equal(_numbered(labels), dense)
+
+
+def test_numbers_are_those_of_nan_to_num():
+    values = np.array([0.1, math.nan, -2.0], dtype=np.float32)
+    for one in (values, np.append(values, np.float32([math.inf, -math.inf]))):
+        np.testing.assert_array_equal(_numbers(one), np.nan_to_num(one.astype(np.float64)))

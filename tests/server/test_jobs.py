@@ -16,14 +16,17 @@ import numpy as np
 import psutil
 import pytest
 from PIL import Image
+from starlette.requests import Request
 
 import ambinav as an
 from ambinav.errors import InputError
-from ambinav.server.jobs import Turns, started
+from ambinav.server.audits import OVER, Audit, Audits
+from ambinav.server.jobs import Turns, started, while_connected
 from ambinav.server.limits import Limits
-from ambinav.server.problems import Problem
+from ambinav.server.problems import OURS, Problem
+from ambinav.server.served import ServedMaps
 from ambinav.server.uploads import store
-from ambinav.server.workers import plans
+from ambinav.server.workers import AuditTask, _check_size, plans
 from ambinav_planners import RoutePlanner, pareto
 from tests.server.live import Live
 
@@ -117,7 +120,6 @@ def test_a_worker_that_is_killed_is_told_of_and_replaced(serve: Any, plan_map: P
     (worker,) = live.context.plans._idle
     worker.process.kill()
     worker.process.join(10.0)
-    assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code in (200, 503)
     assert live.http.post("/v1/maps/map/plan", json=ENDS).status_code == 200
 
 
@@ -303,3 +305,95 @@ def test_a_plan_that_is_given_up_while_its_worker_begins_leaves_no_process() -> 
         await asyncio.to_thread(wait_until, lambda: set(active_children()) <= before)
 
     asyncio.run(given_up())
+
+
+@pytest.mark.parametrize(
+    ("scanner", "told"),
+    [
+        ("name: many\n" + "# remark\n" * 20_000, "at most 100000"),
+        (
+            "name: many\nparts:\n- sensor: sick-lms200\n  ring: {count: 5000000, radius: 0.1}\n",
+            "5000000 beams",
+        ),
+        (
+            'name: "\\ud800"\nparts:\n- sensor: sick-lms200\n  ring: {count: 8, radius: 0.1}\n',
+            "half of a character",
+        ),
+    ],
+)
+def test_a_scanner_that_is_too_much_is_refused(live: Live, scanner: str, told: str) -> None:
+    files = [("files", ("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))"))]
+    answer = live.http.post("/v1/audits", files=files, data={"scanner": scanner})
+    assert answer.status_code == 422
+    assert told in answer.json()["detail"]
+
+
+def test_headings_that_the_scanner_decides_count_as_cells() -> None:
+    task = AuditTask("", "", "", "", spacing=1.0, radius=0.5, headings=None, cells=100)
+    bounds = (0.0, 0.0, 9.0, 9.0)
+    _check_size(bounds, an.RangeScanner.from_preset("turtlebot3-lds"), task)
+    with pytest.raises(InputError, match="648 cells"):
+        _check_size(bounds, an.RangeScanner.from_preset("sick-lms200"), task)
+
+
+def test_audits_that_come_at_once_find_no_more_places_than_there_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def fails(_: object) -> None:
+        raise RuntimeError("secret")
+
+    monkeypatch.setattr("ambinav.server.audits.started", fails)
+
+    async def many() -> list[Any]:
+        audits = Audits(ServedMaps(), Limits(audits=1, waiting=1), lambda: tmp_path, print)
+
+        def begin() -> Any:
+            plan = Sent("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))")
+            return audits.begin([plan], "", 0.1, 0.5, None)  # type: ignore[list-item]
+
+        found = await asyncio.gather(*(begin() for _ in range(5)), return_exceptions=True)
+        with pytest.raises(InputError):
+            await audits.begin([], "", 0.1, 0.5, None)
+        begun = [one for one in found if isinstance(one, Audit)]
+        async with asyncio.timeout(10.0):
+            while any(one.state not in OVER for one in begun):
+                await asyncio.sleep(0)
+        begun.append(await begin())  # there is a place again
+        await asyncio.gather(*(one.job for one in begun if one.job))
+        return [*found, *begun[2:]]
+
+    found = asyncio.run(many())
+    refused = [one for one in found if isinstance(one, Problem)]
+    assert [one.status_code for one in refused] == [503] * 3
+    failed = [one for one in found if isinstance(one, Audit)]
+    # A fault of the server ends an audit too, and is not told in its words.
+    assert [(one.state, one.detail) for one in failed] == [("failed", OURS)] * 3
+    assert "secret" in caplog.text
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_job_ends_with_the_server_and_says_so() -> None:
+    async def asked() -> None:
+        begun, ended = asyncio.Event(), asyncio.Event()
+
+        async def work() -> None:
+            begun.set()
+            try:
+                await asyncio.Event().wait()
+            finally:
+                ended.set()
+
+        async def receive() -> dict[str, str]:
+            await asyncio.Event().wait()
+            raise AssertionError
+
+        request = Request({"type": "http"}, receive)  # type: ignore[arg-type]
+        task = asyncio.create_task(while_connected(request, work()))
+        await begun.wait()
+        task.cancel()
+        with pytest.raises(Problem, match="ending"):
+            await task
+        async with asyncio.timeout(10.0):
+            await ended.wait()
+
+    asyncio.run(asked())

@@ -95,3 +95,11 @@ def test_many_idle_connections_hold_nobody_up(guarded: Live) -> None:
     finally:
         for line in lines:
             line.close()
+
+
+def test_a_plan_in_too_much_json_is_refused(serve: Any, corridor: an.AmbiguityMap) -> None:
+    live = serve([corridor], limits=Limits(json=100))
+    body = {"start": [1, 1], "goal": [2, 2], "weights": [1.0] * 100}
+    answer = live.http.post("/v1/maps/environment/pareto", json=body)
+    assert answer.status_code == 413
+    assert answer.json()["detail"].startswith("The body is larger than 100 bytes")

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+import gc
 import math
+import threading
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 
 import ambinav as an
+from ambinav.errors import InputError
 from ambinav.maps.zones import ZONES
+from ambinav.server.context import Context
+from ambinav.server.limits import Limits
+from ambinav.server.pyramids import Pyramids
+from ambinav.server.served import ServedMap, ServedMaps
 from tests.server.live import Live
 
 
@@ -164,3 +173,63 @@ def test_an_unknown_map_is_a_problem_that_offers_the_nearest(live: Live) -> None
 def test_ids_are_unique(plan_map, serve) -> None:  # type: ignore[no-untyped-def]
     live = serve([plan_map, plan_map])
     assert [one["id"] for one in live.get("/v1/maps")["maps"]] == ["map", "map-2"]
+
+
+def test_values_tell_the_cost_at_a_weight(live: Live, turning: an.AmbiguityMap) -> None:
+    found = live.get("/v1/maps/narrow-room/values", x=2.0, y=1.0, weight=1.0)
+    service = an.AmbiguityService(turning, "level_mean", 1.0)
+    assert found["cost"] == pytest.approx(service.cost(2.0, 1.0))
+
+
+def test_what_is_worked_out_once_is_waited_for_by_all(corridor: an.AmbiguityMap) -> None:
+    served = ServedMap("map", corridor, "map")
+    calls: list[str] = []
+    release = threading.Event()
+
+    def work(served: ServedMap) -> int:
+        calls.append(served.name)
+        assert release.wait(10.0)
+        if len(calls) == 1:
+            raise InputError("not this time.")
+        return 7
+
+    async def many() -> list[Any]:
+        context = Context(ServedMaps(), Limits())
+        first = [asyncio.create_task(context.once(served, "seven", work)) for _ in range(5)]
+        while not calls:
+            await asyncio.sleep(0)
+        first[0].cancel()  # whoever goes away takes nobody else's answer along
+        await asyncio.gather(first[0], return_exceptions=True)
+        release.set()
+        failed = await asyncio.gather(*first[1:], return_exceptions=True)
+        return [*failed, await context.once(served, "seven", work)]
+
+    *failed, found = asyncio.run(many())
+    assert [str(one) for one in failed] == ["not this time."] * 4
+    assert (found, calls) == (7, ["map", "map"])
+
+
+def test_nothing_is_kept_of_a_map_that_is_forgotten(corridor: an.AmbiguityMap) -> None:
+    context = Context(ServedMaps(), Limits())
+    first, second = (context.maps.add(corridor, name) for name in ("a", "b"))
+    paths = [context.file_of(one) for one in (first, second)]
+    context.forget(first)
+    assert [path.exists() for path in paths] == [False, True]
+    assert context.file_of(context.maps.add(corridor, "c")) not in paths
+    held = gc.get_referrers(first)
+    assert not [one for one in held if isinstance(one, dict) and first in one]
+    context.close()
+
+
+def test_a_pyramid_that_cannot_be_kept_does_not_end_the_others(
+    corridor: an.AmbiguityMap, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    context = Context(ServedMaps(), Limits())
+    names = [context.maps.add(corridor, name).name for name in ("a", "b")]
+
+    def fail(*_: object) -> bool:
+        raise ValueError("no room")
+
+    monkeypatch.setattr(Pyramids, "keep", fail)
+    context.keep_pyramids(threading.Event())
+    assert [record.args for record in caplog.records] == [(name,) for name in names]

@@ -157,6 +157,34 @@ def test_places_fly_and_hold_the_point(page, live):
 
 
 @pytest.mark.slow
+def test_another_map_takes_the_place_of_the_first(chromium, live):
+    opened = visit(chromium, f"{live.url}/?map=narrow-room")
+    choice = opened.get_by_label("Map", exact=True)
+    for name in ("map", "narrow-room", "map"):  # faster than they open
+        choice.select_option(name)
+    opened.wait_for_selector(".stage:not([aria-busy])")
+    opened.get_by_role("tab", name="Places").click()
+    worst = live.get("/v1/maps/map/worst")
+    entries = opened.locator(".place-entry")
+    entries.nth(len(worst) - 1).click()  # the other map has fewer
+    opened.locator(f".readout[data-x='{worst[-1]['x']:g}']").wait_for()
+    assert opened.faults == []
+    opened.context.close()
+
+
+@pytest.mark.slow
+def test_a_mean_over_headings_has_a_cost_at_each_weight(chromium, live):
+    opened = visit(chromium, f"{live.url}/?map=narrow-room")
+    opened.get_by_role("tab", name="Routes").click()
+    opened.get_by_label("Weight of ambiguity").press("ArrowLeft")
+    x, y = at(opened, 2.0, 1.0)
+    opened.mouse.move(x, y)
+    opened.get_by_text("Cost at weight 3").wait_for()
+    assert opened.faults == []
+    opened.context.close()
+
+
+@pytest.mark.slow
 def test_the_keyboard_is_enough(page):
     page.locator(".map").focus()
     page.keyboard.press("2")

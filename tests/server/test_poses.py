@@ -10,11 +10,18 @@ import httpx
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
 import ambinav as an
+from ambinav.geometry.motion.steering import Steering
 from ambinav.server.limits import Limits
+from ambinav.server.models import CostPoses, Poses, Steps
+from ambinav.server.planning import ParetoRequest
+from ambinav.server.poses import _metres
+from ambinav.server.wire import POSE_COLUMNS, STEP_COLUMNS
 from tests.server.live import Live
 
+COLUMNS = (*POSE_COLUMNS, *STEP_COLUMNS, "weights")
 OCTETS = {"content-type": "application/octet-stream"}
 Floats = NDArray[np.float64]
 
@@ -192,3 +199,37 @@ def test_json_is_taken_up_to_a_size(serve: Any, corridor: an.AmbiguityMap) -> No
     answer = live.http.post("/v1/maps/environment/cost", json={"x": [1.5] * 50, "y": [1.5] * 50})
     assert answer.status_code == 413
     assert "binary form" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("model", [Poses, CostPoses, Steps, ParetoRequest])
+def test_of_many_wrong_numbers_one_is_told(model: type[BaseModel]) -> None:
+    # A complaint about each of a million takes gigabytes, and ten seconds that nobody is answered.
+    wrong = {name: ["no"] * 1000 for name in model.model_fields if name in COLUMNS}
+    with pytest.raises(ValidationError) as caught:
+        model.model_validate(wrong)
+    assert len([one for one in caught.value.errors() if len(one["loc"]) == 2]) == len(wrong)
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        {"x1": 1e300},
+        {"x1": -1e9},
+        {"theta0": 0, "theta1": 1, "steering": "dubins", "turning_radius": 1e9},
+    ],
+)
+def test_steps_that_travel_round_the_world_are_refused(live: Live, step: Any) -> None:
+    ends = {"x0": 1.0, "y0": 1.0, "x1": 2.0, "y1": 1.0} | step
+    body = {n: v if n in ("steering", "turning_radius") else [v] for n, v in ends.items()}
+    answer = live.http.post("/v1/maps/map/reward", json=body)
+    assert answer.status_code == 413
+    assert "send at most 5e+07 m" in answer.json()["detail"]
+
+
+def test_no_step_is_longer_than_what_it_is_taken_for() -> None:
+    rng = np.random.default_rng(3)
+    ends = {name: rng.uniform(-9, 9, 2000) for name in ("x0", "y0", "theta0", "x1", "y1", "theta1")}
+    a, b = (np.column_stack([ends[f"{n}{i}"] for n in ("x", "y", "theta")]) for i in (0, 1))
+    for moves in (None, Steering("dubins", 4.0), Steering("reeds-shepp", 4.0)):
+        metres = _metres(ends, moves, 1e9)
+        assert (moves or Steering("se2")).lengths(a, b).sum() <= metres * (1 + 1e-9)

@@ -274,3 +274,20 @@ def test_two_may_keep_a_pyramid_at_once(stored: Path, coarse: int) -> None:
     assert pyramid_store.is_kept(stored, key)
     assert same(pyramids(stored).get("level"), first.get("level"))
     assert sorted(path.name for path in stored.parent.iterdir()) == ["map.zarr"]
+
+
+def test_pyramids_may_be_read_while_another_is_made(corridor: an.AmbiguityMap) -> None:
+    pyramids = Pyramids(corridor)
+    for layer in ("level", "major"):
+        pyramids.get(layer)
+
+    class Read(Pyramid):
+        @property
+        def bytes(self) -> int:
+            pyramids.get("level")  # as another thread may do in the middle of the sum
+            return 0
+
+    for key, one in list(pyramids._kept.items()):
+        pyramids._kept[key] = Read(one.base, one.mean, one.worst)
+    pyramids.get("minor")
+    assert pyramids.has("minor", None)

@@ -30,6 +30,8 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
   const lines = new RouteLines(floor, store);
   const readout = new Readout(parts.readout, floor, source, store);
   let places = [];
+  let opened = 0;
+  let leavePlaces = () => {};
   const planner = source.can.plan ? new RoutesPanel(parts.panels.routes, floor, source, store) : null;
   layersPanel(parts.panels.layers, store, source.can);
   makeTabs(parts.tabs, parts.tabList, store);
@@ -39,10 +41,14 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
   floor.follow();
 
   async function open(short) {
+    const mine = ++opened;
+    leavePlaces();
+    places = [];
     parts.stage.setAttribute("aria-busy", "true");
     store.set({ place: null, probe: null, pinned: false, heading: "mean" });
     if (!short.layers.some(({ name }) => name === store.get("layer"))) store.set({ layer: "zone" });
     await floor.open(short);
+    if (mine !== opened) return; // another map was chosen meanwhile
     store.set({ map: short });
     readout.opened(short);
     strokes.opened();
@@ -52,9 +58,10 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
     clicks(floor, store, planner);
     fill(parts.panels.places, h("p", { class: "soft", role: "status" }, "Looking for the worst places …"));
     const [told, found] = await Promise.all([source.map(short.id), source.worst(short.id)]);
+    if (mine !== opened) return;
     places = Array.isArray(found) ? found : found.places;
     marks.opened(places);
-    placesPanel(parts.panels.places, places, floor, store);
+    leavePlaces = placesPanel(parts.panels.places, places, floor, store);
     aboutPanel(parts.panels.about, { ...short, ...told }, source.can.plan);
     parts.stage.removeAttribute("aria-busy");
   }

@@ -27,6 +27,7 @@ async function start() {
   const asked = new URLSearchParams(location.search).get("map");
   const first = maps.find(({ id }) => id === asked) ?? maps[0];
   const open = async (map) => {
+    byId("failure").hidden = true;
     document.title = `${map.name} · ambinav`;
     fill(byId("about-map"), [map.scanner, `${size(map)} m`, `cells of ${Number(map.spacing.toPrecision(3))} m`].join(" · "));
     try {

@@ -4,17 +4,17 @@ import { fill, h } from "./dom.js";
 import { area, axis, metres, number, sentence } from "./format.js";
 import style from "./style.js";
 
-/** Build the list; `places` are as the service tells them. */
+/** Build the list; `places` are as the service tells them. Returns what ends following the store. */
 export function placesPanel(element, places, floor, store) {
   if (!places.length) {
     fill(element, h("p", {}, "No place of notable size leaves the robot lost."));
-    return;
+    return () => {};
   }
   const buttons = places.map((place, i) => entry(place, i, store));
   fill(element,
     h("p", { class: "soft" }, "Ranked by ambiguity level times area. Choose one to see it."),
     h("ol", { class: "places" }, buttons.map((button) => h("li", {}, button))));
-  store.watch(["place"], ({ place }) => {
+  return store.watch(["place"], ({ place }) => {
     buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(i === place)));
     if (place === null || place === undefined) return;
     const { x, y, theta, length, area_m2: size } = places[place];

@@ -25,9 +25,11 @@ export class Store {
     }
   }
 
-  /** Call `listener` now, and whenever one of the names changes. */
+  /** Call `listener` now, and whenever one of the names changes; returns what ends that. */
   watch(names, listener) {
-    this.#listeners.push([names, listener]);
+    const entry = [names, listener];
+    this.#listeners.push(entry);
     listener(this.values, names);
+    return () => (this.#listeners = this.#listeners.filter((one) => one !== entry));
   }
 }
