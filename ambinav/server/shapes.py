@@ -6,13 +6,13 @@ import math
 from typing import Annotated, Any, Final
 
 import numpy as np
-import shapely
 from fastapi import APIRouter, Query, Request
 from numpy.typing import NDArray
 from pydantic_core import to_json
 from shapely.geometry import mapping
 from starlette.responses import Response
 
+from ambinav.export.raster import Raster
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.server.context import Context, context_of
@@ -67,9 +67,11 @@ def _zones(context: Context, served: ServedMap) -> bytes:
         values = context.tiles(served).pyramids.get(layer).at(halvings, "mean")
     x0, _, _, y1 = amap.bounds
     side = amap.spacing * 2**halvings
+    # Tiles begin at the largest y, and so do the cells of a coarser level.
+    raster = Raster(x0, y1 - len(values) * side, side, values.shape)
     features = []
     for code, zone in enumerate(ZONES):
-        area = outline(values == code, x0, y1, side)
+        area = raster.outline(values[::-1] == code)
         if not area.is_empty:
             properties = {
                 "zone": zone,
@@ -80,26 +82,6 @@ def _zones(context: Context, served: ServedMap) -> bytes:
                 {"type": "Feature", "properties": properties, "geometry": mapping(area)}
             )
     return to_json({"type": "FeatureCollection", "features": features})
-
-
-def outline(
-    cells: NDArray[np.bool_], x0: float, y1: float, side: float
-) -> shapely.MultiPolygon | shapely.Polygon:
-    """The area of some cells.
-
-    Args:
-        cells: Which, shape (rows, columns), rows from the largest y downwards.
-        x0: Left edge of the first column, metres.
-        y1: Upper edge of the first row.
-        side: Of a cell.
-    """
-    ends = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, begin = np.nonzero(ends == 1)
-    _, end = np.nonzero(ends == -1)
-    # In whole numbers, so that the edges of neighbours meet exactly.
-    area = shapely.union_all(shapely.box(begin, -(row + 1.0), end, -row))
-    corners = shapely.simplify(area, 0.0)
-    return shapely.transform(corners, lambda xy: xy * side + (x0, y1))
 
 
 @router.get(
