@@ -162,7 +162,7 @@ def export(
         from ambinav.export.formats.exporting import export_map, prepare
         from ambinav.export.options import ExportOptions
 
-        told = ExportOptions(
+        given = ExportOptions(
             layer=layer,
             threshold=threshold,
             zones=tuple(zones or ()),
@@ -179,12 +179,12 @@ def export(
             milestones=milestones,
             seed=seed,
         )
-        exporter, _ = prepare(kind, output, told, overwrite)
+        exporter, _ = prepare(kind, output, given, overwrite)
         check_writable(output)
         from ambinav.maps.ambiguity_map import AmbiguityMap
 
         amap = AmbiguityMap.open(map_file)
-        files = export_map(amap, kind, output, told, overwrite=overwrite)
+        files = export_map(amap, kind, output, given, overwrite=overwrite)
         if as_json:
             result = {
                 "map": str(map_file),

@@ -154,7 +154,7 @@ class AuditGate(Gate):
     ] = None
 
     def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
-        """Whether to seek aliased places: a condition on them asks for it.
+        """Whether to seek perceptual aliasing: a condition on them asks for it.
 
         Raises:
             InputError: it was refused.
@@ -164,7 +164,7 @@ class AuditGate(Gate):
         about = [one for one in conditions if one.quantity.name in ALIASING]
         if about and wanted is False:
             raise InputError(
-                f'--fail-if: "{about[0]}" is about aliased places; leave --no-aliasing out.'
+                f'--fail-if: "{about[0]}" is about perceptual aliasing; leave --no-aliasing out.'
             )
         return True if about else wanted
 

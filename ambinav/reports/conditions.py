@@ -28,7 +28,7 @@ UNITS: Final = {
 _NAME: Final = re.compile(r"[^\W\d]+(?:[\s_-]+[^\W\d]+)*")
 _OPERATOR: Final = re.compile(r">=|<=|≥|≤|>|<")
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
-_CONTINUED: Final = re.compile(r"[.,'’\s]+\d")
+_CONTINUED: Final = re.compile(r"[.,'\u2019\s]+\d")
 """What shows that a number goes on: a decimal comma, or thousands set apart."""
 
 

@@ -93,8 +93,8 @@ class Guard:
             upload = headers.get(b"content-type", b"").startswith(b"multipart/")
             most = self._limits.upload if upload else self._limits.body
             receive = _limited(receive, most, self._limits.body_seconds)
-            told = headers.get(b"content-length", b"0")
-            if told.isdigit() and int(told) > most:
+            length = headers.get(b"content-length", b"0")
+            if length.isdigit() and int(length) > most:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
                 await response(scope, receive, send)
                 return

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from fastapi import APIRouter, Query, Request
-from numpy.typing import NDArray
 from pydantic_core import to_json
 from shapely.geometry import mapping
 from starlette.responses import Response
@@ -147,7 +146,7 @@ async def get_direction(
 
 
 PRONOUNCED: Final = 0.15
-"""Difference of the relative radii from which a direction is told."""
+"""Difference of the relative radii from which a direction is given."""
 
 
 def _box(text: str) -> tuple[float, float, float, float]:
@@ -180,19 +179,19 @@ def _glyphs(
         direction, major, minor = (
             amap.floor(name).values[rows, columns] for name in ("direction", "major", "minor")
         )
-        told = np.isfinite(direction) & (major - minor >= PRONOUNCED)
-        if told.sum() <= most:
+        clear = np.isfinite(direction) & (major - minor >= PRONOUNCED)
+        if clear.sum() <= most:
             break
         step += 1
-    row, column = np.nonzero(told)
+    row, column = np.nonzero(clear)
     return [
         {"x": x, "y": y, "direction": d, "major": a, "minor": b}
         for x, y, d, a, b in zip(
             xs[columns][column].tolist(),
             ys[rows][row].tolist(),
-            direction[told].astype(float).tolist(),
-            major[told].astype(float).tolist(),
-            minor[told].astype(float).tolist(),
+            direction[clear].astype(float).tolist(),
+            major[clear].astype(float).tolist(),
+            minor[clear].astype(float).tolist(),
             strict=True,
         )
     ]

@@ -29,7 +29,7 @@ COMPARE = {">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator
         ("open area < 1e1 m2", "open area < 10 m²"),
         ("open area ≥ +10 m^2", "open area >= 10 m²"),
         ("open area > 10 ㎡", "open area > 10 m²"),
-        ("open > 2％", "open > 2 %"),
+        ("open > 2\uff05", "open > 2 %"),
         ("open\u00a0>\u00a02\u202f%", "open > 2 %"),
         ("places > 3", "places > 3"),
         ("open at worst heading > 5 %", "open at worst heading > 5 %"),

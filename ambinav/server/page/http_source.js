@@ -10,7 +10,7 @@ export class Problem extends Error {
 }
 
 const KEY = "ambinav-token";
-/** Of the cost that the service tells with the values of a pose. */
+/** Of the cost that the service gives with the values of a pose. */
 const SERVED_WEIGHT = 5;
 
 /** Take the token from the address once, so that it does not stay there. */
@@ -65,10 +65,10 @@ export class HttpSource {
   /** Every layer's value at a pose, its zone, and its cost at a weight. */
   async values(id, x, y, theta, weight) {
     const pose = this.#pose(x, y, theta);
-    const told = this.#json(`maps/${id}/values?${pose}`);
-    if (weight === SERVED_WEIGHT) return told;
+    const values = this.#json(`maps/${id}/values?${pose}`);
+    if (weight === SERVED_WEIGHT) return values;
     const { cost } = await this.#json(`maps/${id}/cost?${pose}&weight=${weight}`);
-    return { ...(await told), cost };
+    return { ...(await values), cost };
   }
 
   /** The expected scan; null where the map does not keep its scanner. */
