@@ -93,13 +93,13 @@ class Gate:
                 raise InputError(
                     f"{option}: {path} would be about no condition; add --fail-if CONDITION."
                 )
-            if output is not None and path.absolute().is_relative_to(output.absolute()):
+            if output is not None and path.resolve().is_relative_to(output.resolve()):
                 raise InputError(
                     f"{option}: {path} lies in the report's folder {output}, which is replaced as "
                     "a whole; choose another place."
                 )
             check_file(path)
-        if len(chosen) == 2 and len({path.absolute() for path in chosen.values()}) == 1:
+        if len(chosen) == 2 and len({path.resolve() for path in chosen.values()}) == 1:
             raise InputError(f"--sarif: {self.sarif} is also given as --junit; name two files.")
         return found
 

@@ -136,7 +136,7 @@ async def get_direction(
 ) -> Response:
     """Along which directions a robot slides unseen, at points of a square grid.
 
-    Of a map with headings the mean over them. Where both radii are alike there is no direction to
+    Of a map with headings the mean over them. Where both radii are equal there is no direction to
     speak of, and nothing is sent.
     """
     context = context_of(request)
