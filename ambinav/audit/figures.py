@@ -10,7 +10,7 @@ from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
 from ambinav.reports.conditions import Quantities, Quantity, catalogue
 
 ALIASING: Final = frozenset({"aliased", "aliased area", "aliased pairs"})
-"""Those that ask for aliased places to be sought."""
+"""Those that ask for perceptual aliasing to be sought."""
 
 _COUNTED = "of the explored, reachable floor"
 
@@ -19,7 +19,7 @@ _NOTHING = (
     "since no floor is explored and reachable; look at the report, and set out from another place "
     "with --start"
 )
-_SEEK = "since aliased places were not sought; add --aliasing"
+_SEEK = "since aliasing was not sought; add --aliasing"
 
 
 def _zone(report: Document, name: str) -> ZonePart:
@@ -54,7 +54,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
     def where(report: Document) -> str:
         return _where(report, name)
 
-    def told(
+    def quantity(
         title: str, unit: str, meaning: str, read: Callable[[ZonePart], float],
         where: Callable[[Document], str] = where,
     ) -> Quantity:  # fmt: skip
@@ -67,26 +67,28 @@ def _of_zone(name: str) -> Iterator[Quantity]:
         return 100.0 * (share if at_heading is None else at_heading)
 
     heading = "everywhere; where the heading does not matter, the same as without"
-    yield told(name, "%", f"share {_COUNTED} in the {name} zone", lambda zone: 100.0 * zone.share)
-    yield told(
+    yield quantity(
+        name, "%", f"share {_COUNTED} in the {name} zone", lambda zone: 100.0 * zone.share
+    )
+    yield quantity(
         f"{name} area", "m²", f"area {_COUNTED} in the {name} zone", lambda zone: zone.area_m2
     )
-    yield told(
+    yield quantity(
         f"{name} at best heading", "%",
-        f"share {_COUNTED} in the {name} zone if the robot faced the least ambiguous way {heading}",
+        f"share {_COUNTED} in the {name} zone at the least ambiguous heading {heading}",
         lambda zone: percent(zone.share, zone.share_best_heading),
     )  # fmt: skip
-    yield told(
+    yield quantity(
         f"{name} at worst heading", "%",
-        f"share {_COUNTED} in the {name} zone if the robot faced the most ambiguous way {heading}",
+        f"share {_COUNTED} in the {name} zone at the most ambiguous heading {heading}",
         lambda zone: percent(zone.share, zone.share_worst_heading),
     )  # fmt: skip
     if name in (ZONES[CORRIDOR], ZONES[OPEN]):
-        yield told(
+        yield quantity(
             f"{name} places", "", f"number of bad places where the {name} zone prevails",
             lambda zone: float(zone.places),
         )  # fmt: skip
-        yield told(
+        yield quantity(
             f"longest {name} stretch", "m",
             f"longer side of the smallest rectangle around the longest {name} place; 0 without one",
             lambda zone: zone.longest_place_m or 0.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,6 +98,8 @@ def diff(
             FOLDER.check(output)
         scanners = scanner, scanner_b or scanner
         _check_scanners((first, second), scanners, scanner_b)
+        if _is_map(first) and _is_map(second):
+            _refuse_building_options(building, making)
         from ambinav.diff.difference import difference
         from ambinav.diff.document import document
 
@@ -146,6 +149,23 @@ def _check_scanners(
         raise InputError(
             f"--scanner-b: {scanner_b} is for a building, but {paths[1]} is a map; leave it out."
         )
+
+
+def _refuse_building_options(*groups: BuildingOptions | MapOptions) -> None:
+    """Refuse options on how a map is made where both are made already.
+
+    Raises:
+        InputError: one is given.
+    """
+    for group in groups:
+        for field in fields(group):
+            # Without the store is how maps are read anyway.
+            if field.name != "no_store" and getattr(group, field.name) != field.default:
+                name = "ambiguity-radius" if field.name == "radius" else field.name
+                raise InputError(
+                    f"--{name.replace('_', '-')}: this is for buildings, but A and B are "
+                    "maps that are made already; leave it out."
+                )
 
 
 def _open(

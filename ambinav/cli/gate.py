@@ -93,13 +93,13 @@ class Gate:
                 raise InputError(
                     f"{option}: {path} would be about no condition; add --fail-if CONDITION."
                 )
-            if output is not None and path.absolute().is_relative_to(output.absolute()):
+            if output is not None and path.resolve().is_relative_to(output.resolve()):
                 raise InputError(
                     f"{option}: {path} lies in the report's folder {output}, which is replaced as "
                     "a whole; choose another place."
                 )
             check_file(path)
-        if len(chosen) == 2 and len({path.absolute() for path in chosen.values()}) == 1:
+        if len(chosen) == 2 and len({path.resolve() for path in chosen.values()}) == 1:
             raise InputError(f"--sarif: {self.sarif} is also given as --junit; name two files.")
         return found
 
@@ -154,7 +154,7 @@ class AuditGate(Gate):
     ] = None
 
     def aliasing(self, conditions: tuple[Condition, ...], wanted: bool | None) -> bool | None:
-        """Whether to seek aliased places: a condition on them asks for it.
+        """Whether to seek perceptual aliasing: a condition on them asks for it.
 
         Raises:
             InputError: it was refused.
@@ -164,7 +164,7 @@ class AuditGate(Gate):
         about = [one for one in conditions if one.quantity.name in ALIASING]
         if about and wanted is False:
             raise InputError(
-                f'--fail-if: "{about[0]}" is about aliased places; leave --no-aliasing out.'
+                f'--fail-if: "{about[0]}" is about perceptual aliasing; leave --no-aliasing out.'
             )
         return True if about else wanted
 

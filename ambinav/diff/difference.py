@@ -105,5 +105,5 @@ def difference(
 
 def _resolution(amap: AmbiguityMap) -> float | None:
     """Cell size of the occupancy map that a map was made from, metres; None: a drawn plan."""
-    told = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
-    return None if told is None else float(told)
+    given = json.loads(amap.dataset.attrs.get("environment_resolution", "null"))
+    return None if given is None else float(given)

@@ -74,7 +74,7 @@ class ReadMap:
 
 
 def common_lattice(first: AmbiguityMap, second: AmbiguityMap) -> CommonLattice:
-    """The lattice of the coarser map, of the first if they are alike, continued over both.
+    """The lattice of the coarser map, of the first if both are as fine, continued over both.
 
     Raises:
         InputError: the maps are in different frames, or do not overlap.

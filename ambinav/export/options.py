@@ -138,5 +138,5 @@ class MapExport:
         return np.where(free, values.astype(np.float64), np.nan)
 
     def zone_codes(self, usual: tuple[str, ...] = BAD) -> tuple[int, ...]:
-        """Codes of the zones that were named, or of those that are usual."""
-        return tuple(ZONES.index(name) for name in self.options.zones or usual)
+        """Codes of the zones that were named, each once, or of those that are usual."""
+        return tuple(ZONES.index(name) for name in dict.fromkeys(self.options.zones or usual))

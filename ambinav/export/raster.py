@@ -110,8 +110,11 @@ class Raster:
         mask[row[within], column[within]] = True
         return mask
 
-    def polygons(self, mask: Mask) -> list[shapely.Polygon]:
-        """The pieces that some of the cells form, with their holes; cells join along edges."""
+    def outline(self, mask: Mask) -> shapely.MultiPolygon:
+        """The pieces that some of the cells form, with their holes; cells join along edges.
+
+        Rings are ordered as RFC 7946 has them: outer ones counter-clockwise.
+        """
         ny, nx = self.shape
         padded = np.zeros((ny, nx + 2), dtype=np.int8)
         padded[:, 1:-1] = mask
@@ -124,7 +127,7 @@ class Raster:
         whole = shapely.simplify(shapely.union_all(strips), 0.0)  # without points on its edges
         scaled = shapely.transform(whole, lambda cell: cell * size + [self.x, self.y])
         parts = [part for part in shapely.get_parts(scaled) if not part.is_empty]
-        return parts
+        return shapely.MultiPolygon(list(shapely.orient_polygons(parts)))
 
     def _in_cells(self, points: Floats) -> tuple[Floats, Floats]:
         return (points[:, 0] - self.x) / self.resolution, (points[:, 1] - self.y) / self.resolution

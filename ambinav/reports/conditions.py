@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -21,12 +22,14 @@ ROUNDING: Final = 1e-9
 """Two shares of the same count may differ by rounding: a value on a limit is on it."""
 UNITS: Final = {
     "%": "%", "percent": "%", "m": "m", "metres": "m", "meters": "m",
-    "m2": "m²", "m^2": "m²", "m²": "m²", "sqm": "m²", "": "",
+    "m2": "m²", "m^2": "m²", "sqm": "m²", "": "",
 }  # fmt: skip
 """Units by their spellings; "" is that of a number."""
 _NAME: Final = re.compile(r"[^\W\d]+(?:[\s_-]+[^\W\d]+)*")
 _OPERATOR: Final = re.compile(r">=|<=|≥|≤|>|<")
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
+_CONTINUED: Final = re.compile(r"[.,'\u2019\s]+\d")
+"""What shows that a number goes on: a decimal comma, or thousands set apart."""
 
 
 @dataclass(frozen=True)
@@ -160,11 +163,17 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     name, at = _take(_NAME, text, 0, "the name of a figure", option)
     operator, at = _take(_OPERATOR, text, at, "one of > >= < <=", option)
     number, at = _take(_NUMBER, text, at, "a number", option)
+    if _CONTINUED.match(text, at):
+        raise InputError(
+            f"{option}: {text!r}: at position {at + 1} the number {number} goes on with "
+            f"{text[at:]!r}; write numbers as 2.5 or 1000."
+        )
     unit = text[at:].strip()
     quantity = quantities.get(" ".join(re.split(r"[\s_-]+", name.lower())))
     if quantity is None:
         raise InputError(f"{option}: {text!r}: {_unknown(name, quantities)}")
-    known = UNITS.get(unit.lower())
+    # Full-width and squared signs are read as the plain ones that they stand for.
+    known = UNITS.get(unicodedata.normalize("NFKC", unit.lower()))
     limit = Limit({"≥": ">=", "≤": "<="}.get(operator, operator), float(number))
     meant = Condition(quantity, limit)
     if not math.isfinite(limit.number):

@@ -32,8 +32,8 @@ def junit(outcomes: Sequence[Outcome], suite: str) -> str:
             tests, "testcase", {"classname": _plain(suite), "name": f"not: {name}"}
         )
         if outcome.holds:
-            told = {"type": "condition", "message": _plain(outcome.text)}
-            ElementTree.SubElement(case, "failure", told)
+            failure = {"type": "condition", "message": _plain(outcome.text)}
+            ElementTree.SubElement(case, "failure", failure)
         else:
             ElementTree.SubElement(case, "system-out").text = _plain(outcome.text)
     ElementTree.indent(root)

@@ -17,7 +17,7 @@ MAP: Final = {
     "outlier_share": ("", "Share of the beams that meet what is not on the map."),
     "low": ("", "A relative ambiguity radius up to this is small."),
     "high": ("", "A relative ambiguity radius from this on is large."),
-    "robot_radius": ("m", "Of the robot's body: no pose is possible at which it meets a wall."),
+    "robot_radius": ("m", "Of the robot's body: poses at which it collides are left out."),
     "headings": ("", "Number of headings of the map; none where the heading does not matter."),
     "beams_used": ("", "Beams of a scan that took part."),
     "beams": ("", "Beams of a scan."),
@@ -89,7 +89,7 @@ _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter as a report tells it.
+    """A parameter as a report shows it.
 
     Attributes:
         name: With its group before a dot, where it has one.
@@ -128,7 +128,7 @@ def _parameter(
     shown: str, name: str, value: object, table: Mapping[str, tuple[str, str]]
 ) -> Parameter:
     unit, text = table.get(name, table.get("", ("", "")))
-    told = "none" if name == "headings" and value is None else cell(value)
+    shown_value = "none" if name == "headings" and value is None else cell(value)
     number = isinstance(value, int | float) and not isinstance(value, bool)
     number = number or (isinstance(value, list | tuple) and name != "")
-    return Parameter(shown.replace("_", " "), told, unit if number else "", text)
+    return Parameter(shown.replace("_", " "), shown_value, unit if number else "", text)

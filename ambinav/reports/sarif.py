@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -95,7 +96,7 @@ def _result(
 
 def _location(path: Path) -> dict[str, Any]:
     """A file by its address; of a folder, as maps are stored in, no line can be named."""
-    whole, here = path.absolute(), Path.cwd()
+    whole, here = Path(os.path.normpath(path.absolute())), Path.cwd()  # without ".."
     line = {} if path.is_dir() else {"region": {"startLine": 1}}
     if whole.is_relative_to(here):
         uri = quote(whole.relative_to(here).as_posix())

@@ -83,7 +83,7 @@ async def post_audit(
         int | None, Form(description="Number of headings; none: the scanner decides", ge=1, le=360)
     ] = None,
 ) -> Response:
-    """Begin the audit of an uploaded map; `events` tells of its progress.
+    """Begin the audit of an uploaded map; `events` reports its progress.
 
     When it is done, its ambiguity map is served like the others, until too many audits have
     followed or the server ends.

@@ -56,7 +56,7 @@ class Client(AmbiguityService):
 
     Attributes:
         id: The map's id.
-        info: What the server tells of the map.
+        info: What the server says of the map.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What is told of a map: at a glance, and in full."""
+"""What is said of a map: at a glance, and in full."""
 
 from __future__ import annotations
 

@@ -97,8 +97,8 @@ class Guard:
         if b"content-length" in headers or b"transfer-encoding" in headers:
             most = self._most(headers.get(b"content-type", b""))
             receive = _limited(receive, most, self._limits.body_seconds)
-            told = headers.get(b"content-length", b"0")
-            if told.isdigit() and int(told) > most:
+            length = headers.get(b"content-length", b"0")
+            if length.isdigit() and int(length) > most:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
                 await response(scope, receive, send)
                 return

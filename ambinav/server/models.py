@@ -16,7 +16,7 @@ class Layer(BaseModel):
     """A layer of a map."""
 
     name: str = Field(description="As requests name it")
-    long_name: str = Field(description="What it tells, in words")
+    long_name: str = Field(description="What it says, in words")
     units: str = Field(description="m, rad, 1 ...")
     worse: Literal["high", "low"] | None = Field(description="Which end means badly localized")
     kind: Literal["amount", "share", "axis", "angle", "zone", "flag"] = Field(

@@ -311,8 +311,8 @@ def _same_length(table: dict[str, Floats], context: Context) -> dict[str, Floats
     lengths = {name: len(column) for name, column in table.items()}
     rows = next(iter(lengths.values()))
     if set(lengths.values()) != {rows}:
-        told = ", ".join(f"{name} {count}" for name, count in lengths.items())
-        raise InputError(f"the columns differ in length ({told}); give as many values in each.")
+        counts = ", ".join(f"{name} {count}" for name, count in lengths.items())
+        raise InputError(f"the columns differ in length ({counts}); give as many values in each.")
     if rows > context.limits.batch:
         raise Problem(
             413, f"The batch has {rows} rows; send at most {context.limits.batch} at a time."

@@ -121,7 +121,7 @@ def install(app: FastAPI) -> None:
 
 
 def invalid(errors: Any) -> Response:
-    """The answer to a request of which pydantic refuses a value; the first complaint is told."""
+    """The answer to a request of which pydantic refuses a value; the first complaint is named."""
     first = errors[0]
     place = [str(part) for part in first["loc"] if part not in ("body", "query", "path", "header")]
     name = ".".join(place)

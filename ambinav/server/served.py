@@ -114,8 +114,8 @@ class ServedMap:
     def why(self, x: Floats, y: Floats) -> NDArray[np.uint8]:
         """Codes of `REASONS`: why there is no value at points, shape (N,) each.
 
-        0 on free floor, where a value may be missing at a heading alone: there a wall is in the
-        way of the robot.
+        0 on free floor, where a value may be missing at a heading alone: there the robot
+        collides with a wall.
         """
         xmin, ymin, xmax, ymax = self.amap.bounds
         ny, nx = self._codes.shape
@@ -248,5 +248,5 @@ def worse_end(amap: AmbiguityMap, layer: str) -> str | None:
     from ambinav.maps.core_layers import CORE_LAYERS
 
     core = CORE_LAYERS.get(schema.base_name(layer))
-    told = amap.dataset[layer].attrs.get("worse") if core is None else core.worse
-    return None if told is None else str(told)
+    worse = amap.dataset[layer].attrs.get("worse") if core is None else core.worse
+    return None if worse is None else str(worse)

@@ -7,13 +7,12 @@ from functools import partial
 from typing import Annotated, Any, Final
 
 import numpy as np
-import shapely
 from fastapi import APIRouter, Query, Request
-from numpy.typing import NDArray
 from pydantic_core import to_json
 from shapely.geometry import mapping
 from starlette.responses import Response
 
+from ambinav.export.raster import Raster
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.server.context import Context, context_of
@@ -65,9 +64,11 @@ def _zones(context: Context, served: ServedMap) -> bytes:
         values = context.tiles(served).pyramids.get(layer).at(halvings, "mean")
     x0, _, _, y1 = amap.bounds
     side = amap.spacing * 2**halvings
+    # Tiles begin at the largest y, and so do the cells of a coarser level.
+    raster = Raster(x0, y1 - len(values) * side, side, values.shape)
     features = []
     for code, zone in enumerate(ZONES):
-        area = outline(values == code, x0, y1, side)
+        area = raster.outline(values[::-1] == code)
         if not area.is_empty:
             properties = {
                 "zone": zone,
@@ -78,26 +79,6 @@ def _zones(context: Context, served: ServedMap) -> bytes:
                 {"type": "Feature", "properties": properties, "geometry": mapping(area)}
             )
     return to_json({"type": "FeatureCollection", "features": features})
-
-
-def outline(
-    cells: NDArray[np.bool_], x0: float, y1: float, side: float
-) -> shapely.MultiPolygon | shapely.Polygon:
-    """The area of some cells.
-
-    Args:
-        cells: Which, shape (rows, columns), rows from the largest y downwards.
-        x0: Left edge of the first column, metres.
-        y1: Upper edge of the first row.
-        side: Of a cell.
-    """
-    ends = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, begin = np.nonzero(ends == 1)
-    _, end = np.nonzero(ends == -1)
-    # In whole numbers, so that the edges of neighbours meet exactly.
-    area = shapely.union_all(shapely.box(begin, -(row + 1.0), end, -row))
-    corners = shapely.simplify(area, 0.0)
-    return shapely.transform(corners, lambda xy: xy * side + (x0, y1))
 
 
 @router.get(
@@ -149,7 +130,7 @@ async def get_direction(
 ) -> Response:
     """Along which directions a robot slides unseen, at points of a square grid.
 
-    Of a map with headings the mean over them. Where both radii are alike there is no direction to
+    Of a map with headings the mean over them. Where both radii are equal there is no direction to
     speak of, and nothing is sent.
     """
     context = context_of(request)
@@ -159,7 +140,7 @@ async def get_direction(
 
 
 PRONOUNCED: Final = 0.15
-"""Difference of the relative radii from which a direction is told."""
+"""Difference of the relative radii from which a direction is given."""
 
 
 def _box(text: str) -> tuple[float, float, float, float]:
@@ -192,19 +173,19 @@ def _glyphs(
         direction, major, minor = (
             amap.floor(name).values[rows, columns] for name in ("direction", "major", "minor")
         )
-        told = np.isfinite(direction) & (major - minor >= PRONOUNCED)
-        if told.sum() <= most:
+        clear = np.isfinite(direction) & (major - minor >= PRONOUNCED)
+        if clear.sum() <= most:
             break
         step += 1
-    row, column = np.nonzero(told)
+    row, column = np.nonzero(clear)
     return [
         {"x": x, "y": y, "direction": d, "major": a, "minor": b}
         for x, y, d, a, b in zip(
             xs[columns][column].tolist(),
             ys[rows][row].tolist(),
-            direction[told].astype(float).tolist(),
-            major[told].astype(float).tolist(),
-            minor[told].astype(float).tolist(),
+            direction[clear].astype(float).tolist(),
+            major[clear].astype(float).tolist(),
+            minor[clear].astype(float).tolist(),
             strict=True,
         )
     ]

@@ -89,8 +89,8 @@ def read_dataset(path: Path) -> xr.Dataset:
         with np.load(path, allow_pickle=False) as file:
             about = json.loads(file[ABOUT].tobytes())
             variables = {
-                name: (told["dims"], file[name], told["attrs"])
-                for name, told in about["variables"].items()
+                name: (entry["dims"], file[name], entry["attrs"])
+                for name, entry in about["variables"].items()
             }
             coords = {name: variables.pop(name) for name in about["coords"]}
             return xr.Dataset(variables, coords, about["attrs"])

@@ -27,7 +27,7 @@ from ambinav.service.service import AmbiguityService
 PLANNERS: Final = "ambinav_planners"
 """The package that plans, loaded by its name: it stands on a higher floor."""
 NICE: Final = 10
-"""By so much a job gives way to the server, which answers short questions meanwhile."""
+"""By so much a job yields to the server, which answers short questions meanwhile."""
 REPORT_EVERY: Final = 0.2
 """Seconds between two reports of progress."""
 

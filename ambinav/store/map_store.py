@@ -43,7 +43,7 @@ class MapStore:
     Attributes:
         folder: Where; it need not exist. None: nothing is kept, and every map is computed.
         limit: Bytes that entries may take; those go first that were not used for longest.
-        tell: Called with a sentence about what is done; None: nobody is told.
+        tell: Called with a sentence about what is done; None: it is not called.
         before_build: Called before a map is computed, since it is not there.
         patience: Seconds to wait for another process that computes the same map and gives no sign
             of life.
@@ -123,7 +123,7 @@ class MapStore:
         found = self._open(key)
         if found is not None:
             return found, True
-        with contextlib.suppress(OSError):  # which is told when the map cannot be kept
+        with contextlib.suppress(OSError):  # which is reported when the map cannot be kept
             self.folder.mkdir(parents=True, exist_ok=True)
         lock = self.folder / f"{key}{LOCK}"
         with build_lock(lock, self.patience, self._waiting) as alive:

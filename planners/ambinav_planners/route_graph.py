@@ -23,7 +23,7 @@ from ambinav_planners.search.graph import MotionGraph
 MILESTONES: Final = 500
 RADIUS: Final = 0.2
 WEIGHT: Final = 5.0
-# Milestones asked for at once when two free places are sought to begin with.
+# Milestones asked for at once when a free pose is sought to begin with.
 ATTEMPTS: Final = 1000
 
 
@@ -44,7 +44,7 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
     from ambinav_planners.roadmap import Roadmap
 
     checker = make_checker(service, Footprint.disc(radius), Steering("r2"))
-    # A roadmap is asked for from a start to a goal; here any free place serves as both.
+    # A roadmap is asked for from a start to a goal; here any free pose serves as both.
     rng = np.random.default_rng(seed)
     amap = service.map
     rows, columns = np.nonzero(np.asarray(amap.dataset["free"].values, dtype=np.bool_))
@@ -54,11 +54,11 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
     free = poses[checker.poses_free(poses)]
     if not len(free):
         raise InputError(
-            f"--robot-radius: {radius:g} m: the robot fits at none of {len(poses)} places of "
+            f"--robot-radius: {radius:g} m: the robot fits at none of {len(poses)} poses of "
             f"{amap.source}; give less."
         )
-    place = (float(free[0, 0]), float(free[0, 1]), 0.0)
-    grown = Roadmap.over(Problem(service, checker, place, place), seed)
+    pose = (float(free[0, 0]), float(free[0, 1]), 0.0)
+    grown = Roadmap.over(Problem(service, checker, pose, pose), seed)
     grown.grow(milestones)
     graph = grown.graph()
     # The last two nodes are start and goal, which are no milestones.
@@ -80,7 +80,7 @@ def roadmap(service: AmbiguityService, radius: float, milestones: int, seed: int
 
 
 def features(graph: MotionGraph, weight: float) -> list[dict[str, Any]]:
-    """Nodes, then edges, each motion one way; ids from 1 on, no two alike.
+    """Nodes, then edges, each motion one way; ids from 1 on, all distinct.
 
     The cost of an edge is metres-equivalent. It is not overridable, so that Nav2's scorers leave it
     as it is; who rather lets them score it finds the ambiguity's part under `penalty`, which

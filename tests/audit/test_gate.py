@@ -114,6 +114,10 @@ def test_status_0_where_none_holds_and_json_stays_json(folder):
         (("--fail-if", "open >"), "at position 7 it ends where a number is expected"),
         (("--junit", "j.xml"), "about no condition"),
         (("--fail-if", "open > 2 %", "--sarif", "out/s.sarif"), "lies in the report's folder"),
+        (
+            ("--fail-if", "open > 2 %", "--sarif", "new/../out/s.sarif"),
+            "lies in the report's folder",
+        ),
         (("--fail-if", "open > 2 %", "--sarif", "a", "--junit", "a"), "name two files"),
         (("--fail-if", "open > 2 %", "--junit", "."), "this is a folder"),
         (("--fail-if", "aliased > 2 %", "--no-aliasing"), "leave --no-aliasing out"),

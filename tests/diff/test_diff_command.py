@@ -153,3 +153,19 @@ def test_maps_apart_are_refused_in_one_sentence(folder):
 def test_help_shows_an_example():
     text = " ".join(run("--help").stdout.split())
     assert "Example: ambinav diff before.zarr after.zarr" in text
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("--spacing", "0.05"),
+        ("--ambiguity-radius", "1.2"),
+        ("--layers", "fisher"),
+        ("--headings", "4"),
+        ("--level", "3"),
+    ],
+)
+def test_options_on_buildings_are_refused_with_maps(folder, given):
+    result = run("a.zarr", "b.zarr", *given)
+    assert result.exit_code == 2
+    assert f"{given[0]}: this is for buildings, but A and B are maps" in result.stderr

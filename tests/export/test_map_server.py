@@ -95,6 +95,30 @@ def test_a_map_from_a_grid_gives_the_cells_of_that_grid(tmp_path: Path, write: W
     assert ((after.state == FREE) == (before.state == FREE)).mean() > 0.96
 
 
+def test_a_plain_room_keeps_its_free_cells_and_its_walls(tmp_path: Path, write: Write) -> None:
+    """No occupied cell lies in the fitted floor of such a room, which so is all drivable."""
+    from PIL import Image
+
+    image = np.zeros((60, 80), dtype=np.uint8)
+    image[2:-2, 2:-2] = 254
+    Image.fromarray(image).save(tmp_path / "in.pgm")
+    (tmp_path / "in.yaml").write_text(
+        "image: in.pgm\nresolution: 0.05\norigin: [500.0, -700.0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    scanner = an.RangeScanner.planar(
+        sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=16, aperture=6.283
+    )
+    environment = an.load_environment(tmp_path / "in.yaml")
+    assert environment.drivable is None
+    amap = an.build_map(environment, scanner, spacing=0.2)
+    grid, resolution, origin = map_io(write("map-server", "out.yaml", of=amap)[0])
+    before = np.where(image[::-1] == 254, 0, 100)
+    assert (resolution, origin) == (0.05, [500.0, -700.0, 0.0])
+    np.testing.assert_array_equal(grid == 0, before == 0)
+    assert (grid == before).sum() >= grid.size - 4  # the outermost corners are far from any wall
+
+
 @pytest.mark.parametrize(
     ("kind", "plugin", "code"),
     [

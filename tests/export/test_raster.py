@@ -59,7 +59,7 @@ def test_lines_along_the_rows_and_columns() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_polygons_cover_the_cells_and_nothing_else(seed: int) -> None:
     mask = np.random.default_rng(seed).random(LATTICE.shape) < (0.3, 0.6, 0.95, 1.0)[seed]
-    found = LATTICE.polygons(mask)
+    found = list(LATTICE.outline(mask).geoms)
     whole = shapely.multipolygons(found)
     x, y = centres(LATTICE)
     np.testing.assert_array_equal(shapely.contains_xy(shapely.union_all(found), x, y), mask)
@@ -68,4 +68,4 @@ def test_polygons_cover_the_cells_and_nothing_else(seed: int) -> None:
     from scipy.ndimage import label
 
     assert len(found) == label(mask)[1]
-    assert LATTICE.polygons(np.zeros_like(mask)) == []
+    assert LATTICE.outline(np.zeros_like(mask)).is_empty

@@ -218,3 +218,10 @@ def test_stretches_of_a_route(write: Write, amap: an.AmbiguityMap, route: Path) 
 def test_a_small_neighbourhood_cannot_tell(write: Write, headed_map: an.AmbiguityMap) -> None:
     with pytest.raises(InputError, match=r"radius is 0\.6 m.*--ambiguity-radius 1\.2"):
         write("zones-autoware", "a.geojson", of=headed_map)
+
+
+def test_a_zone_named_twice_is_written_once(write: Write) -> None:
+    once = json.loads(write("zones-geojson", "a.geojson", zones=("corridor",))[0].read_text())
+    twice = write("zones-geojson", "b.geojson", zones=("corridor", "corridor"))[0]
+    assert json.loads(twice.read_text()) == once
+    assert once["features"]

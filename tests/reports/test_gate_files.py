@@ -77,3 +77,20 @@ def test_a_map_elsewhere_is_named_by_its_whole_address(tmp_path, monkeypatch):
     place = log["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert Path(urlparse(place["artifactLocation"]["uri"]).path) == tmp_path / "map.zarr"
     assert "region" not in place
+
+
+def test_a_map_is_named_without_detours(tmp_path, monkeypatch):
+    """A relative address that climbs out of the folder would be nowhere in a repository."""
+    work = tmp_path / "repository"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    for given, address in (
+        ("maps/../office.yaml", "office.yaml"),
+        ("../office.yaml", (tmp_path / "office.yaml").as_uri()),
+    ):
+        write_sarif(CASES["both"], "audit", Path(given), Path("gate.sarif"))
+        run = json.loads(Path("gate.sarif").read_text())["runs"][0]
+        for result in run["results"]:
+            artifact = result["locations"][0]["physicalLocation"]["artifactLocation"]
+            assert artifact["uri"] == address
+            assert ("uriBaseId" in artifact) == (address == "office.yaml")

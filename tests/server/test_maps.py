@@ -131,6 +131,8 @@ def test_zones_cover_the_floor(live: Live, corridor: an.AmbiguityMap) -> None:
     zone = corridor.dataset["zone"].values
     for one in found["features"]:
         shape = shapely.geometry.shape(one["geometry"])
+        assert shape.geom_type == "MultiPolygon"
+        assert all(part.exterior.is_ccw for part in shape.geoms)  # RFC 7946, section 3.1.6
         x, y = np.meshgrid(corridor.dataset["x"].values, corridor.dataset["y"].values)
         code = ZONES.index(one["properties"]["zone"])
         np.testing.assert_array_equal(shapely.contains_xy(shape, x, y), zone == code)

@@ -91,8 +91,8 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
             ]
     for file in options.routes:
         features += stretches(export.amap, route_on(export.amap, file), file.name)
-    told = "along the weak direction" if heading is None else f"{options.heading:g} deg"
-    text = collection(export, features, f"localization error monitor, heading {told}")
+    faced = "along the weak direction" if heading is None else f"{options.heading:g} deg"
+    text = collection(export, features, f"localization error monitor, heading {faced}")
     path.write_text(text, encoding="utf-8")
     return (path,)
 
@@ -111,7 +111,7 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
     by_long, by_lateral = _levels(*sizes(xx, xy, yy, poses[:, 2]))
     worst, cause = np.maximum(by_long, by_lateral), _causes(by_long, by_lateral)
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
-    # Each pose stands for the way to the next one.
+    # Each pose stands for the piece to the next one.
     change = np.flatnonzero((np.diff(worst[:-1]) != 0) | (np.diff(cause[:-1]) != 0)) + 1
     found = []
     for first, last in zip([0, *change], [*change, len(poses) - 1], strict=True):
@@ -146,9 +146,9 @@ def _check_radius(amap: AmbiguityMap) -> None:
     """
     radius = json.loads(amap.dataset.attrs["parameters"]).get("radius")
     if not isinstance(radius, int | float) or radius < LEAST_RADIUS:
-        told = "?" if radius is None else f"{radius:g}"
+        given = "?" if radius is None else f"{radius:g}"
         raise InputError(
-            f"{amap.source}: radius is {told} m, within which no deviation reaches Autoware's "
+            f"{amap.source}: radius is {given} m, within which no deviation reaches Autoware's "
             f"threshold of {LONG[1]:g} m at 3 sigma; make the map with "
             f"`ambinav map ... --ambiguity-radius {LEAST_RADIUS:g}` or more."
         )

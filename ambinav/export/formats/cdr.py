@@ -97,7 +97,7 @@ class Message:
         return self.number("i", whole).number("I", rest).text(frame)
 
     def pose(self, pose: Pose) -> Message:
-        """A geometry_msgs/Pose (or Transform, which is alike) of x, y, theta."""
+        """A geometry_msgs/Pose (or Transform, which has the same fields) of x, y, theta."""
         x, y, theta = pose
         turn = (0.0, 0.0, math.sin(theta / 2.0), math.cos(theta / 2.0))
         return self.number("d", x, y, 0.0, *turn)

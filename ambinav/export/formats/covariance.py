@@ -66,8 +66,8 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
 
 
 def _grid(export: MapExport) -> Grid:
-    told = export.options.heading
-    return covariance_grid(export.amap, None if told is None else math.radians(told))
+    heading = export.options.heading
+    return covariance_grid(export.amap, None if heading is None else math.radians(heading))
 
 
 def _about(export: MapExport) -> dict[str, Any]:

@@ -103,10 +103,10 @@ def occupancy(environment: Environment, raster: Raster) -> NDArray[np.uint8]:
     walls = environment.segments.xy[environment.segments.kind == WALL]
     floor = environment.free if environment.drivable is None else environment.drivable
     free = raster.inside(floor)
-    if environment.drivable is None:
+    if environment.resolution is None:
         free &= ~raster.crossed(walls)
     near = raster.crossed(walls)
-    if environment.drivable is not None:
+    if environment.resolution is not None:
         from scipy.ndimage import binary_dilation  # takes a third of a second
 
         steps = np.arange(-math.floor(REACH), math.floor(REACH) + 1)

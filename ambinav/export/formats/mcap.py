@@ -70,7 +70,9 @@ def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
     # Odometry begins at 0 in its own frame, which so lies where the drive begins.
     send("/tf_static", "tf2_msgs/TFMessage", 0.0, cdr.transform(0.0, start, FRAME, odometry))
     for k, seconds in enumerate(drive.time.tolist()):
-        truth, estimate, told = (drive.tracks[name][k].tolist() for name in drive.tracks)
+        truth, estimate, moved = (
+            drive.tracks[name][k].tolist() for name in ("truth", "estimate", "odometry")
+        )
         send(
             f"{topic}/truth",
             "geometry_msgs/PoseStamped",
@@ -87,7 +89,7 @@ def _drive(export: MapExport, path: Path, topic: str, send: Send) -> None:
             f"{topic}/odometry",
             "nav_msgs/Odometry",
             seconds,
-            cdr.odometry(seconds, told, odometry, "base_link"),
+            cdr.odometry(seconds, moved, odometry, "base_link"),
         )
 
 

@@ -30,7 +30,7 @@ MOST_PREFERENCE: Final = 90
 """Of a graded mask at layer 1: 99 is as far as a cell is not lethal, and what is inflated adds."""
 SLOWEST: Final = 30.0
 KEPT_OUT: Final = (ZONES[OPEN],)
-"""Without corridors: a building has no other way between its rooms."""
+"""Without corridors: a building has no other path between its rooms."""
 KEEPOUT_TYPE, PERCENT_TYPE, METRES_TYPE, BINARY_TYPE = 0, 1, 2, 3
 """Types of filters in nav2_msgs/CostmapFilterInfo."""
 
@@ -61,14 +61,14 @@ class FilterInfo:
 def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
     """ROS parameters of the servers and of the filter, by node, named as in nav2_bringup."""
     server, publisher = f"{info.name}_filter_mask_server", f"{info.name}_costmap_filter_info_server"
-    topic, told = f"{info.name}_filter_mask", f"{info.name}_costmap_filter_info"
-    plugin = {"plugin": info.plugin, "enabled": True, "filter_info_topic": told, **info.own}
+    topic, info_topic = f"{info.name}_filter_mask", f"{info.name}_costmap_filter_info"
+    plugin = {"plugin": info.plugin, "enabled": True, "filter_info_topic": info_topic, **info.own}
     return {
         server: {"ros__parameters": {"topic_name": topic, "yaml_filename": mask}},
         publisher: {
             "ros__parameters": {
                 "type": info.type,
-                "filter_info_topic": told,
+                "filter_info_topic": info_topic,
                 "mask_topic": topic,
                 "base": info.base,
                 "multiplier": info.multiplier,
@@ -127,14 +127,14 @@ def _save(
     export: MapExport, path: Path, mask: NDArray[np.uint8], info: FilterInfo
 ) -> tuple[Path, ...]:
     written = save_map_server(path, mask, Raster.of_map(export.amap), "raw", **RAW)
-    told = path.with_name(f"{path.stem}_params.yaml")
+    params = path.with_name(f"{path.stem}_params.yaml")
     head = (
         f"# For Nav2: parameters that switch on the mask {path.name}. Merge them into your own,\n"
         f"# launch the two servers and their lifecycle manager, and give the path of {path.name}.\n"
     )
     body = yaml.safe_dump(parameters(info, path.name), sort_keys=False)
-    told.write_text(head + body, encoding="utf-8")
-    return *written, told
+    params.write_text(head + body, encoding="utf-8")
+    return *written, params
 
 
 def write_keepout(export: MapExport, path: Path) -> tuple[Path, ...]:

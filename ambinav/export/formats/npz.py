@@ -41,8 +41,8 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     zones = ", ".join(f"{code} {name}" for code, name in enumerate(ZONES))
     lines = [HEAD.format(name=path.name, title=dataset.attrs.get("title", "A map"), zones=zones)]
     for name, values in arrays.items():
-        told = dataset[name].attrs if name in dataset else {}
-        unit, meaning = told.get("units", ""), told.get("long_name", _meaning(name))
+        attrs = dataset[name].attrs if name in dataset else {}
+        unit, meaning = attrs.get("units", ""), attrs.get("long_name", _meaning(name))
         lines.append(f"| `{name}` | {values.shape} | {values.dtype} | {unit} | {meaning} |\n")
     about.write_text("".join(lines), encoding="utf-8")
     return path, about

@@ -61,7 +61,7 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
     number = np.arange(1, count + 1)
     xx, xy, yy, tt = (mean(np.nan_to_num(grid[k]), labels, number) for k in (0, 1, 3, 5))
     found = []
-    for polygon in raster.polygons(mask):
+    for polygon in raster.outline(mask).geoms:
         if polygon.area < least_area:
             continue
         point = polygon.representative_point()
@@ -88,9 +88,8 @@ def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
 
 
 def feature(polygon: shapely.Polygon, **properties: Any) -> dict[str, Any]:
-    """A GeoJSON Feature; rings as RFC 7946 orders them (outer counter-clockwise)."""
-    ring = shapely.orient_polygons(polygon)
-    geometry = json.loads(shapely.to_geojson(ring))
+    """A GeoJSON Feature."""
+    geometry = json.loads(shapely.to_geojson(polygon))
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 

@@ -5,13 +5,13 @@ import { area, sentence } from "./format.js";
 import { KEYS, PLAN_KEYS } from "./keys.js";
 import style from "./style.js";
 
-/** Build the panel from what the service tells of a map. */
+/** Build the panel from what the service says of a map. */
 export function aboutPanel(element, map, canPlan) {
   fill(element,
     h("h2", {}, "Zones"),
     h("dl", { class: "zones" }, style.zones.map(({ name, colour, meaning }) => {
-      const told = (map.zones ?? []).find((zone) => (zone.zone ?? zone.name) === name);
-      const size = told && [`${Math.round(100 * told.share)} %`, area(told.area_m2)].join(", ");
+      const found = (map.zones ?? []).find((zone) => (zone.zone ?? zone.name) === name);
+      const size = found && [`${Math.round(100 * found.share)} %`, area(found.area_m2)].join(", ");
       return [h("dt", {}, h("span", { class: "swatch", style: { background: colour } }), sentence(name), size && h("span", { class: "soft" }, ` ${size}`)), h("dd", {}, `${sentence(meaning)}.`)];
     })),
     parameters(map),

@@ -24,7 +24,7 @@ export class EmbeddedSource {
   }
 
   async maps() {
-    const layers = Object.values(this.data.rasters).map(({ png, colours, ...told }) => told);
+    const layers = Object.values(this.data.rasters).map(({ png, colours, ...layer }) => layer);
     return [{ ...this.data.map, layers: [...this.data.map.layers, ...layers] }];
   }
 
@@ -62,8 +62,8 @@ export class EmbeddedSource {
 
   async scan(id, x, y, theta) {
     const [x0, y0] = this.bounds;
-    const told = castScan(this.wallEnds, this.rays, x - x0, y - y0, theta ?? 0);
-    return { x: told.x.map((value) => value + x0), y: told.y.map((value) => value + y0), hit: told.hit };
+    const cast = castScan(this.wallEnds, this.rays, x - x0, y - y0, theta ?? 0);
+    return { x: cast.x.map((value) => value + x0), y: cast.y.map((value) => value + y0), hit: cast.hit };
   }
 
   async worst() {

@@ -57,12 +57,12 @@ export function makeExplorer(root, source, { tab = "layers", routes = [] } = {})
     if (routes.length) store.set({ given: givenRoutes(parts.panels.routes, routes, floor, store) });
     clicks(floor, store, planner);
     fill(parts.panels.places, h("p", { class: "soft", role: "status" }, "Looking for the worst places …"));
-    const [told, found] = await Promise.all([source.map(short.id), source.worst(short.id)]);
+    const [details, found] = await Promise.all([source.map(short.id), source.worst(short.id)]);
     if (mine !== opened) return;
     places = Array.isArray(found) ? found : found.places;
     marks.opened(places);
     leavePlaces = placesPanel(parts.panels.places, places, floor, store);
-    aboutPanel(parts.panels.about, { ...short, ...told }, source.can.plan);
+    aboutPanel(parts.panels.about, { ...short, ...details }, source.can.plan);
     parts.stage.removeAttribute("aria-busy");
   }
   return { store, floor, open };

@@ -4,7 +4,7 @@ import { fill, h } from "./dom.js";
 import { area, axis, metres, number, sentence } from "./format.js";
 import style from "./style.js";
 
-/** Build the list; `places` are as the service tells them. Returns what ends following the store. */
+/** Build the list; `places` are as the service gives them. Returns what ends following the store. */
 export function placesPanel(element, places, floor, store) {
   if (!places.length) {
     fill(element, h("p", {}, "No place of notable size leaves the robot lost."));

@@ -15,27 +15,27 @@ export function numbers(text, Kind) {
 
 /** A layer that is embedded in the page. */
 export class Raster {
-  constructor(told, pixels, width, height) {
-    Object.assign(this, { told, pixels, width, height });
+  constructor(about, pixels, width, height) {
+    Object.assign(this, { about, pixels, width, height });
   }
 
   /** Decode what a report holds of a layer. */
-  static async of(told) {
-    const png = new Blob([bytesOf(told.png.split(",")[1])], { type: "image/png" });
+  static async of(about) {
+    const png = new Blob([bytesOf(about.png.split(",")[1])], { type: "image/png" });
     const image = await createImageBitmap(png, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [image.width, image.height];
     const context = canvas.getContext("2d", { willReadFrequently: true });
     context.drawImage(image, 0, 0);
     const { data } = context.getImageData(0, 0, image.width, image.height);
-    return new Raster(told, data, image.width, image.height);
+    return new Raster(about, data, image.width, image.height);
   }
 
   /** Value of a cell, row 0 at the top; null where there is none. */
   value(row, column) {
     const at = 4 * (row * this.width + column);
     const step = this.pixels[at] * 256 + this.pixels[at + 1];
-    const { low, high } = this.told;
+    const { low, high } = this.about;
     return step > LEVELS ? null : low + (step / LEVELS) * (high - low);
   }
 
@@ -73,7 +73,7 @@ export class Raster {
 
   /** Colours of the steps, 64 of them together. */
   #scale() {
-    const { low, high, min, max, log, colours } = this.told;
+    const { low, high, min, max, log, colours } = this.about;
     const stops = colours.map(packed);
     const table = new Uint32Array(1025);
     for (let i = 0; i < table.length; i += 1) {

@@ -11,7 +11,7 @@ export function castScan(walls, rays, x, y, theta) {
   const [c, s] = [Math.cos(theta), Math.sin(theta)];
   const far = rays.max_range.reduce((most, range) => Math.max(most, range), 0) + 1;
   const near = nearWalls(walls, x, y, far);
-  const told = { x: [], y: [], hit: [] };
+  const cast = { x: [], y: [], hit: [] };
   for (let beam = 0; beam + 1 < rays.start.length; beam += 1) {
     let best = null;
     for (let ray = rays.start[beam]; ray < rays.start[beam + 1]; ray += 1) {
@@ -28,11 +28,11 @@ export function castScan(walls, rays, x, y, theta) {
       }
     }
     const length = Math.min(best.reach, best.range);
-    told.x.push(best.from[0] + length * Math.cos(best.angle));
-    told.y.push(best.from[1] + length * Math.sin(best.angle));
-    told.hit.push(best.reach < Infinity);
+    cast.x.push(best.from[0] + length * Math.cos(best.angle));
+    cast.y.push(best.from[1] + length * Math.sin(best.angle));
+    cast.hit.push(best.reach < Infinity);
   }
-  return told;
+  return cast;
 }
 
 /** The walls whose boxes come as near as `far`. */

@@ -65,13 +65,13 @@ export class Readout {
     const turned = this.map.headings > 1;
     try {
       const at = typeof heading === "number" ? heading : null;
-      const [told, scan] = await Promise.all([
+      const [answer, scan] = await Promise.all([
         this.source.values(id, probe.x, probe.y, at, weight),
         overlays.scan ? this.source.scan(id, probe.x, probe.y, at ?? theta) : null,
       ]);
       if (this.map.id !== id || this.store.get("probe") === null) return;
-      this.probe.draw(probe, scan?.x.length && !told.reason ? scan : null, pinned, turned ? (at ?? theta) : null);
-      this.#show(probe, told, scan, pinned);
+      this.probe.draw(probe, scan?.x.length && !answer.reason ? scan : null, pinned, turned ? (at ?? theta) : null);
+      this.#show(probe, answer, scan, pinned);
     } catch (problem) {
       fill(this.element, h("p", { class: "soft" }, problem.message));
     }
@@ -86,24 +86,24 @@ export class Readout {
     fill(this.element, h("p", { class: "hint" }, touch ? "Tap the floor to read its values." : "Point at the floor to read its values; click to hold them."));
   }
 
-  #show({ x, y }, told, scan, pinned) {
+  #show({ x, y }, answer, scan, pinned) {
     this.element.classList.remove("resting");
     Object.assign(this.element.dataset, { x, y });
-    this.#shown = told;
+    this.#shown = answer;
     const where = h("span", { class: "where" }, `x ${number(x)}, y ${number(y)} m`);
     const close = pinned && h("button", { class: "close", "aria-label": "Let go of this point", onclick: () => this.store.set({ pinned: false, probe: null }) }, "×");
-    if (told.reason) {
-      fill(this.element, h("header", {}, h("strong", {}, REASONS[told.reason] ?? told.reason), close), where);
+    if (answer.reason) {
+      fill(this.element, h("header", {}, h("strong", {}, REASONS[answer.reason] ?? answer.reason), close), where);
       return;
     }
-    const zone = style.zones.find(({ name }) => name === told.zone);
+    const zone = style.zones.find(({ name }) => name === answer.zone);
     const head = zone
       ? h("strong", {}, h("span", { class: "swatch", style: { background: zone.colour } }), sentence(zone.name))
-      : h("strong", {}, sentence(told.remark ?? "free floor"));
+      : h("strong", {}, sentence(answer.remark ?? "free floor"));
     fill(
       this.element,
       h("header", {}, head, close),
-      h("dl", {}, this.#rows(told).map(([name, text, key]) => [h("dt", {}, name), h("dd", { "data-layer": key, "data-value": key === "cost" ? told.cost : told.values[key] }, text)])),
+      h("dl", {}, this.#rows(answer).map(([name, text, key]) => [h("dt", {}, name), h("dd", { "data-layer": key, "data-value": key === "cost" ? answer.cost : answer.values[key] }, text)])),
       scan && h("p", { class: "soft" }, scanText(scan)),
       where,
     );

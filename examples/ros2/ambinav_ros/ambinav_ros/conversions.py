@@ -49,7 +49,7 @@ class Grid:
 def occupancy_grid(amap: AmbiguityMap, layer: str = "level") -> Grid:
     """A layer from 0 to 1 as an occupancy grid: 0 to 100, -1 where there is no floor.
 
-    Our arrays and the message begin at the smallest y alike: nothing is turned over, as it is for
+    Our arrays and the message both begin at the smallest y: nothing is turned over, as it is for
     the image of a map_server.
 
     Args:

@@ -44,16 +44,18 @@ class AmbinavNode(Node):
         super().__init__("ambinav")
         for name, usual in PARAMETERS.items():
             self.declare_parameter(name, usual)
-        path = self._told("map")
+        path = self._value("map")
         if not path:
             raise InputError("map: no ambiguity map is named; give map:=/maps/office.zarr.")
         self.amap = AmbiguityMap.open(path)
-        self.service = AmbiguityService(self.amap, weight=self._told("weight"))
+        self.service = AmbiguityService(self.amap, weight=self._value("weight"))
         text = self.amap.dataset.attrs["scanner_yaml"]
-        self.scanner = RangeScanner.from_yaml_text(text).thinned(self._told("max_beams"))
+        self.scanner = RangeScanner.from_yaml_text(text).thinned(self._value("max_beams"))
         self.environment = self.amap.environment
         self.monitor = Monitor(
-            Thresholds(*(self._told(name) for name in ("warn", "error", "explained", "hysteresis")))
+            Thresholds(
+                *(self._value(name) for name in ("warn", "error", "explained", "hysteresis"))
+            )
         )
         # The machine code is made before the first scan is waited for.
         self._measure((*self._any_place(), 0.0), np.full(self.scanner.beams, np.nan))
@@ -70,7 +72,7 @@ class AmbinavNode(Node):
         self.create_subscription(LaserScan, "scan", self.on_scan, qos_profile_sensor_data)
         self.buffer = Buffer()
         self.listener = TransformListener(self.buffer, self)
-        self.create_timer(self._told("period"), self.on_timer)
+        self.create_timer(self._value("period"), self.on_timer)
 
     def on_scan(self, scan: LaserScan) -> None:
         """Keep the last scan: by the next tick of the timer its transforms have come."""
@@ -91,7 +93,7 @@ class AmbinavNode(Node):
         self, request: GetAmbiguity.Request, response: GetAmbiguity.Response
     ) -> GetAmbiguity.Response:
         """Answer what poses cost."""
-        frame, own = request.header.frame_id, self._told("map_frame")
+        frame, own = request.header.frame_id, self._value("map_frame")
         try:
             if frame not in ("", own):
                 raise InputError(f"frame_id: {frame!r}; give poses in {own!r}.")
@@ -104,7 +106,7 @@ class AmbinavNode(Node):
         response.state = state.tolist()
         return response
 
-    def _told(self, name: str) -> Any:
+    def _value(self, name: str) -> Any:
         return self.get_parameter(name).value
 
     def _localizability(self) -> Localizability | None:
@@ -114,12 +116,12 @@ class AmbinavNode(Node):
             return None
         stamp = Time.from_msg(scan.header.stamp)
         age = (self.get_clock().now() - stamp).nanoseconds * 1e-9
-        if age > self._told("stale_after"):
+        if age > self._value("stale_after"):
             self.monitor.stale(f"the last scan is {age:.1f} s old")
             return None
-        base = self._told("base_frame")
+        base = self._value("base_frame")
         mounted = self.buffer.lookup_transform(base, scan.header.frame_id, stamp).transform
-        robot = self.buffer.lookup_transform(self._told("map_frame"), base, stamp).transform
+        robot = self.buffer.lookup_transform(self._value("map_frame"), base, stamp).transform
         towards = conversions.directions(
             scan.angle_min, scan.angle_increment, len(scan.ranges), _quaternion(mounted.rotation)
         )
@@ -135,7 +137,7 @@ class AmbinavNode(Node):
 
     def _measure(self, pose: tuple[float, float, float], ranges: np.ndarray) -> Localizability:
         return measure(
-            self.environment, self.scanner, pose, ranges, self._told("prior"), self._told("pose")
+            self.environment, self.scanner, pose, ranges, self._value("prior"), self._value("pose")
         )
 
     def _any_place(self) -> tuple[float, float]:
@@ -144,9 +146,9 @@ class AmbinavNode(Node):
         return float(data["x"].values[column]), float(data["y"].values[row])
 
     def _grid_message(self) -> OccupancyGrid:
-        grid = conversions.occupancy_grid(self.amap, self._told("layer"))
+        grid = conversions.occupancy_grid(self.amap, self._value("layer"))
         message = OccupancyGrid()
-        message.header.frame_id = self._told("map_frame")
+        message.header.frame_id = self._value("map_frame")
         message.header.stamp = self.get_clock().now().to_msg()
         message.info.map_load_time = message.header.stamp
         message.info.resolution = grid.resolution
