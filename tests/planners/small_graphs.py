@@ -37,8 +37,13 @@ def chain(x: NDArray[np.float64], steering: Steering | None = None) -> MotionGra
 @st.composite
 def graphs(draw: st.DrawFn, most: int = 7, steering: Steering | None = None) -> MotionGraph:
     """Connected graphs of up to `most` nodes in a square of 4 m, at least 0.6 m apart."""
-    count = draw(st.integers(3, most))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    count, seed = draw(st.integers(3, most)), draw(st.integers(0, 2**32 - 1))
+    return drawn_graph(count, seed, steering)
+
+
+def drawn_graph(count: int, seed: int, steering: Steering | None = None) -> MotionGraph:
+    """The one of so many nodes and this seed."""
+    rng = np.random.default_rng(seed)
     row, column = np.divmod(rng.permutation(16)[:count], 4)
     xy = np.column_stack([column, row]) + 0.5 + rng.uniform(-0.2, 0.2, (count, 2))
     poses = np.column_stack([xy, rng.uniform(-np.pi, np.pi, count)])

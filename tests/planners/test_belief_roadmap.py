@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -21,6 +21,8 @@ from ambinav_planners.belief.transfer import Transfer
 from ambinav_planners.search.graph import MotionGraph
 from tests.planners.small_graphs import (
     chain,
+    drawn_graph,
+    drawn_graph,
     even_information,
     graph_of,
     graphs,
@@ -311,9 +313,13 @@ def test_best_of_all_ways(
     roadmap = BeliefRoadmap.of(graph, random_information(np.random.default_rng(seed)), NOISE)
     goal, longest = len(graph.poses) - 1, 6.0
     best = best_of_all(roadmap, goal, weight, measure, most, longest)
-    found = search_roadmap(
-        roadmap, 0, goal, START, weight=weight, measure=measure, max_std=most, exact=True
-    )
+    try:
+        found = search_roadmap(
+            roadmap, 0, goal, START, weight=weight, measure=measure, max_std=most, exact=True,
+            most_labels=3000,
+        )  # fmt: skip
+    except InputError:  # as below
+        reject()
     if found is None:
         assert best == math.inf
         return
@@ -329,6 +335,20 @@ def test_best_of_all_ways(
         assert found.path.cost <= best + 1e-9
     quick = search_roadmap(roadmap, 0, goal, START, weight=weight, measure=measure, max_std=most)
     assert quick is None or quick.path.cost >= found.path.cost - 1e-12
+
+
+def test_an_exact_search_that_goes_round_in_circles_ends() -> None:
+    # No path keeps to the limit, but a corridor that is driven up and down tells ever a little more.
+    graph = drawn_graph(5, 21)
+    roadmap = BeliefRoadmap.of(graph, random_information(np.random.default_rng(21)), NOISE)
+    goal = len(graph.poses) - 1
+    for most_labels in (1, 1000):
+        with pytest.raises(InputError, match="no end; give a tolerance above 0, or exact=False"):
+            search_roadmap(
+                roadmap, 0, goal, START, weight=0.0, max_std=0.35, exact=True,
+                most_labels=most_labels,
+            )  # fmt: skip
+    assert search_roadmap(roadmap, 0, goal, START, weight=0.0, max_std=0.35) is None
 
 
 def test_it_goes_by_the_landmarks_if_that_is_worth_it() -> None:

@@ -53,6 +53,10 @@ LAST_MOTIONS = 20
 # Covariances that differ by less than this share are the same but for rounding.
 ROUNDING = 1e-12
 
+# Paths to nodes that a search keeps at most: at a few nodes it then ends within minutes.
+MOST_LABELS = 100_000
+TOO_MANY = -2
+
 
 class Terms(NamedTuple):
     """What the search minimises, and within which limits; see `search_roadmap`.
@@ -113,6 +117,7 @@ def search_roadmap(
     max_goal_std: float = math.inf,
     tolerance: float = 0.0,
     exact: bool = False,
+    most_labels: int = MOST_LABELS,
 ) -> BeliefPath | None:
     """The path of least length + weight * deviation at the goal.
 
@@ -135,12 +140,16 @@ def search_roadmap(
             the path is exactly the best there is, but on a grown roadmap of thousands of nodes
             that takes minutes. False compares them by the measure alone, as Prentice & Roy do
             by the trace: a second, without the guarantee.
+        most_labels: How many paths to nodes the search may keep. Where no path keeps to the limits,
+            an exact one may go round in circles for ever, each time a little better known in some
+            direction.
 
     Returns:
         The path, or None if there is none that keeps to the limits.
 
     Raises:
-        InputError: bad weight, measure, limit, tolerance, covariance or node.
+        InputError: bad weight, measure, limit, tolerance, covariance or node, or the search has
+            come to `most_labels`.
     """
     _check_measure(measure)
     for name, value in (("weight", weight), ("tolerance", tolerance)):
@@ -163,8 +172,13 @@ def search_roadmap(
         float(weight), weak, float(max_std), float(max_goal_std), 1.0 + tolerance, bool(exact)
     )
     motions, cost, labels = _search(
-        graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal
+        graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal, most_labels
     )
+    if labels == TOO_MANY:
+        raise InputError(
+            f"most_labels: the search kept {most_labels} paths to nodes and found no end; give a "
+            "tolerance above 0, or exact=False."
+        )
     if labels < 0:
         return None
     path = path_back(graph, start, motions, cost, labels)
@@ -293,8 +307,11 @@ def _covered(last, before, covariance, motion, found, at, heading, odometry, ter
 
 
 @kernel
-def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal):
-    """Motions from goal to start, their cost, and the number of labels (-1: no path)."""
+def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal, most_labels):
+    """Motions from goal to start, their cost, and the number of labels.
+
+    Instead of that number -1: no path, or TOO_MANY.
+    """
     first, target, length = graph
     carry, noise, seen, heading, odometry = roadmap
     weight, weak, most, most_at_goal, _, _ = terms
@@ -337,6 +354,8 @@ def _search(graph, roadmap, covariance, terms, ahead, floor, start, goal):
                 newest[to], before, found, labels.motion, ending, e, heading, odometry, terms
             ):
                 continue
+            if count >= most_labels:
+                return np.empty(0, dtype=np.int64), math.inf, TOO_MANY
             if count == labels.at.size:
                 labels, before, found = more_room(labels), grown(before), grown(found)
             add_label(labels, count, size, to, label, e, total, total + ahead[to])
