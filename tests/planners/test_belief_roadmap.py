@@ -22,7 +22,6 @@ from ambinav_planners.search.graph import MotionGraph
 from tests.planners.small_graphs import (
     chain,
     drawn_graph,
-    drawn_graph,
     even_information,
     graph_of,
     graphs,
