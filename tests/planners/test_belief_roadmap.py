@@ -337,7 +337,7 @@ def test_best_of_all_ways(
 
 
 def test_an_exact_search_that_goes_round_in_circles_ends() -> None:
-    # No path keeps to the limit, but a corridor that is driven up and down tells ever a little more.
+    # No path keeps to the limit, but driving up and down tells ever a little more.
     graph = drawn_graph(5, 21)
     roadmap = BeliefRoadmap.of(graph, random_information(np.random.default_rng(21)), NOISE)
     goal = len(graph.poses) - 1
