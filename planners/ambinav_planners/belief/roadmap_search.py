@@ -53,9 +53,10 @@ LAST_MOTIONS = 20
 # Covariances that differ by less than this share are the same but for rounding.
 ROUNDING = 1e-12
 
-# Paths to nodes that a search keeps at most: at a few nodes it then ends within minutes.
 MOST_LABELS = 100_000
+"""Paths to nodes that an exact search keeps at most: at a few nodes it then ends within minutes."""
 TOO_MANY = -2
+NO_LIMIT = 2**62
 
 
 class Terms(NamedTuple):
@@ -117,7 +118,7 @@ def search_roadmap(
     max_goal_std: float = math.inf,
     tolerance: float = 0.0,
     exact: bool = False,
-    most_labels: int = MOST_LABELS,
+    most_labels: int | None = None,
 ) -> BeliefPath | None:
     """The path of least length + weight * deviation at the goal.
 
@@ -140,9 +141,9 @@ def search_roadmap(
             the path is exactly the best there is, but on a grown roadmap of thousands of nodes
             that takes minutes. False compares them by the measure alone, as Prentice & Roy do
             by the trace: a second, without the guarantee.
-        most_labels: How many paths to nodes the search may keep. Where no path keeps to the limits,
-            an exact one may go round in circles for ever, each time a little better known in some
-            direction.
+        most_labels: How many paths to nodes the search may keep; None: as many as it takes, but of
+            an exact one `MOST_LABELS`. Where no path keeps to the limits, that may go round in
+            circles for ever, each time a little better known in some direction.
 
     Returns:
         The path, or None if there is none that keeps to the limits.
@@ -171,6 +172,8 @@ def search_roadmap(
     terms = Terms(
         float(weight), weak, float(max_std), float(max_goal_std), 1.0 + tolerance, bool(exact)
     )
+    if most_labels is None:
+        most_labels = MOST_LABELS if exact else NO_LIMIT
     motions, cost, labels = _search(
         graph.arrays, roadmap.arrays, first, terms, ahead, floor, start, goal, most_labels
     )
