@@ -99,6 +99,7 @@ def test_any_edited_file_is_another_key(copy: Path) -> None:
     assert keys(copy) == before
 
 
+@pytest.mark.slow
 def test_what_is_no_source_does_not_count(copy: Path) -> None:
     before = code_digest()
     path = copy / "ambinav" / "reports" / "pages.py"

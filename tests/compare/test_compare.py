@@ -202,6 +202,7 @@ def with_file(done: Path, folder: Path, shift: float, goal: float = 0.0) -> dict
     return {**SCENARIO, "routes": ["shortest", {"kind": "file", "file": "saved.csv"}]}
 
 
+@pytest.mark.slow
 def test_a_saved_route_is_driven(done: Path, tmp_path: Path) -> None:
     path = write(tmp_path, with_file(done, tmp_path, 0.0))
     assert compare(path, tmp_path / "out", "--jobs", "1", "--episodes", "2").exit_code == 0

@@ -48,6 +48,7 @@ def test_guarded(tmp_path: Path, text: str, arguments: tuple[str, ...]) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_a_comparison_does_not_hang(tmp_path: Path) -> None:
     """Without the check the first process waits for ever for the second one."""
     code = (

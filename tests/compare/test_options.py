@@ -215,6 +215,7 @@ def test_bad_policies(scenario: dict[str, Any], tmp_path: Path, policy: str, mes
     assert f"pair 'there', route '{policy}'" in found.stderr
 
 
+@pytest.mark.slow
 def test_modules_are_imported(scenario: dict[str, Any], tmp_path: Path) -> None:
     scenario["modules"] = ["m.py"]
     scenario["routes"] = [{"kind": "planner", "planner": "straight-on"}]

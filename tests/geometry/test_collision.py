@@ -246,7 +246,7 @@ def least_distance(checker: CollisionChecker, a: Array, b: Array, step: float) -
 def test_polygon_motions(
     corners: list[tuple[float, float]], steering: Steering, demo: Environment
 ) -> None:
-    step = 0.01
+    step = 0.02
     found = []
     for env in (demo, scenes.scene(6, size=15.0)):
         checker = CollisionChecker(env, Footprint.polygon(corners), steering)

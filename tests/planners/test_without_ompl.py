@@ -45,52 +45,35 @@ def without_ompl(code: str, folder: Path, *words: str) -> subprocess.CompletedPr
     )
 
 
-@pytest.fixture(scope="module")
-def folder(plan_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def folder(plan_map: Path, tmp_path: Path) -> Path:
     """Where all commands are run."""
-    folder = tmp_path_factory.mktemp("without")
-    shutil.copytree(plan_map, folder / "map.zarr")
-    write(folder, {**SCENARIO, "routes": ["shortest", *OWN]})
-    return folder
+    shutil.copytree(plan_map, tmp_path / "map.zarr")
+    write(tmp_path, {**SCENARIO, "routes": ["shortest", *OWN]})
+    return tmp_path
 
 
-@pytest.fixture(scope="module")
-def told(folder: Path) -> dict[str, Done]:
-    """What each command says, all in one process, for a start takes longer than most of them."""
-    done = without_ompl(RUN, folder, json.dumps(COMMANDS))
-    assert done.returncode == 0, done.stderr
-    pairs: list[Any] = [json.loads(line) for line in done.stdout.splitlines()]
-    return {name: Done(*ended) for name, ended in pairs}
-
-
-@pytest.mark.parametrize("name", OWN)
-def test_a_planner_of_our_own_plans(told: dict[str, Done], folder: Path, name: str) -> None:
-    assert told[name].returncode == 0, told[name].stderr
-    assert (folder / f"{name}.csv").is_file()
-
-
-@pytest.mark.parametrize("more", OF_OMPL)
-def test_a_planner_of_ompl_says_what_to_install(
-    told: dict[str, Done], more: tuple[str, str]
-) -> None:
-    done = told[more[1]]
-    assert done.returncode == 2
-    (error,) = done.stderr.splitlines()
-    name = more[1] if more[0] == "-p" else "prmstar"
-    assert error == (
-        f"ambinav: error: planner '{name}' needs OMPL; run: pip install \"ambinav[planners]\", or "
-        "give reference or belief."
-    )
-
-
-def test_planners_are_listed_with_a_note(told: dict[str, Done]) -> None:
-    done = told["list"]
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["belief", "reference"]
-    assert "further planners need OMPL" in done.stderr
-
-
-def test_routes_are_compared(told: dict[str, Done], folder: Path) -> None:
-    assert told["compare"].returncode == 0, told["compare"].stderr
+@pytest.mark.slow
+def test_what_needs_no_ompl_works_and_the_rest_names_it(folder: Path) -> None:
+    """All commands in one process, for a start takes longer than most of them."""
+    run = without_ompl(RUN, folder, json.dumps(COMMANDS))
+    assert run.returncode == 0, run.stderr
+    pairs: list[Any] = [json.loads(line) for line in run.stdout.splitlines()]
+    done = {name: Done(*ended) for name, ended in pairs}
+    for name in OWN:
+        assert done[name].returncode == 0, done[name].stderr
+        assert (folder / f"{name}.csv").is_file()
+    for option, value in OF_OMPL:
+        assert done[value].returncode == 2
+        (error,) = done[value].stderr.splitlines()
+        name = value if option == "-p" else "prmstar"
+        assert error == (
+            f"ambinav: error: planner '{name}' needs OMPL; run: pip install \"ambinav[planners]\", "
+            "or give reference or belief."
+        )
+    assert [line.split()[0] for line in done["list"].stdout.splitlines()] == ["belief", "reference"]
+    assert "further planners need OMPL" in done["list"].stderr
+    assert done["compare"].returncode == 0, done["compare"].stderr
     assert len(list((folder / "out").rglob("*.csv"))) >= 3
 
 

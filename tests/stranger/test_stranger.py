@@ -176,6 +176,7 @@ def test_a_map_reader_and_a_layer(amap: Path) -> None:
     assert made.sample("seen_range", 5.0, 1.2) < made.sample("seen_range", 2.0, 2.5)
 
 
+@pytest.mark.slow
 def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     where = ("--start", "1.5", "1.5", "--goal", "10", "1.5")
     ambinav(
@@ -188,6 +189,7 @@ def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     assert "planner 'straight' found no" in told
 
 
+@pytest.mark.slow
 def test_a_sensor_model(folder: Path) -> None:
     from ambinav import AmbiguityMap
 
