@@ -16,13 +16,13 @@ NAME = "waypoint follower"
 AHEAD = 0.5
 SEES = {"waypoint": True, "waypoint_distance": AHEAD}
 WEIGHTS = (0.0, 5.0)
-"""Of the ways by which followers take part: the shortest, and that of the shipped policy."""
+"""Of the routes that followers take part with: the shortest, and that of the shipped policy."""
 # Above this bearing, radians, it turns on the spot.
 SIDEWAYS = 0.785
 
 
 def follower_name(ambiguity_weight: float) -> str:
-    """What the follower of a way is called."""
+    """Name of the follower of routes of this weight."""
     return f"{NAME} {ambiguity_weight:g}" if ambiguity_weight else NAME
 
 
@@ -34,7 +34,7 @@ class WaypointFollower(Policy):
 
     Args:
         parameters: Of the environment; the robot's limits, the lowest speed and the weight of the
-            way are taken.
+            route are taken.
     """
 
     def __init__(self, parameters: NavigationParameters) -> None:
