@@ -150,7 +150,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
     amap = build_map(environment, scanner)
     chosen = list(routes(amap, args))
     found = []
-    with appended(path) as tell:
+    with appended(path) as append:
         for study, scanners, label, guide, open_loop in groups(scanner):
             for number, pair in chosen:
                 for which, route in pair.items():
@@ -167,7 +167,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
                             environment, scanners, route, guide, rng, args.runs, noise, open_loop
                         )
                         known[key] = row | measured(runs, amap)
-                        tell(known[key])
+                        append(known[key])
                     found.append(known[key])
     return found
 

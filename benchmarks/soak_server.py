@@ -123,8 +123,8 @@ class Load:
         place = answer.headers["location"]
         if rng.random() < 0.5:
             return expected(http.delete(place), 204)
-        told = http.get(f"{place}/events").text
-        return None if "event: done" in told else told[-200:]
+        stream = http.get(f"{place}/events").text
+        return None if "event: done" in stream else stream[-200:]
 
     def wrong(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Something that cannot be answered."""

@@ -33,14 +33,14 @@ def script(monkeypatch: pytest.MonkeyPatch) -> object:
 def test_rows_outlive_a_writer_that_was_stopped(tmp_path: Path) -> None:
     path = tmp_path / "new" / "rows.jsonl"
     assert kept_rows(path) == []
-    with appended(path) as tell:
-        tell({"pair": 0})
-        tell({"pair": 1})
+    with appended(path) as append:
+        append({"pair": 0})
+        append({"pair": 1})
     with path.open("a") as file:
         file.write('{"pair": 2, "lo')
     assert [row["pair"] for row in kept_rows(path)] == [0, 1]
-    with appended(path) as tell:
-        tell({"pair": 2})
+    with appended(path) as append:
+        append({"pair": 2})
     assert [row["pair"] for row in kept_rows(path)] == [0, 1, 2]
     assert all(row["commit"] for row in kept_rows(path))
     assert len(path.read_text().splitlines()) == 3
@@ -48,11 +48,11 @@ def test_rows_outlive_a_writer_that_was_stopped(tmp_path: Path) -> None:
 
 def test_one_writer_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "rows.jsonl"
-    with appended(path) as tell:
-        tell({"pair": 0})
+    with appended(path) as append:
+        append({"pair": 0})
         with pytest.raises(SystemExit) as ended, appended(path):
             pass
-        tell({"pair": 1})
+        append({"pair": 1})
     assert ended.value.code == 2
     assert "another process" in capsys.readouterr().err
     assert len(kept_rows(path)) == 2
