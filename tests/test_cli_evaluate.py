@@ -53,10 +53,10 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
     asked = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
     done = runner.invoke(app, [*asked, "--json"])
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["figures"]["timeout"]["value"] == 100.0
-    assert told["environment"]["people"] == 1 and told["environment"]["max_steps"] == 5
-    assert json.loads((folder / "out" / "evaluation.json").read_text()) == told
+    report = json.loads(done.stdout)
+    assert report["figures"]["timeout"]["value"] == 100.0
+    assert report["environment"]["people"] == 1 and report["environment"]["max_steps"] == 5
+    assert json.loads((folder / "out" / "evaluation.json").read_text()) == report
     with (folder / "out" / "episodes.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["outcome"] for row in rows] == ["timeout"] * 3
@@ -105,9 +105,9 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
         patch.setattr(module, "QUICK_BUILDINGS", 1)
         done = runner.invoke(app, [*asked, "--json"])
         assert done.exit_code == 0, done.output
-        told = json.loads(done.stdout)
-        assert json.loads((folder / "out" / "report.json").read_text()) == told
-        methods = [method["name"] for method in told["methods"]]
+        report = json.loads(done.stdout)
+        assert json.loads((folder / "out" / "report.json").read_text()) == report
+        methods = [method["name"] for method in report["methods"]]
         assert {"waypoint follower", "shortest", "reference 1", "plug.py:spinner"} <= set(methods)
         again = runner.invoke(app, asked)
     assert "procedural, disturbed" in again.stdout and "plug.py:spinner" in again.stdout

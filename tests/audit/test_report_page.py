@@ -80,10 +80,10 @@ def test_the_scan_is_that_of_the_audit(page, building, laser, sonar, place):
 
     for scanner in (laser, sonar):
         sight = look(building, scanner, *place)
-        told = _cast(page, building, _rays(scanner), place)
-        np.testing.assert_array_equal(told["hit"], np.isfinite(sight.distance))
-        ends = np.column_stack([told["x"], told["y"]])[told["hit"]]
-        np.testing.assert_allclose(ends, sight.hit[told["hit"]], atol=1e-4)
+        scan = _cast(page, building, _rays(scanner), place)
+        np.testing.assert_array_equal(scan["hit"], np.isfinite(sight.distance))
+        ends = np.column_stack([scan["x"], scan["y"]])[scan["hit"]]
+        np.testing.assert_allclose(ends, sight.hit[scan["hit"]], atol=1e-4)
 
 
 def _cast(page: Any, building: Any, rays: Any, place: Any) -> Any:

@@ -66,8 +66,8 @@ def test_localizers_are_compared_on_what_all_have_driven() -> None:
         "sum": [],
     }
     shared = in_all(found, ("product", "kalman"), ("pair", "odometry"))
-    told = {name: sorted(row["pair"] for row in rows) for name, rows in shared.items()}
-    assert told == {"product": [1, 3], "kalman": [1, 3], "amcl": [1], "sum": []}
+    pairs = {name: sorted(row["pair"] for row in rows) for name, rows in shared.items()}
+    assert pairs == {"product": [1, 3], "kalman": [1, 3], "amcl": [1], "sum": []}
     # One that has driven nothing is not asked.
     alone = in_all(found, ("product", "sum"), ("pair",))
     assert len(alone["product"]) == 4
@@ -105,7 +105,7 @@ def driven_pairs(shortest: float, aware: float, pairs: int = 12) -> list[dict[st
 
 
 @pytest.mark.parametrize(
-    ("product", "kalman", "told"),
+    ("product", "kalman", "sentence"),
     [
         ((0.4, 0.1), (0.5, 0.1), "a gain is shown with both."),
         ((0.0, 0.0), (0.0, 0.0), "nothing is shown with either."),
@@ -117,11 +117,11 @@ def driven_pairs(shortest: float, aware: float, pairs: int = 12) -> list[dict[st
     ],
 )  # fmt: skip
 def test_what_is_said_of_two_localizers(
-    script: object, product: tuple[float, float], kalman: tuple[float, float], told: str
+    script: object, product: tuple[float, float], kalman: tuple[float, float], sentence: str
 ) -> None:
     claim = script("bench_claim")  # type: ignore[operator]
     found = {"product": driven_pairs(*product), "kalman": driven_pairs(*kalman)[::-1]}
-    assert told in claim.sentence("laser", found)
+    assert sentence in claim.sentence("laser", found)
 
 
 def test_criterion_of_routes_by_two_layers(script: object) -> None:

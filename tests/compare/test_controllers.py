@@ -112,8 +112,8 @@ def test_another_file_or_goal_is_driven_anew(scenario: dict[str, Any], folder: P
 
 
 def test_who_drives_and_who_makes_routes(folder: Path) -> None:
-    told = {"go": True, "route": False, "anything": False}
-    for name, drives in told.items():
+    controllers = {"go": True, "route": False, "anything": False}
+    for name, drives in controllers.items():
         assert is_controller(f"drives.py:{name}", folder) is drives
     assert is_controller("run/best.zip", folder)
     with pytest.raises(InputError, match="no callable"):

@@ -62,8 +62,8 @@ def test_costs_may_read_a_layer_that_is_made_for_them(
     scenario["drive"] = {"runs": 2}
     done = compare(write(tmp_path, scenario), tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
-    told = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert told["parameters"]["map"]["layer"] == "position"
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["parameters"]["map"]["layer"] == "position"
     assert "**Exposure**: the layer `position`" in (tmp_path / "out" / "report.md").read_text()
 
 
@@ -92,11 +92,11 @@ def test_reports_name_the_localizer_and_what_speaks_against_it(
     scenario["localizer"] = {"max_particles": 500}
     done = compare(write(tmp_path, scenario), tmp_path / "other", "--json")
     assert done.exit_code == 0 and "laser_model_type" not in done.stderr
-    told = json.loads((tmp_path / "other" / "report.json").read_text())
-    assert told["localizer"] == {
+    report = json.loads((tmp_path / "other" / "report.json").read_text())
+    assert report["localizer"] == {
         "name": "Monte Carlo localization (beam_prob to the power 0.3)", "note": None,
     }  # fmt: skip
-    assert told["parameters"]["localizer"]["z_max"] == 0.2
+    assert report["parameters"]["localizer"]["z_max"] == 0.2
 
 
 def test_boxes_are_off_all_routes_and_the_same_for_each(

@@ -91,8 +91,8 @@ def filtered(
             steps = np.full((26, 3), way)
             steps[:, :2] = a + np.linspace(k / count, (k + 1) / count, 26)[:, None] * (b - a)
             covariance = reckoned(steps, noise, covariance)
-            told = information.at(steps[-1:])[0] * length / count / scan_distance
-            covariance = np.linalg.inv(np.linalg.inv(covariance) + told)
+            gained = information.at(steps[-1:])[0] * length / count / scan_distance
+            covariance = np.linalg.inv(np.linalg.inv(covariance) + gained)
         out.append(covariance[0])
     return out
 

@@ -131,11 +131,11 @@ def test_seeds_of_episodes_stay() -> None:
 
 
 def test_the_summary() -> None:
-    told = run(room(), 20).summary()
+    summary = run(room(), 20).summary()
     ends = ("arrived", "missed", "collided", "lost", "timeout")
-    assert sum(told[name] for name in ends) == pytest.approx(1.0)
-    assert told["arrived"] > 0.2 and told["length_ratio"] > 0.8
-    assert 0.0 < told["exposure_per_metre"] < 1.0
+    assert sum(summary[name] for name in ends) == pytest.approx(1.0)
+    assert summary["arrived"] > 0.2 and summary["length_ratio"] > 0.8
+    assert 0.0 < summary["exposure_per_metre"] < 1.0
 
 
 def test_exposure_per_metre_of_nobody_who_moves_is_none() -> None:

@@ -167,10 +167,10 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
     assert objective.cost_of(states) == pytest.approx(demo.route_cost(poses, Steering("se2")))
 
 
-@pytest.mark.parametrize("told", [None, (1.0,), (1.0, math.nan), ("a", "b"), 3.0])
-def test_poses_that_are_none(demo: AmbiguityService, told: object) -> None:
+@pytest.mark.parametrize("pose", [None, (1.0,), (1.0, math.nan), ("a", "b"), 3.0])
+def test_poses_that_are_none(demo: AmbiguityService, pose: object) -> None:
     si = information(Steering())
-    objective = AmbiguityObjective(si, demo, pose=lambda state: told)  # type: ignore[arg-type,return-value]
+    objective = AmbiguityObjective(si, demo, pose=lambda state: pose)  # type: ignore[arg-type,return-value]
     a = new_state(si, (3.0, 3.0, 0.0), False)
     with pytest.raises(InputError, match=r"pose gives .* for a state; let it return x and y in"):
         objective.motionCost(a, a)

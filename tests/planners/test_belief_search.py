@@ -93,8 +93,8 @@ def test_without_growth_and_scans_it_is_the_shortest_way(
     graph: MotionGraph, seed: int, std: float
 ) -> None:
     model = replace(UNSURE, start_std=(std, std, 0.0))
-    told = even_information(0.0) if std else random_information(np.random.default_rng(seed))
-    growth = Growth.of(graph, told, model, odometry())
+    information = even_information(0.0) if std else random_information(np.random.default_rng(seed))
+    growth = Growth.of(graph, information, model, odometry())
     goal = len(graph.poses) - 1
     found = belief_search(graph, growth, model, 0, goal)
     nodes = graph.cheapest(0, goal, 0.0)

@@ -55,7 +55,7 @@ def folder(plan_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def told(folder: Path) -> dict[str, Done]:
+def finished(folder: Path) -> dict[str, Done]:
     """What each command says, all in one process, for a start takes longer than most of them."""
     done = without_ompl(RUN, folder, json.dumps(COMMANDS))
     assert done.returncode == 0, done.stderr
@@ -64,16 +64,16 @@ def told(folder: Path) -> dict[str, Done]:
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_a_planner_of_our_own_plans(told: dict[str, Done], folder: Path, name: str) -> None:
-    assert told[name].returncode == 0, told[name].stderr
+def test_a_planner_of_our_own_plans(finished: dict[str, Done], folder: Path, name: str) -> None:
+    assert finished[name].returncode == 0, finished[name].stderr
     assert (folder / f"{name}.csv").is_file()
 
 
 @pytest.mark.parametrize("more", OF_OMPL)
 def test_a_planner_of_ompl_says_what_to_install(
-    told: dict[str, Done], more: tuple[str, str]
+    finished: dict[str, Done], more: tuple[str, str]
 ) -> None:
-    done = told[more[1]]
+    done = finished[more[1]]
     assert done.returncode == 2
     (error,) = done.stderr.splitlines()
     name = more[1] if more[0] == "-p" else "prmstar"
@@ -83,14 +83,14 @@ def test_a_planner_of_ompl_says_what_to_install(
     )
 
 
-def test_planners_are_listed_with_a_note(told: dict[str, Done]) -> None:
-    done = told["list"]
+def test_planners_are_listed_with_a_note(finished: dict[str, Done]) -> None:
+    done = finished["list"]
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["belief", "reference"]
     assert "further planners need OMPL" in done.stderr
 
 
-def test_routes_are_compared(told: dict[str, Done], folder: Path) -> None:
-    assert told["compare"].returncode == 0, told["compare"].stderr
+def test_routes_are_compared(finished: dict[str, Done], folder: Path) -> None:
+    assert finished["compare"].returncode == 0, finished["compare"].stderr
     assert len(list((folder / "out").rglob("*.csv"))) >= 3
 
 

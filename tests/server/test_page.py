@@ -83,9 +83,9 @@ def test_the_page_names_no_address_and_each_module_is_short():
 
 def test_colours_are_those_of_the_table(live):
     module = live.http.get("/style.js").text
-    told = json.loads(module.removeprefix("export default ").rstrip().rstrip(";"))
-    assert tuple(zone["colour"] for zone in told["zones"]) == style.ZONE_COLOURS
-    assert told["routes"]["ambiguity"][0] == style.route_style("ambiguity")._asdict() | {
+    table = json.loads(module.removeprefix("export default ").rstrip().rstrip(";"))
+    assert tuple(zone["colour"] for zone in table["zones"]) == style.ZONE_COLOURS
+    assert table["routes"]["ambiguity"][0] == style.route_style("ambiguity")._asdict() | {
         "dashes": []
     }
     drawn = " ".join((FOLDER / name).read_text() for name in FILES if name != "icon.svg").lower()
@@ -128,17 +128,17 @@ def test_values_at_the_pointer_are_those_of_the_service(page, live):
     for x, y in ((1.3, 1.7), (7.0, 1.8), (14.0, 1.5)):
         page.mouse.move(*at(page, x, y))
         page.wait_for_timeout(500)
-        told = page.locator(".readout[data-x]")
-        told.locator("dd[data-layer=level]").wait_for()
-        px, py = (float(told.get_attribute(f"data-{axis}")) for axis in "xy")
+        readout = page.locator(".readout[data-x]")
+        readout.locator("dd[data-layer=level]").wait_for()
+        px, py = (float(readout.get_attribute(f"data-{axis}")) for axis in "xy")
         assert (px, py) == pytest.approx((x, y), abs=0.15)  # whole pixels
         found = live.get("/v1/maps/map/values", x=f"{px:.4f}", y=f"{py:.4f}")
         for name in ("level", "major_radius", "minor_radius", "clearance"):
-            shown = float(told.locator(f"dd[data-layer={name}]").get_attribute("data-value"))
+            shown = float(readout.locator(f"dd[data-layer={name}]").get_attribute("data-value"))
             assert shown == pytest.approx(found["values"][name], abs=1e-9)
-        cost = float(told.locator("dd[data-layer=cost]").get_attribute("data-value"))
+        cost = float(readout.locator("dd[data-layer=cost]").get_attribute("data-value"))
         assert cost == pytest.approx(found["cost"])
-        assert found["zone"] in told.inner_text().lower()
+        assert found["zone"] in readout.inner_text().lower()
 
 
 @pytest.mark.slow

@@ -184,8 +184,8 @@ def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     )  # fmt: skip
     assert (folder / "route.wkt").read_text() == "LINESTRING (1.5 1.5, 10 1.5)\n"
     across = ("--start", "1.5", "1.5", "--goal", "10", "3.5", "--planner", "straight")
-    told = ambinav(folder, "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
-    assert "planner 'straight' found no" in told
+    message = ambinav(folder, "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
+    assert "planner 'straight' found no" in message
 
 
 def test_a_sensor_model(folder: Path) -> None:
@@ -252,9 +252,9 @@ def test_a_broken_plug_in_is_named(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"
     )
-    told = run(
+    message = run(
         folder, "-c", code, "map", "floor.txt", "-s", "stranger-lidar", "--layers", "seen_range",
         "-o", "none.zarr", status=2,
     )  # fmt: skip
-    assert "layer 'seen_range' of the plug-in stranger cannot be used" in told
-    assert told.strip().endswith("fix or uninstall stranger.")
+    assert "layer 'seen_range' of the plug-in stranger cannot be used" in message
+    assert message.strip().endswith("fix or uninstall stranger.")

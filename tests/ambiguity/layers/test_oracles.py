@@ -73,7 +73,7 @@ def matched(context: LayerContext, pose: Floats, way: Floats, size: float) -> Fl
     variance = STD**2 + sensor.resolution**2 / 12 + context.map_std**2
     prior = np.array([size**-2, size**-2, sigma**-2])
     here = brute.scan(env, scanner, pose[None])
-    told = (here.segment[0] >= 0) & (kind[here.segment[0]] == brute.WALL)
+    on_wall = (here.segment[0] >= 0) & (kind[here.segment[0]] == brute.WALL)
 
     def stands(at: Floats) -> bool:
         return bool(brute.is_free(env, *brute.ray_starts(scanner, at[None])).all())
@@ -88,7 +88,7 @@ def matched(context: LayerContext, pose: Floats, way: Floats, size: float) -> Fl
     for _ in range(6):
         there = brute.scan(env, scanner, at[None], beyond=1.0)
         J = brute.slopes(env, scanner, at[None], there)[0]
-        use = told & (there.segment[0] >= 0) & (kind[there.segment[0]] == brute.WALL)
+        use = on_wall & (there.segment[0] >= 0) & (kind[there.segment[0]] == brute.WALL)
         r, J = here.distance[0][use] - there.distance[0][use], J[use]
         u = r**2 / (2 * (variance + J**2 @ room))
         W = 1 / variance / (1 + u / cap) ** 2

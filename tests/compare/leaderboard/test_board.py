@@ -67,9 +67,9 @@ def test_what_is_written(tmp_path: Path) -> None:
         key = "timeout" if row.method == "plug.py:spinner" else "arrived"
         if row.setting == "room, as mapped":
             assert row[key].value.value == 100.0
-    told = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert len(told["rows"]) == 6 and told["episodes"] == 4 and told["baseline"] == "shortest"
-    assert told["rows"][0]["figures"]["arrived"]["value"] == 100.0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert len(report["rows"]) == 6 and report["episodes"] == 4 and report["baseline"] == "shortest"
+    assert report["rows"][0]["figures"]["arrived"]["value"] == 100.0
     text = (tmp_path / "out" / "report.md").read_text()
     assert "## Room, disturbed" in text and "obstacles 6, people 3" in text
     lines = text.splitlines()

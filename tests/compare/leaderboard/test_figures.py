@@ -90,8 +90,8 @@ def test_differences_are_paired() -> None:
     }
     base, other = make_rows("here", both, "base", 1)
     assert base["length"].difference is None
-    told = other["length"].difference
-    assert told is not None and told.low == pytest.approx(0.1) == pytest.approx(told.high)
+    apart = other["length"].difference
+    assert apart is not None and apart.low == pytest.approx(0.1) == pytest.approx(apart.high)
     assert difference_text(other["length"], bold=True) == "**+0.100 [+0.100, +0.100]**"
     assert difference_text(other["error"], bold=True) == "+0.000 [+0.000, +0.000]"
     assert value_text(other["arrived"], brief=True) == "100 [100, 100]"

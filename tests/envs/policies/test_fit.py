@@ -139,8 +139,8 @@ def test_the_shipped_ones_say_what_they_were_trained_with(name: str, tmp_path: P
     assert sha256(tmp_path / "policy.pth") == WEIGHTS[name]
     card = read_card(path)
     # As configs/ppo.yaml, which names neither: the environments' defaults, see the card's text.
-    told = RangeScanner.from_yaml_text(card.environment["scanner"]["yaml"])
-    assert told.parts == scanner().parts and Robot(**card.environment["robot"]) == Robot(
+    trained_with = RangeScanner.from_yaml_text(card.environment["scanner"]["yaml"])
+    assert trained_with.parts == scanner().parts and Robot(**card.environment["robot"]) == Robot(
         radius=0.22, max_speed=0.5, max_turn_rate=2.0, acceleration=2.5, turn_acceleration=3.2
     )
     assert "60 beams of 4 m" in path.with_suffix(".md").read_text()
@@ -209,8 +209,8 @@ def test_evaluate(folder: Path) -> None:
     done = run("evaluate", "ppo-ambiguity", *SHORT, "robot={radius: 0.4}", "--force", "-o", "out")
     assert done.exit_code == 0 and "not the robot it was trained with" in done.stdout, done.output
     assert "note: policy 'ppo-ambiguity' was trained with another robot" in done.stderr
-    told = json.loads((folder / "out" / "evaluation.json").read_text())
-    assert told["differs"] == {"robot": ["radius 0.22 m, here 0.4 m"]}
+    evaluation = json.loads((folder / "out" / "evaluation.json").read_text())
+    assert evaluation["differs"] == {"robot": ["radius 0.22 m, here 0.4 m"]}
     done = run("evaluate", "ppo-ambiguity", *SHORT, "--json")
     assert done.exit_code == 0 and not done.stderr and json.loads(done.stdout)["differs"] == {}
 
