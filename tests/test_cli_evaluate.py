@@ -68,7 +68,7 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["gone.zip"], "there is no such file"),
         (["gone"], "neither a file nor a baseline"),
@@ -86,11 +86,11 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
     ],
 )
 def test_evaluate_bad_input(
-    arguments: list[str], said: str, runner: CliRunner, folder: Path
+    arguments: list[str], message: str, runner: CliRunner, folder: Path
 ) -> None:
     done = runner.invoke(app, ["evaluate", *arguments])
     assert done.exit_code == 2, done.output
-    assert said in done.stderr and done.stderr.startswith("ambinav: error: ")
+    assert message in done.stderr and done.stderr.startswith("ambinav: error: ")
     assert done.stderr.count("\n") == 1 and not done.stdout
 
 
@@ -114,7 +114,7 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["-n", "0"], "--episodes: 0 is too few"),
         (["--planner", "prmstr"], "prmstar"),
@@ -125,12 +125,12 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     ],
 )
 def test_benchmark_bad_input(
-    arguments: list[str], said: str, runner: CliRunner, folder: Path
+    arguments: list[str], message: str, runner: CliRunner, folder: Path
 ) -> None:
     pytest.importorskip("ompl")
     done = runner.invoke(app, ["benchmark", *arguments])
     assert done.exit_code == 2, done.output
-    assert said in done.stderr and not done.stdout
+    assert message in done.stderr and not done.stdout
     assert [path.name for path in folder.iterdir()] == ["plug.py"]
 
 

@@ -59,8 +59,8 @@ def store_json(*words: str, status: int = 0):
 def test_map_and_audit_share_what_they_compute(folder, computes) -> None:
     assert "store" not in run(*MAP).stderr
     first = AmbiguityMap.open("out.zarr").dataset
-    said = run(*AUDIT, "--save-map", "other.zarr").stderr
-    assert said.count("note: the map of plan for rplidar-a1 is opened from the store (") == 1
+    stderr = run(*AUDIT, "--save-map", "other.zarr").stderr
+    assert stderr.count("note: the map of plan for rplidar-a1 is opened from the store (") == 1
     assert AmbiguityMap.open("other.zarr").dataset.identical(first)
     result = run(*MAP, "--json")
     assert "opened from the store" in result.stderr and json.loads(result.stdout)["cells"] > 0
@@ -112,8 +112,8 @@ def test_list_and_show(folder) -> None:
     shown = run("store", "show", newest["key"]).stdout
     assert "environment: plan" in shown and "layers: fisher" in shown and newest["path"] in shown
     for begun, words in (("zz", "no map begins so"), ("", "no map begins so")):
-        said = run("store", "show", begun, status=2).stderr
-        assert words in said and said.count("\n") == 1
+        stderr = run("store", "show", begun, status=2).stderr
+        assert words in stderr and stderr.count("\n") == 1
 
 
 def test_verify_sets_aside(folder) -> None:
@@ -169,8 +169,8 @@ def test_prune(folder) -> None:
     assert store_json("prune", "--other-code")["removed"] == 1 and not other.exists()
     assert "1 removed" in run("store", "prune", "--all").stdout
     assert store_json("list")["maps"] == []
-    said = run("store", "prune", "--limit", "lots", status=2).stderr
-    assert "--limit: 'lots' is no size; give e.g. 500 MB or 2 GB." in said
+    stderr = run("store", "prune", "--limit", "lots", status=2).stderr
+    assert "--limit: 'lots' is no size; give e.g. 500 MB or 2 GB." in stderr
 
 
 @pytest.mark.parametrize("command", ["list", "show", "verify", "prune"])

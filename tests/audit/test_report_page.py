@@ -30,7 +30,7 @@ def visit(chromium: Any, report: Path, **options: Any) -> Any:
     page.asked, page.faults = [], []
     page.on("request", lambda request: page.asked.append(request.url))
     page.on("pageerror", lambda error: page.faults.append(str(error)))
-    page.on("console", lambda said: said.type == "error" and page.faults.append(said.text))
+    page.on("console", lambda message: message.type == "error" and page.faults.append(message.text))
     page.goto(report.as_uri())
     page.wait_for_selector(".map[data-shown]")
     page.wait_for_selector(".stage:not([aria-busy])")

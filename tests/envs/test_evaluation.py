@@ -105,7 +105,7 @@ def test_who_stands_idle_does_no_harm() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ([[0.0, 0.0], [0.0, np.nan]], "finite numbers"),
         ([[0.0, 0.0], [0.0]], "give numbers"),
@@ -114,13 +114,13 @@ def test_who_stands_idle_does_no_harm() -> None:
         ("left", "give numbers"),
     ],
 )
-def test_odd_actions_are_refused_in_one_sentence(given: Any, said: str) -> None:
+def test_odd_actions_are_refused_in_one_sentence(given: Any, message: str) -> None:
     class Odd(Seeker):
         def act(self, observations: Any, starts: Any) -> Any:
             return given
 
     source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         evaluate(Odd(), source, parameters, 2, chunk=2)
     assert str(caught.value).startswith("policy seeker: ") and "\n" not in str(caught.value)
 

@@ -170,9 +170,13 @@ def test_a_damaged_entry_is_set_aside_and_built_again(store, computes, place) ->
     path.write_bytes(content)
     with pytest.warns(an.InputWarning) as caught:
         again = build(store)
-    (said,) = [str(one.message) for one in caught]
-    assert "damaged" in said and f"set aside as {path.stem}.damaged" in said and "\n" not in said
-    assert str(path) in said and said.endswith("computed again.")
+    (message,) = [str(one.message) for one in caught]
+    assert (
+        "damaged" in message
+        and f"set aside as {path.stem}.damaged" in message
+        and "\n" not in message
+    )
+    assert str(path) in message and message.endswith("computed again.")
     assert len(computes) == 2 and same(again, built)
     assert path.with_suffix(".damaged").read_bytes() == bytes(content)
     assert same(build(store), built) and len(computes) == 2
@@ -293,8 +297,8 @@ def test_a_folder_that_cannot_be_written(tmp_path, obstacle) -> None:
         place.mkdir(mode=0o500)
     with pytest.warns(an.InputWarning, match="cannot be kept here") as caught:
         assert same(build(MapStore(place / "maps")), build(False))
-    (said,) = caught
-    assert "\n" not in str(said.message) and "AMBINAV_CACHE" in str(said.message)
+    (warning,) = caught
+    assert "\n" not in str(warning.message) and "AMBINAV_CACHE" in str(warning.message)
 
 
 def test_what_the_build_raises_is_raised_and_nothing_stays(store) -> None:

@@ -200,8 +200,8 @@ def test_a_sensor_model(folder: Path) -> None:
     )
     assert stored.sensors[0].std_at(2.0) == pytest.approx(2.0**2 * 0.1 / (400 * 0.05))
     (folder / "wrong.yaml").write_text(STEREO.replace("baseline: 0.05", "baseline: -1"))
-    said = ambinav(folder, "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
-    assert "wrong.yaml: parts[0].sensor: baseline is -1" in said
+    message = ambinav(folder, "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
+    assert "wrong.yaml: parts[0].sensor: baseline is -1" in message
 
 
 @pytest.mark.slow
@@ -239,13 +239,13 @@ def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
     )
     (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
     (folder / "training.yaml").write_text(TRAIN)
-    for kind, field, function, status, said in json.loads(run(folder, "-c", BROKEN)):
-        case = (kind, field, function, said)
+    for kind, field, function, status, message in json.loads(run(folder, "-c", BROKEN)):
+        case = (kind, field, function, message)
         assert status == 2, case
-        assert "of the plug-in stranger" in said, case
-        assert said.strip().endswith("; fix it, or uninstall stranger."), case
+        assert "of the plug-in stranger" in message, case
+        assert message.strip().endswith("; fix it, or uninstall stranger."), case
         if function == "fails":
-            assert "fails failed (IndexError: list index out of range" in said, case
+            assert "fails failed (IndexError: list index out of range" in message, case
 
 
 def test_a_broken_plug_in_is_named(folder: Path) -> None:

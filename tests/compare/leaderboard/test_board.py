@@ -210,7 +210,7 @@ def test_who_does_not_fit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("planners", "policies", "said"),
+    ("planners", "policies", "message"),
     [
         (["prmstr"], [], "prmstar"),
         (["reference:x"], [], "weight in 'reference:x' is none"),
@@ -219,8 +219,8 @@ def test_who_does_not_fit(tmp_path: Path) -> None:
         (["reference:2", "reference:2.0"], [], "two methods are called 'reference 2'"),
     ],
 )
-def test_bad_methods(planners: list[str], policies: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bad_methods(planners: list[str], policies: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         all_methods(planners, policies)
 
 

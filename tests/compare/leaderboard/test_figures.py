@@ -114,7 +114,7 @@ def test_csv() -> None:
 
 
 @pytest.mark.parametrize(
-    ("base", "other", "way", "said"),
+    ("base", "other", "way", "text"),
     [
         (0, 0, 10.0, "nobody lost to begin with"),
         (0, 20, 10.0, "lost more often"),
@@ -126,7 +126,7 @@ def test_csv() -> None:
         (5, 4, 10.0, "no difference shown"),
     ],
 )
-def test_the_goal(base: int, other: int, way: float, said: str) -> None:
+def test_the_goal(base: int, other: int, way: float, text: str) -> None:
     number = np.arange(40)
     both = {
         "base": episodes([ARRIVED] * 40, lost=number < base),
@@ -134,4 +134,4 @@ def test_the_goal(base: int, other: int, way: float, said: str) -> None:
     }
     first, second = make_rows("here", both, "base", 1)
     assert criterion_text(first, first) == ""
-    assert criterion_text(second, first) == said
+    assert criterion_text(second, first) == text

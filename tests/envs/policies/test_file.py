@@ -181,7 +181,7 @@ def with_bad_moments(file: Path, out: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (broken, "damaged|no policy file|cannot be loaded"),
         (cut, "no policy file"),
@@ -193,9 +193,9 @@ def with_bad_moments(file: Path, out: Path) -> Path:
         (with_bad_moments, "normalisation cannot be read"),
     ],
 )
-def test_bad_files(spoil: Any, said: str, file: Path, tmp_path: Path) -> None:
+def test_bad_files(spoil: Any, message: str, file: Path, tmp_path: Path) -> None:
     path = spoil(file, tmp_path / "bad.zip")
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_policy(path)
     assert "bad.zip" in str(caught.value) and str(caught.value).endswith(".")
     assert "\n" not in str(caught.value)

@@ -48,7 +48,7 @@ def policy() -> ModelPolicy:
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"scanner": scanner(beams=32)}, "beams 60, here 32"),
         ({"scanner": scanner(aperture=180.0)}, "aperture 360 degrees, here 180 degrees"),
@@ -68,16 +68,16 @@ def policy() -> ModelPolicy:
         ({"robot": Robot(acceleration=1.0)}, "acceleration 2.5 m/s2, here 1 m/s2"),
     ],
 )
-def test_each_difference_is_named(policy: ModelPolicy, changed: Any, said: str) -> None:
+def test_each_difference_is_named(policy: ModelPolicy, changed: Any, message: str) -> None:
     parameters = NavigationParameters(**changed)
     found = differences(policy, parameters)
     assert list(found) == list(changed)
-    assert said in difference_text(found) and len(found[next(iter(found))]) == 1
+    assert message in difference_text(found) and len(found[next(iter(found))]) == 1
     with pytest.raises(
         InputError, match="policy 'ppo-ambiguity' was trained with another"
-    ) as said_:
+    ) as caught:
         check_fit(policy, parameters, False)
-    assert str(said_.value).count(". ") == 0 and "--force" in str(said_.value)
+    assert str(caught.value).count(". ") == 0 and "--force" in str(caught.value)
     with pytest.warns(InputWarning, match="it drives all the same"):
         assert check_fit(policy, parameters, True) == found
 
@@ -199,12 +199,12 @@ def refused(done: Result) -> bool:
 
 
 def test_evaluate(folder: Path) -> None:
-    for changed, said in (
+    for changed, message in (
         ("scanner=half.yaml", "aperture 360 degrees, here 180 degrees; range 4 m, here 12 m"),
         ("robot={radius: 0.4}", "robot (radius 0.22 m, here 0.4 m)"),
     ):
         done = run("evaluate", "ppo-ambiguity", *SHORT, changed)
-        assert refused(done) and said in done.stderr, done.output
+        assert refused(done) and message in done.stderr, done.output
         assert not (folder / "out").exists()
     done = run("evaluate", "ppo-ambiguity", *SHORT, "robot={radius: 0.4}", "--force", "-o", "out")
     assert done.exit_code == 0 and "not the robot it was trained with" in done.stdout, done.output

@@ -83,7 +83,7 @@ def test_a_callable(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("plug.py:empty", "without act"),
         ("plug.py:failing", r"failed \(RuntimeError: no weights, plug.py line 2\d\)"),
@@ -95,8 +95,8 @@ def test_a_callable(folder: Path) -> None:
         ("gone", "neither a file nor a baseline"),
     ],
 )
-def test_bad_names(name: str, said: str, folder: Path) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bad_names(name: str, message: str, folder: Path) -> None:
+    with pytest.raises(InputError, match=message):
         load_policy(name, folder).prepare(*spaces_of())
 
 
@@ -137,7 +137,7 @@ def test_more_than_it_wants_is_no_harm(file: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"window": False}, "wants the part 'window', and the environment has goal, scan"),
         ({"window_cells": 5}, "'window' has 50 numbers and the policy wants 32"),
@@ -145,8 +145,8 @@ def test_more_than_it_wants_is_no_harm(file: Path) -> None:
         ({"window_cells": 4, "discrete": True}, "gives 2 numbers .* takes one of 9 actions"),
     ],
 )
-def test_what_does_not_fit_is_named(options: dict[str, Any], said: str, file: Path) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_does_not_fit_is_named(options: dict[str, Any], message: str, file: Path) -> None:
+    with pytest.raises(InputError, match=message):
         load_policy(file).prepare(*spaces_of(**options))
 
 

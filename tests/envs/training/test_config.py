@@ -131,9 +131,9 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("other", "said"), WRONG, ids=lambda value: str(value)[:40])
-def test_what_is_wrong_is_named(other: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+@pytest.mark.parametrize(("other", "expected"), WRONG, ids=lambda value: str(value)[:40])
+def test_what_is_wrong_is_named(other: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=expected) as caught:
         parse_config(TINY | other, "here.yaml")
     message = str(caught.value)
     assert message.startswith("here.yaml") and message.endswith(".") and "\n" not in message
