@@ -116,8 +116,8 @@ def in_view(angles: Floats, directions: Floats, turn: Floats) -> NDArray[np.bool
         Shape (N, P).
     """
     edge = 0.5 * (angles[1] - angles[0]) + 1e-9
-    way = np.mod(directions - turn[:, None] - angles[0] + edge, 2.0 * math.pi)
-    return np.asarray(way <= angles[-1] - angles[0] + 2.0 * edge)
+    bearing = np.mod(directions - turn[:, None] - angles[0] + edge, 2.0 * math.pi)
+    return np.asarray(bearing <= angles[-1] - angles[0] + 2.0 * edge)
 
 
 def _predicted(

@@ -116,8 +116,8 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
         assert 6 * 0.01 * 0.5 < boxes.area < 6 * 0.04
         for plan in plans:
             if plan.pair == pair:
-                way = shapely.LineString(trace(plan.route)[:, :2])
-                assert way.distance(boxes) >= 0.1 + 0.2 - 1e-9
+                line = shapely.LineString(trace(plan.route)[:, :2])
+                assert line.distance(boxes) >= 0.1 + 0.2 - 1e-9
     again = make_worlds(loaded, plans)
     np.testing.assert_array_equal(worlds["there"].segments.xy, again["there"].segments.xy)
     assert worlds["there"].free.symmetric_difference(worlds["back"].free).area > 0.0

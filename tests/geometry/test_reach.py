@@ -275,8 +275,8 @@ def flooded(
         a, b = a.ravel(), b.ravel()
         both = free[a] & free[b]
         a, b = a[both], b[both]
-        open_way = checker.motions_free(poses[a], poses[b])
-        for i, j in zip(a[open_way].tolist(), b[open_way].tolist(), strict=True):
+        is_free = checker.motions_free(poses[a], poses[b])
+        for i, j in zip(a[is_free].tolist(), b[is_free].tolist(), strict=True):
             linked.setdefault(i, []).append(j)
             linked.setdefault(j, []).append(i)
     seen = {int(index[start])}

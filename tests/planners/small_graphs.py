@@ -113,7 +113,7 @@ def landmarks(value: float) -> Information:
     return information_of(out, 0.25)
 
 
-def ways_up_to(graph: MotionGraph, start: int, goal: int, longest: float) -> Iterator[list[int]]:
+def paths_up_to(graph: MotionGraph, start: int, goal: int, longest: float) -> Iterator[list[int]]:
     """Motions of every path of at most that many metres, nodes passed any number of times."""
     ahead = dijkstra(graph.matrix(graph.length).T, indices=goal)
 

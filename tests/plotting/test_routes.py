@@ -114,9 +114,9 @@ def test_start_and_goal_are_marked_once(amap, routes):
 
 
 def test_the_same_way_is_one_line(amap):
-    ways = {f"weight {w}": route_through(amap, (1, 2), (9, 2), weight=w) for w in (1, 3)}
-    ways["other"] = route_through(amap, (1, 2), (9, 2.5))
-    figure = plot_routes(amap, ways)
+    drawn = {f"weight {w}": route_through(amap, (1, 2), (9, 2), weight=w) for w in (1, 3)}
+    drawn["other"] = route_through(amap, (1, 2), (9, 2.5))
+    figure = plot_routes(amap, drawn)
     assert len(cased(figure.axes[0])) == 2
     assert texts(figure)[5].startswith("weight 1, weight 3\n8.0 m\n")
 
@@ -160,8 +160,8 @@ def test_ellipses_are_two_standard_deviations(amap):
 @pytest.mark.parametrize("count", [1, 5])
 def test_nothing_overlaps(amap, part, count):
     building = AmbiguityMap(amap.dataset.isel(x=part))
-    ways = {f"route {i}": route_through(amap, (17, 2), (18, 3 + i)) for i in range(count)}
-    figure = plot_routes(building, ways)
+    drawn = {f"route {i}": route_through(amap, (17, 2), (18, 3 + i)) for i in range(count)}
+    figure = plot_routes(building, drawn)
     figure.canvas.draw()
     axes = figure.axes[0]
     renderer = figure.canvas.get_renderer()

@@ -126,11 +126,11 @@ class Routes:
             chosen = [item for key in group if (item := asked[key]) is not None]
             seed = self.choice.seed if self._planner.uses_ompl else None
             problems = [item.problem for item in chosen]
-            ways = call_seeded(seed, plan_all, self.choice, problems)
-            for key, item, way in zip(group, chosen, ways, strict=True):
-                if way is not None:
+            paths = call_seeded(seed, plan_all, self.choice, problems)
+            for key, item, path in zip(group, chosen, paths, strict=True):
+                if path is not None:
                     # At once, so that an interruption leaves it.
-                    found[key] = self._known[key] = item.whole(way)
+                    found[key] = self._known[key] = item.whole(path)
         return found
 
     def save(self, path: Path) -> None:
@@ -172,9 +172,9 @@ class _Asked:
     start: Floats
     goal: Floats
 
-    def whole(self, way: Floats) -> Floats:
+    def whole(self, path: Floats) -> Floats:
         """The path from the true start to the true goal."""
-        return np.vstack([self.start, way, self.goal])
+        return np.vstack([self.start, path, self.goal])
 
 
 def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None:
@@ -204,11 +204,11 @@ def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats 
     from ambinav_planners.registry import planner
 
     chosen = planner(choice.planner)
-    ways: list[Floats | None] = []
+    paths: list[Floats | None] = []
     for problem in problems:
         found = _found(chosen, choice, problem)
-        ways.append(None if found is None else finish(chosen, problem, found, choice.seed).poses)
-    return ways
+        paths.append(None if found is None else finish(chosen, problem, found, choice.seed).poses)
+    return paths
 
 
 def _found(chosen: Planner, choice: PlannerChoice, problem: Problem) -> PlannerResult | None:

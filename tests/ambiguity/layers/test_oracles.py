@@ -65,7 +65,7 @@ def values_at(context: LayerContext, layer: np.ndarray, which: np.ndarray) -> Fl
     return np.asarray(values[which[:, 0], which[:, 1]] if values.ndim == 2 else values[which[:, 0]])
 
 
-def matched(context: LayerContext, pose: Floats, way: Floats, size: float) -> Floats:
+def matched(context: LayerContext, pose: Floats, offset: Floats, size: float) -> Floats:
     """x and y where the match from `pose` + `way` ends, less those of `pose`."""
     env, scanner, sigma = context.environment, context.scanner, context.model.sigma_theta
     kind, sensor = env.segments.kind, scanner.sensors[0]
@@ -78,10 +78,10 @@ def matched(context: LayerContext, pose: Floats, way: Floats, size: float) -> Fl
     def stands(at: Floats) -> bool:
         return bool(brute.is_free(env, *brute.ray_starts(scanner, at[None])).all())
 
-    wall, _ = brute.cast(env, pose[0], pose[1], math.atan2(way[1], way[0]))
-    believed = pose + way
+    wall, _ = brute.cast(env, pose[0], pose[1], math.atan2(offset[1], offset[0]))
+    believed = pose + offset
     for k in range(7):
-        at = pose + way * (0.5**k if k < 6 else 0.0)
+        at = pose + offset * (0.5**k if k < 6 else 0.0)
         if k == 6 or (size * 0.5**k < wall[0] and stands(at)):
             break
     room = np.array([size**2, size**2, sigma**2])
@@ -114,10 +114,10 @@ def test_perturbation(building: Environment, scanner: RangeScanner) -> None:
     found = perturbation(context)
     which, poses = chosen(context)
     size = context.radius / 2
-    ways = size * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    offsets = size * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     expected = []
     for pose in poses:
-        errors = np.array([matched(context, pose, way, size) for way in ways])
+        errors = np.array([matched(context, pose, offset, size) for offset in offsets])
         expected.append(np.linalg.svd(errors, compute_uv=False) / math.sqrt(2))
     for name, values in zip(("perturbation", "perturbation_minor"), np.transpose(expected),
                             strict=True):  # fmt: skip
