@@ -154,8 +154,8 @@ def _line(status: TrainingStatus, say: Callable[[str], None]) -> None:
     figures = status.evaluation
     if figures is not None:
         shares = ("arrived", "collided", "timeout", "missed", "lost")
-        said = ", ".join(f"{name} {100.0 * figures[name]:.1f} %" for name in shares)
-        say(f"{status.steps:,} steps: {said}, reward {figures['reward']:.2f}")
+        outcomes = ", ".join(f"{name} {100.0 * figures[name]:.1f} %" for name in shares)
+        say(f"{status.steps:,} steps: {outcomes}, reward {figures['reward']:.2f}")
 
 
 def _result(output: Path, summary: dict[str, Any]) -> None:
