@@ -166,17 +166,17 @@ def drive_all(
 ) -> None:
     """Drive the chosen pairs that are not driven yet, with each odometry."""
     done = {(row["pair"], row["odometry"]) for row in kept}
-    asked = [
+    pending = [
         (row, scale)
         for scale in args.odometry
         for row in chosen(planned, args.offered, args.others)
         if (row["pair"], scale) not in done
     ]
-    if not asked:
+    if not pending:
         return
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
     service = AmbiguityService(build_map(environment, scanner, spacing=0.5))
-    for row, scale in asked:
+    for row, scale in pending:
         noise = OdometryNoise(scale=scale)
         record: Row = {"pair": row["pair"], "odometry": scale}
         for name in ROUTES:

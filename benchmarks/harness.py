@@ -251,8 +251,8 @@ def in_all(
     def of(row: Mapping[str, Any]) -> tuple[Any, ...]:
         return tuple(row[part] for part in key)
 
-    asked = [{of(row) for row in found[name]} for name in names if found.get(name)]
-    shared = set.intersection(*asked) if asked else set()
+    keys = [{of(row) for row in found[name]} for name in names if found.get(name)]
+    shared = set.intersection(*keys) if keys else set()
     return {name: [row for row in rows if of(row) in shared] for name, rows in found.items()}
 
 

@@ -112,12 +112,12 @@ def drive_all(
 ) -> None:
     """Drive the pairs that are not driven yet."""
     done = {row["pair"] for row in kept}
-    asked = [row for row in planned if row["pair"] not in done]
-    if not asked:
+    pending = [row for row in planned if row["pair"] not in done]
+    if not pending:
         return
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
     service = AmbiguityService(build_map(environment, scanner_of("laser-4m"), spacing=0.5))
-    for row in asked:
+    for row in pending:
         record: Row = {"pair": row["pair"]}
         for name in ROUTES:
             route = evaluate_route(service, row[name]["poses"], Steering(), planner=name)

@@ -50,8 +50,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_evaluate(runner: CliRunner, folder: Path) -> None:
-    asked = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
-    done = runner.invoke(app, [*asked, "--json"])
+    command = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
+    done = runner.invoke(app, [*command, "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)
     assert report["figures"]["timeout"]["value"] == 100.0
@@ -63,7 +63,7 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
     # The seed makes the episode again.
     _, info = NavigationEnv(map=DEMO, people=1).reset(seed=int(rows[2]["seed"]))
     assert float(rows[2]["shortest"]) == pytest.approx(info["shortest"], rel=1e-5)
-    done = runner.invoke(app, asked)
+    done = runner.invoke(app, command)
     assert "3 episodes in demo" in done.stdout and "exposure per metre" in done.stdout
 
 
@@ -99,17 +99,17 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     pytest.importorskip("ompl")
     # The package's attribute of this name is the command.
     module = importlib.import_module("ambinav.cli.benchmark")
-    asked = ["benchmark", "-o", "out", "-n", "2", "--quick", "--planner", "reference:1"]
-    asked += ["--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
+    command = ["benchmark", "-o", "out", "-n", "2", "--quick", "--planner", "reference:1"]
+    command += ["--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "QUICK_BUILDINGS", 1)
-        done = runner.invoke(app, [*asked, "--json"])
+        done = runner.invoke(app, [*command, "--json"])
         assert done.exit_code == 0, done.output
         report = json.loads(done.stdout)
         assert json.loads((folder / "out" / "report.json").read_text()) == report
         methods = [method["name"] for method in report["methods"]]
         assert {"waypoint follower", "shortest", "reference 1", "plug.py:spinner"} <= set(methods)
-        again = runner.invoke(app, asked)
+        again = runner.invoke(app, command)
     assert "procedural, disturbed" in again.stdout and "plug.py:spinner" in again.stdout
 
 

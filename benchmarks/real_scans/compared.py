@@ -96,8 +96,8 @@ def compared(
     common = in_view(log.angles, directions, pairs.turn)
     other[:, 4, : len(directions)][~common] = BLIND
     measured, predicted = agreement(mine, theirs), agreement(own, other)
-    for scans, said in ((mine, own), (theirs, other)):
-        scans[:, 4][said[:, 4] == BLIND] = BLIND
+    for scans, others in ((mine, own), (theirs, other)):
+        scans[:, 4][others[:, 4] == BLIND] = BLIND
     seen_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
     return Compared(
         pairs,

@@ -145,11 +145,11 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
 
     setup.setStatePropagator(drive)
     si.setPropagationStepSize(0.2)
-    asked = []
+    calls = []
 
     class Counting(AmbiguityObjective):
         def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802
-            asked.append(1)
+            calls.append(1)
             return super().motionCost(a, b)
 
     objective = Counting(si, demo)
@@ -159,7 +159,7 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
     )
     setup.setPlanner(oc.RRT(si))
     setup.solve(20.0)
-    assert not asked, "control planners ask for costs now: docs/planning.md may promise more"
+    assert not calls, "control planners ask for costs now: docs/planning.md may promise more"
     path = setup.getSolutionPath()
     path.interpolate()
     states = path.getStates()

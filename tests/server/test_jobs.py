@@ -373,7 +373,7 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
 
 
 def test_a_job_ends_with_the_server_and_says_so() -> None:
-    async def asked() -> None:
+    async def stopped() -> None:
         begun, ended = asyncio.Event(), asyncio.Event()
 
         async def work() -> None:
@@ -396,4 +396,4 @@ def test_a_job_ends_with_the_server_and_says_so() -> None:
         async with asyncio.timeout(10.0):
             await ended.wait()
 
-    asyncio.run(asked())
+    asyncio.run(stopped())

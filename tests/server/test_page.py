@@ -26,8 +26,8 @@ def visit(chromium: Any, url: str, **options: Any) -> Any:
     context = chromium.new_context(**{"viewport": {"width": 1280, "height": 800}, **options})
     context.set_default_timeout(WAIT)
     page = context.new_page()
-    page.asked, page.faults = [], []
-    page.on("request", lambda request: page.asked.append(request.url))
+    page.urls, page.faults = [], []
+    page.on("request", lambda request: page.urls.append(request.url))
     page.on("pageerror", lambda error: page.faults.append(str(error)))
     page.on("console", lambda message: message.type == "error" and page.faults.append(message.text))
     page.goto(url)
@@ -101,8 +101,8 @@ def test_all_modules_are_reached_from_the_pages():
 @pytest.mark.slow
 def test_it_opens_and_asks_nobody_else(page, live):
     assert page.faults == []
-    assert page.asked
-    assert all(url.startswith((live.url, "blob:", "data:")) for url in page.asked)
+    assert page.urls
+    assert all(url.startswith((live.url, "blob:", "data:")) for url in page.urls)
     assert page.locator("#map-name select").input_value() == "map"
     assert page.locator(".legend li").count() == 4
     assert page.locator(".leaflet-control-scale-line").inner_text().endswith("m")
@@ -113,7 +113,7 @@ def test_layers_switch_and_the_legend_follows(page):
     page.get_by_text("Ambiguity level").first.click()
     page.wait_for_selector(".map[data-shown=level]")
     assert "Ambiguity level, mean of major and minor" in page.locator(".legend").inner_text()
-    assert any("/layers/level/tiles/" in url for url in page.asked)
+    assert any("/layers/level/tiles/" in url for url in page.urls)
     page.get_by_text(re.compile(r"\d more layers")).click()
     page.locator("input[value=clearance]").check()
     page.wait_for_selector(".map[data-shown=clearance]")

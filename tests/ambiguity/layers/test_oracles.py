@@ -66,7 +66,7 @@ def values_at(context: LayerContext, layer: np.ndarray, which: np.ndarray) -> Fl
 
 
 def matched(context: LayerContext, pose: Floats, offset: Floats, size: float) -> Floats:
-    """x and y where the match from `pose` + `way` ends, less those of `pose`."""
+    """x and y where the match from `pose` + `offset` ends, less those of `pose`."""
     env, scanner, sigma = context.environment, context.scanner, context.model.sigma_theta
     kind, sensor = env.segments.kind, scanner.sensors[0]
     cap = -math.log(context.model.outlier_share + sensor.random_share + sensor.lost_share)

@@ -197,11 +197,11 @@ deep.environment = {"layer": "fisher"}
 
 def test_who_does_not_fit(tmp_path: Path) -> None:
     (tmp_path / "picky.py").write_text(PICKY)
-    asked = policy_method("picky.py:picky", tmp_path)
-    board = small(room(), methods=[*planner_methods([])[:1], asked])
+    picky = policy_method("picky.py:picky", tmp_path)
+    board = small(room(), methods=[*planner_methods([])[:1], picky])
     with pytest.raises(InputError, match="it sees nothing"):
         fitting(board)
-    kept = small(room(), methods=[board.methods[0], replace(asked, shipped=True)])
+    kept = small(room(), methods=[board.methods[0], replace(picky, shipped=True)])
     with pytest.warns(InputWarning, match="left out: it sees nothing"):
         assert [method.name for method in fitting(kept).methods] == ["shortest"]
     deep = policy_method("picky.py:deep", tmp_path)
