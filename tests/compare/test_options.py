@@ -226,8 +226,8 @@ def test_modules_are_imported(scenario: dict[str, Any], tmp_path: Path) -> None:
     (tmp_path / "m.py").write_text(
         "import numpy as np\n"
         "from ambinav_planners.registry import PLANNERS, Planner, PlannerResult\n"
-        "way = np.array([[1, 1, 0], [4.5, 0.6, 0], [7, 2, 0]], dtype=float)\n"
-        "PLANNERS.register(Planner('straight-on', lambda *given: PlannerResult(way,\n"
+        "path = np.array([[1, 1, 0], [4.5, 0.6, 0], [7, 2, 0]], dtype=float)\n"
+        "PLANNERS.register(Planner('straight-on', lambda *given: PlannerResult(path,\n"
         "                          finished=True), 'one path', uses_ompl=False))\n"
     )
     found = compare(path, tmp_path / "out", "--episodes", "1")

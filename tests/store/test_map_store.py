@@ -267,11 +267,11 @@ from pathlib import Path
 from ambinav.store.map_store import MapStore
 from tests.store.scenes import build
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-with warnings.catch_warnings(record=True) as told:
+with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     amap = build(MapStore(Path(sys.argv[1])))
 print(amap.dataset["level"].values.tobytes().hex())
-print([str(one.message) for one in told])
+print([str(one.message) for one in caught])
 """
 
 

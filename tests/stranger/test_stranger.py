@@ -72,7 +72,7 @@ CASES = [
     (stranger_observation.PART, "function", ["train", "training.yaml", "-o", "untrained"]),
     (stranger_observation.PART, "size", ["train", "training.yaml", "-o", "untrained"]),
 ]
-said = []
+rows = []
 for entry, field, command in CASES:
     # None is what these two may give.
     for function in (fails,) if field in ("why_not", "detail") else (fails, empty):
@@ -80,9 +80,9 @@ for entry, field, command in CASES:
         object.__setattr__(entry, field, function)
         shutil.rmtree("untrained", ignore_errors=True)
         done = CliRunner().invoke(app, command)
-        said.append([type(entry).__name__, field, function.__name__, done.exit_code, done.output])
+        rows.append([type(entry).__name__, field, function.__name__, done.exit_code, done.output])
         object.__setattr__(entry, field, whole)
-print(json.dumps(said))
+print(json.dumps(rows))
 """
 TRAIN = """\
 algorithm: ppo
