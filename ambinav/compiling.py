@@ -15,12 +15,12 @@ class _Notice(event.Listener):  # type: ignore[misc]
     """Says so at the first kernel of this project that numba has not stored from an earlier run."""
 
     def __init__(self) -> None:
-        self.said = False
+        self.announced = False
 
     def on_start(self, begun: Any) -> None:
         kernel = begun.data["dispatcher"].py_func
-        if not self.said and kernel.__module__.partition(".")[0].startswith("ambinav"):
-            self.said = True
+        if not self.announced and kernel.__module__.partition(".")[0].startswith("ambinav"):
+            self.announced = True
             print(NOTICE, file=sys.stderr)
 
     def on_end(self, ended: Any) -> None:

@@ -244,11 +244,11 @@ def _folded(title: str, lines: list[str]) -> str:
 
 def changed_files(commit: str) -> tuple[list[tuple[str, str]], list[str], list[str]]:
     """Files of the packages that moved, are gone, and are new since a commit."""
-    said = subprocess.run(
+    output = subprocess.run(
         ["git", "diff", "--name-status", "-M", commit, "--", "ambinav", "envs", "planners"],
         cwd=ROOT, check=True, capture_output=True, text=True,
     ).stdout  # fmt: skip
-    rows = [line.split("\t") for line in said.splitlines()]
+    rows = [line.split("\t") for line in output.splitlines()]
     moved = [(old, new) for status, old, *[new] in (r for r in rows if r[0][0] == "R")]
     gone = [row[1] for row in rows if row[0] == "D"]
     return moved, gone, [row[1] for row in rows if row[0] == "A"]

@@ -74,26 +74,30 @@ class Arm:
     """One weight of the term `ambiguity` and one `ambiguity_weight`, trained with some seeds."""
 
     weight: float
-    way: float
+    ambiguity_weight: float
     seeds: Sequence[int]
     folder: Path
 
     @property
     def name(self) -> str:
         """In tables."""
-        return f"PPO, weight {self.weight:g}" + (f", way {self.way:g}" if self.way else "")
+        return f"PPO, weight {self.weight:g}" + (
+            f", way {self.ambiguity_weight:g}" if self.ambiguity_weight else ""
+        )
 
     @property
     def _stem(self) -> str:
         """Of its files."""
-        return f"weight-{self.weight:g}" + (f"-way-{self.way:g}" if self.way else "")
+        return f"weight-{self.weight:g}" + (
+            f"-way-{self.ambiguity_weight:g}" if self.ambiguity_weight else ""
+        )
 
     @cached_property
     def config(self) -> Path:
         """Its configuration, written to the folder."""
         settings = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
         settings["environment"]["reward"] = {**PRESETS["shortest"], "ambiguity": self.weight}
-        settings["environment"]["ambiguity_weight"] = self.way
+        settings["environment"]["ambiguity_weight"] = self.ambiguity_weight
         path = self.folder / f"{self._stem}.yaml"
         path.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
         return path
@@ -266,8 +270,8 @@ def main() -> None:
     seeds = range(0, args.seeds * args.apart, args.apart)
     arms = []
     for arm in args.arms:
-        weight, _, way = arm.partition(":")
-        arms.append(Arm(float(weight), float(way or 0.0), seeds, args.folder))
+        weight, _, ambiguity_weight = arm.partition(":")
+        arms.append(Arm(float(weight), float(ambiguity_weight or 0.0), seeds, args.folder))
     with ThreadPoolExecutor(args.jobs) as pool:
         runs = [(arm, seed) for seed, arm in product(seeds, arms)]
         list(pool.map(lambda run: train(*run), runs))

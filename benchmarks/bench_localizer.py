@@ -74,13 +74,17 @@ def rows_of_rates(
     """Updates a second of one run on one thread, and of `runs` runs on all threads."""
     route = corridor()
     cases = [(m, 1000, 60, "systematic") for m in LASER_MODELS]
-    cases += [("likelihood_field", 1000, 60, way) for way in RESAMPLING if way != "systematic"]
+    cases += [
+        ("likelihood_field", 1000, 60, resampling)
+        for resampling in RESAMPLING
+        if resampling != "systematic"
+    ]
     cases += [("likelihood_field", n, b, "systematic") for n, b in ((2000, 60), (5000, 180))]
     rows = []
-    for model, particles, beams, way in cases:
+    for model, particles, beams, resampling in cases:
         scanner = scanner_of(beams, 8.0)
         scans = scanner.read(env, *route.T, np.random.default_rng(2))
-        values = {"laser_model_type": model, "resampling": way, "max_beams": beams}
+        values = {"laser_model_type": model, "resampling": resampling, "max_beams": beams}
         one = localizer(env, scanner, field, 1, particles, **values)
         many = localizer(env, scanner, field, runs, particles, **values)
 
@@ -94,7 +98,7 @@ def rows_of_rates(
             spread([n * len(route) / t for t in timings[key].seconds], 0)
             for key, n in (("one", 1), ("many", runs))
         ]
-        rows.append((model, way, str(particles), str(beams), *rates))
+        rows.append((model, resampling, str(particles), str(beams), *rates))
     return rows
 
 
@@ -158,14 +162,14 @@ def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str,
 
         times = interleave({"open": partial(run, True), "closed": partial(run, False)}, repeats)
         closed = run(False)
-        way = float(np.nanmax(closed.travelled(), axis=1).mean())
+        travelled = float(np.nanmax(closed.travelled(), axis=1).mean())
         rows.append(
             (
                 model,
                 f"{route.length:.1f} m",
                 spread(times["open"].seconds),
                 spread(times["closed"].seconds),
-                f"{way:.1f} m, {int(closed.collided.sum())} of {runs} collided",
+                f"{travelled:.1f} m, {int(closed.collided.sum())} of {runs} collided",
             )
         )
     return rows

@@ -37,49 +37,50 @@ def run_case(environment: str, *options: object) -> Measured:
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     if done.returncode != 0:
         raise SystemExit(done.returncode)
-    said: Measured = json.loads(done.stdout)
-    return said
+    measured: Measured = json.loads(done.stdout)
+    return measured
 
 
-def kernel_rate(said: Measured, headings: int = 1) -> str:
+def kernel_rate(measured: Measured, headings: int = 1) -> str:
     """Millions of beam comparisons a second in the kernel, median and extremes."""
-    compared = said["pairs"] * said["beams"] * headings
-    return spread([compared / s / 1e6 for s in said["parts"]["neighbourhood_sums"]], 0)
+    compared = measured["pairs"] * measured["beams"] * headings
+    return spread([compared / s / 1e6 for s in measured["parts"]["neighbourhood_sums"]], 0)
 
 
-def seconds_table(said: Measured, headings: int = 1) -> str:
+def seconds_table(measured: Measured, headings: int = 1) -> str:
     """Where the seconds of one map go, and the rate of its kernel."""
     rows = [
-        ("read and simplify the map", spread(said["load"])),
-        ("grid and triangulation", spread(said["prepare"])),
-        ("build the map", spread(said["build"])),
+        ("read and simplify the map", spread(measured["load"])),
+        ("grid and triangulation", spread(measured["prepare"])),
+        ("build the map", spread(measured["build"])),
     ]
-    rows += [(f"- {PART_NAMES[name]}", spread(s)) for name, s in said["parts"].items()]
-    other = np.array(said["build"]) - np.sum(list(said["parts"].values()), axis=0)
+    rows += [(f"- {PART_NAMES[name]}", spread(s)) for name, s in measured["parts"].items()]
+    other = np.array(measured["build"]) - np.sum(list(measured["parts"].values()), axis=0)
     rows.append(("- lattice, links and the rest", spread(other.tolist())))
-    both = np.array(said["prepare"]) + np.array(said["build"])
+    both = np.array(measured["prepare"]) + np.array(measured["build"])
     rows.append(("grid, triangulation and build", spread(both.tolist())))
     return "\n\n".join(
         [
-            f"{said['segments']} segments, {said['area']:.0f} m2 free, {said['poses']} free poses, "
-            f"{said['beams']} beams, {said['pairs'] / 1e6:.2f} M pairs of poses for each heading.",
+            f"{measured['segments']} segments, {measured['area']:.0f} m2 free, "
+            f"{measured['poses']} free poses, {measured['beams']} beams, "
+            f"{measured['pairs'] / 1e6:.2f} M pairs of poses for each heading.",
             table(("what", "s: median (extremes)"), rows),
-            f"The kernel makes {kernel_rate(said, headings)} million beam comparisons a second "
+            f"The kernel makes {kernel_rate(measured, headings)} million beam comparisons a second "
             "(pairs of poses times beams).",
         ]
     )
 
 
-def reference_section(said: Measured) -> str:
+def reference_section(measured: Measured) -> str:
     """The map's time a pose against the reference's."""
-    per_pose = np.array(said["build"]) / said["poses"]
-    reference = np.array(said["reference"])
+    per_pose = np.array(measured["build"]) / measured["poses"]
+    reference = np.array(measured["reference"])
     return "\n\n".join(
         [
             "## Against the NumPy reference",
             f"`reference.pose_sums` at {len(reference)} random free poses of the same map, on one "
-            f"thread, against the build on {said['threads']}; the greatest difference in ambiguity "
-            f"is {said['off']:.1e}.",
+            f"thread, against the build on {measured['threads']}; the greatest difference "
+            f"in ambiguity is {measured['off']:.1e}.",
             table(
                 ("what", "value: median (extremes)"),
                 [
@@ -92,19 +93,19 @@ def reference_section(said: Measured) -> str:
     )
 
 
-def growth_row(name: str, said: Measured) -> tuple[object, ...]:
+def growth_row(name: str, measured: Measured) -> tuple[object, ...]:
     """One row of the table of growth."""
-    build = float(np.median(said["build"]))
+    build = float(np.median(measured["build"]))
     return (
         name,
-        said["segments"],
-        said["poses"],
-        f"{np.median(said['load']):.2f}",
-        f"{np.median(said['prepare']):.2f}",
-        spread(said["build"]),
-        f"{build / said['poses'] * 1e6:.1f}",
-        f"{said['memory_before']:.0f}",
-        f"{said['memory']:.0f}",
+        measured["segments"],
+        measured["poses"],
+        f"{np.median(measured['load']):.2f}",
+        f"{np.median(measured['prepare']):.2f}",
+        spread(measured["build"]),
+        f"{build / measured['poses'] * 1e6:.1f}",
+        f"{measured['memory_before']:.0f}",
+        f"{measured['memory']:.0f}",
     )
 
 
@@ -136,7 +137,7 @@ def main() -> None:
             reference_section(first),
             "## Growth",
             "MiB before: resident when the kernels are loaded and no map is read yet.",
-            table(GROWTH_HEADER, [growth_row(name, said) for name, said in grown.items()]),
+            table(GROWTH_HEADER, [growth_row(name, measured) for name, measured in grown.items()]),
             f"## {MAIN}, {PRESET}, {HEADINGS} headings",
             seconds_table(turned, HEADINGS),
             f"Peak memory {turned['memory']:.0f} MiB.",

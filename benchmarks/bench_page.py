@@ -21,9 +21,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("map", type=Path)
     parser.add_argument("--runs", type=int, default=10)
-    asked = parser.parse_args()
-    with browser() as chromium, serving([asked.map]) as url:
-        found = [_open(chromium, url) for _ in range(asked.runs)]
+    args = parser.parse_args()
+    with browser() as chromium, serving([args.map]) as url:
+        found = [_open(chromium, url) for _ in range(args.runs)]
     print("| | first run | median | least | most |")
     print("| --- | ---: | ---: | ---: | ---: |")
     for name, digits in (

@@ -125,11 +125,13 @@ def own_map(study: RealLog) -> dict[str, RankAgreement]:
 
 def direction_error(study: RealLog) -> tuple[float, int]:
     """Median angle between the map's weak direction and the scan's, degrees, and of how many."""
-    said, seen = study.map_says, study.scan_says
-    weak = (seen["major"] - seen["minor"] >= WEAK) & np.isfinite(said["direction"])
+    predicted, seen = study.map_says, study.scan_says
+    weak = (seen["major"] - seen["minor"] >= WEAK) & np.isfinite(predicted["direction"])
     if not weak.any():
         return math.nan, 0
-    apart = np.mod(said["direction"] - seen["direction"] + 0.5 * math.pi, math.pi) - 0.5 * math.pi
+    apart = (
+        np.mod(predicted["direction"] - seen["direction"] + 0.5 * math.pi, math.pi) - 0.5 * math.pi
+    )
     return math.degrees(float(np.median(np.abs(apart[weak])))), int(weak.sum())
 
 
@@ -149,19 +151,17 @@ def number_alone(study: RealLog) -> tuple[float, float]:
     order = np.argsort(study.scans)
     assert np.array_equal(study.scans[order], scans)
     known, predicted = study.known["ambiguity"][order], study.predicted["ambiguity"][order]
-    alone, said = spearman(-beams, known), spearman(-beams, predicted)
+    alone, of_prediction = spearman(-beams, known), spearman(-beams, predicted)
     both = spearman(predicted, known)
-    left = math.sqrt((1.0 - alone * alone) * (1.0 - said * said))
-    return alone, (both - alone * said) / left
+    left = math.sqrt((1.0 - alone * alone) * (1.0 - of_prediction * of_prediction))
+    return alone, (both - alone * of_prediction) / left
 
 
-def rows_of(name: str, max_range: float | None, asked: argparse.Namespace) -> dict[str, Any]:
+def rows_of(name: str, max_range: float | None, args: argparse.Namespace) -> dict[str, Any]:
     """The rows of the tables for one log and range, as text."""
     log = read(name)
     begin = time.perf_counter()
-    study = study_log(
-        log, max_range, spacing=asked.spacing, stretch=asked.stretch, parts=asked.parts
-    )
+    study = study_log(log, max_range, spacing=args.spacing, stretch=args.stretch, parts=args.parts)
     seconds = time.perf_counter() - begin
     same, own = same_pairs(study), own_map(study)
     angle, weak = direction_error(study)
@@ -172,11 +172,11 @@ def rows_of(name: str, max_range: float | None, asked: argparse.Namespace) -> di
         same["level"], same["pairs"], f"{distance_alone(study):.2f}",
         same["pairs, equal"], same["equal"],
     )  # fmt: skip
-    said, seen = study.map_says["level"], study.scan_says["level"]
-    good = np.isfinite(said)
+    predicted, seen = study.map_says["level"], study.scan_says["level"]
+    good = np.isfinite(predicted)
     second = (
         *key, own["level"].count, own["level"], own["major"], own["minor"],
-        f"{np.median(said[good]):.2f} / {np.median(seen[good]):.2f}",
+        f"{np.median(predicted[good]):.2f} / {np.median(seen[good]):.2f}",
         f"{angle:.1f} ({weak})", own["pairs"],
     )  # fmt: skip
     missed = [
@@ -198,9 +198,9 @@ def rows_of(name: str, max_range: float | None, asked: argparse.Namespace) -> di
         " / ".join(str(len(m.segments)) for m in study.maps),
         log.scans - len(study.alone),
     )  # fmt: skip
-    if asked.images is not None and max_range == RANGES[-1]:
-        asked.images.mkdir(parents=True, exist_ok=True)
-        save_figure(plot_real_log(study), asked.images / f"real-scans-{name}.png")
+    if args.images is not None and max_range == RANGES[-1]:
+        args.images.mkdir(parents=True, exist_ok=True)
+        save_figure(plot_real_log(study), args.images / f"real-scans-{name}.png")
     return {
         "first": [str(cell) for cell in first],
         "second": [str(cell) for cell in second],
@@ -222,21 +222,21 @@ def main() -> None:
         "--folder", type=Path, default=Path("out/real-scans"), help="keeps what this code computed"
     )
     add_out(parser)
-    asked = parser.parse_args()
+    args = parser.parse_args()
     found = []
-    for name, max_range in product(asked.logs, RANGES[:1] if asked.full else RANGES):
+    for name, max_range in product(args.logs, RANGES[:1] if args.full else RANGES):
         key = {
-            "log": name, "range": max_range, "spacing": asked.spacing, "parts": asked.parts,
-            "stretch": asked.stretch, "images": str(asked.images),
+            "log": name, "range": max_range, "spacing": args.spacing, "parts": args.parts,
+            "stretch": args.stretch, "images": str(args.images),
         }  # fmt: skip
-        make = partial(rows_of, name, max_range, asked)
-        found.append(kept_or_made(asked.folder / "cases.jsonl", key, make))
+        make = partial(rows_of, name, max_range, args)
+        found.append(kept_or_made(args.folder / "cases.jsonl", key, make))
     first_rows, second_rows = ([row[part] for row in found] for part in ("first", "second"))
     log_rows = [row["about"] for row in found if row["range"] is None]
     missed = [line for row in found for line in row["missed"]]
     body = f"""
-Stretches of {asked.stretch:g} m of the path in {asked.parts} parts, each judging a map of all the
-others; ambiguity maps of {asked.spacing:g} m. Rank correlations (Spearman) with intervals of 95 %
+Stretches of {args.stretch:g} m of the path in {args.parts} parts, each judging a map of all the
+others; ambiguity maps of {args.spacing:g} m. Rank correlations (Spearman) with intervals of 95 %
 from {SQUARE:g} m squares of floor drawn with replacement. * how scans are read was chosen on this
 log.
 What each column means is in docs/real-scans.md.
@@ -301,7 +301,7 @@ map that predicts.
         )
     }
 """
-    report("Real scans: predicted against measured ambiguity", LIBRARIES, body, asked.out)
+    report("Real scans: predicted against measured ambiguity", LIBRARIES, body, args.out)
 
 
 if __name__ == "__main__":

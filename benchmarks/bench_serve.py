@@ -169,7 +169,7 @@ async def _ask(
     writer.close()
 
 
-def asked(url: str, paths: list[bytes], seconds: float, clients: int) -> list[float]:
+def latencies(url: str, paths: list[bytes], seconds: float, clients: int) -> list[float]:
     """Latencies of clients that ask one thing after the other, each on its own connection."""
     address = urlsplit(url)
     place = str(address.hostname), int(address.port or 0)
@@ -282,12 +282,12 @@ load {load:.1f} before; server and clients on the same cores.
                 f"/v1/maps/hall/cost?x={a:.4f}&y={b:.4f}".encode()
                 for a, b in zip(x[:4000].tolist(), y[:4000].tolist(), strict=True)
             ]
-            asked(url, single, 1.0, CLIENTS)
+            latencies(url, single, 1.0, CLIENTS)
             rows = ""
-            times = asked(url, single, options.seconds, CLIENTS)
+            times = latencies(url, single, options.seconds, CLIENTS)
             rows += f"| alone | {len(times) / options.seconds:,.0f} | {percentiles(times)} |\n"
             with a_plan(url, "hall", far_ends(small), options.seconds + 5):
-                times = asked(url, single, options.seconds, CLIENTS)
+                times = latencies(url, single, options.seconds, CLIENTS)
             rows += (
                 f"| while a plan runs | {len(times) / options.seconds:,.0f} | "
                 f"{percentiles(times)} |\n"
@@ -300,7 +300,7 @@ load {load:.1f} before; server and clients on the same cores.
 """
             paths = tile_paths("huge", large)
             rng.shuffle(paths)
-            asked(url, [path for path in paths if b"/0/0/0.png" in path], 0.5, 1)
+            latencies(url, [path for path in paths if b"/0/0/0.png" in path], 0.5, 1)
             first, again = [], []
             address = urlsplit(url)
             line = http.client.HTTPConnection(str(address.hostname), address.port)

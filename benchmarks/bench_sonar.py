@@ -150,7 +150,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
     amap = build_map(environment, scanner)
     chosen = list(routes(amap, args))
     found = []
-    with appended(path) as tell:
+    with appended(path) as append:
         for study, scanners, label, guide, open_loop in groups(scanner):
             for number, pair in chosen:
                 for which, route in pair.items():
@@ -167,7 +167,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
                             environment, scanners, route, guide, rng, args.runs, noise, open_loop
                         )
                         known[key] = row | measured(runs, amap)
-                        tell(known[key])
+                        append(known[key])
                     found.append(known[key])
     return found
 
@@ -208,14 +208,16 @@ def routes(amap: AmbiguityMap, args: argparse.Namespace) -> Iterator[tuple[int, 
     robot = RoutePlanner(AmbiguityService(amap), footprint=ROBOT.radius + CLEARANCE)
     found = []
     for number, (start, goal) in enumerate(pairs(robot, args.drawn, args.seed)):
-        ways = [
+        planned = [
             robot.plan(start, goal, planner_name="reference", weight=weight)
             for weight in (0.0, *WEIGHTS)
         ]
-        allowed = [way for way in ways if way.length <= LONGEST * ways[0].length]
+        allowed = [route for route in planned if route.length <= LONGEST * planned[0].length]
         aware = min(allowed, key=lambda r: (round(r.bad_metres, 1), r.exposure, r.length))
-        saved = ways[0].bad_metres - aware.bad_metres
-        found.append((-saved, -ways[0].exposure, number, {"shortest": ways[0], "aware": aware}))
+        saved = planned[0].bad_metres - aware.bad_metres
+        found.append(
+            (-saved, -planned[0].exposure, number, {"shortest": planned[0], "aware": aware})
+        )
     for _, _, number, pair in sorted(found, key=lambda item: item[:3])[: args.pairs]:
         yield number, pair
 

@@ -53,7 +53,7 @@ KEPT = (
     "heading_p95",
 )
 Row = dict[str, Any]
-Tell = Callable[[Row], None]
+RowWriter = Callable[[Row], None]
 
 
 def main() -> None:
@@ -77,13 +77,13 @@ def main() -> None:
     scanner = RangeScanner.from_preset(args.scanner)
     planned = routes_path(args.folder, args.environment, args.scanner, args)
     if len(kept_rows(planned)) < args.drawn:
-        with appended(planned) as tell:
-            plan(args, environment, scanner, len(kept_rows(planned)), tell)
+        with appended(planned) as append:
+            plan(args, environment, scanner, len(kept_rows(planned)), append)
     if args.routes_only:
         return
     path = drives_path(args.folder, args.environment, args.scanner, args)
-    with appended(path) as tell:
-        drive_all(args, environment, scanner, kept_rows(planned), kept_rows(path), tell)
+    with appended(path) as append:
+        drive_all(args, environment, scanner, kept_rows(planned), kept_rows(path), append)
 
 
 def routes_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
@@ -103,7 +103,7 @@ def plan(
     environment: Environment,
     scanner: RangeScanner,
     done: int,
-    tell: Tell,
+    append: RowWriter,
 ) -> None:
     """Plan between the pairs from number `done` on; tell both routes of each."""
     service = AmbiguityService(build_map(environment, scanner), weight=5.0)
@@ -113,7 +113,7 @@ def plan(
         shortest = robot.plan(start, goal, planner_name="reference", weight=0.0)
         aware = ambiguity_aware(robot, start, goal, shortest)
         both = {"shortest": figures(shortest), "aware": figures(aware)}
-        tell({"pair": number, **both})
+        append({"pair": number, **both})
 
 
 def figures(route: Route) -> Row:
@@ -162,21 +162,21 @@ def drive_all(
     scanner: RangeScanner,
     planned: list[Row],
     kept: list[Row],
-    tell: Tell,
+    append: RowWriter,
 ) -> None:
     """Drive the chosen pairs that are not driven yet, with each odometry."""
     done = {(row["pair"], row["odometry"]) for row in kept}
-    asked = [
+    pending = [
         (row, scale)
         for scale in args.odometry
         for row in chosen(planned, args.offered, args.others)
         if (row["pair"], scale) not in done
     ]
-    if not asked:
+    if not pending:
         return
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
     service = AmbiguityService(build_map(environment, scanner, spacing=0.5))
-    for row, scale in asked:
+    for row, scale in pending:
         noise = OdometryNoise(scale=scale)
         record: Row = {"pair": row["pair"], "odometry": scale}
         for name in ROUTES:
@@ -193,7 +193,7 @@ def drive_all(
                 open_loop=args.open_loop,
             )
             record[name] = driven_figures(metrics(drives))
-        tell(record)
+        append(record)
 
 
 def ambiguity_aware(robot: RoutePlanner, start: Any, goal: Any, shortest: Route) -> Route:

@@ -206,11 +206,11 @@ def appended(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
         file.seek(0)
         file.truncate(file.read().rfind(b"\n") + 1)
 
-        def tell(row: Mapping[str, Any]) -> None:
+        def append(row: Mapping[str, Any]) -> None:
             file.write(json.dumps({**row, "commit": made_at}).encode() + b"\n")
             file.flush()
 
-        yield tell
+        yield append
 
 
 def kept_or_made(
@@ -224,8 +224,8 @@ def kept_or_made(
     for row in kept_rows(path):
         if all(row.get(name) == value for name, value in whole.items()):
             return row
-    with appended(path) as tell:
-        tell({**whole, **make()})
+    with appended(path) as append:
+        append({**whole, **make()})
     return kept_rows(path)[-1]
 
 
@@ -251,8 +251,8 @@ def in_all(
     def of(row: Mapping[str, Any]) -> tuple[Any, ...]:
         return tuple(row[part] for part in key)
 
-    asked = [{of(row) for row in found[name]} for name in names if found.get(name)]
-    shared = set.intersection(*asked) if asked else set()
+    keys = [{of(row) for row in found[name]} for name in names if found.get(name)]
+    shared = set.intersection(*keys) if keys else set()
     return {name: [row for row in rows if of(row) in shared] for name, rows in found.items()}
 
 

@@ -138,7 +138,12 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     plain = args.scanner == "plain"
     scanner = plain_scanner() if plain else RangeScanner.from_preset(args.scanner)
     build_map(small_room(), scanner, SPACING, RADIUS, args.headings)
-    said: dict[str, Any] = {"memory_before": peak_memory(), "load": [], "prepare": [], "build": []}
+    measured: dict[str, Any] = {
+        "memory_before": peak_memory(),
+        "load": [],
+        "prepare": [],
+        "build": [],
+    }
     parts: dict[str, list[float]] = {name: [] for name in PARTS}
     for _ in range(args.repeats):
         start = time.perf_counter()
@@ -149,21 +154,21 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         prepared = time.perf_counter()
         with timed_parts() as seconds:
             built = build_map(env, scanner, SPACING, RADIUS, args.headings)
-        said["build"].append(time.perf_counter() - prepared)
-        said["load"].append(loaded - start)
-        said["prepare"].append(prepared - loaded)
+        measured["build"].append(time.perf_counter() - prepared)
+        measured["load"].append(loaded - start)
+        measured["prepare"].append(prepared - loaded)
         for name, value in seconds.items():
             parts[name].append(value)
-    said["memory"] = peak_memory()
-    said["parts"] = parts
-    said["threads"] = args.threads
-    said["segments"] = len(env.segments)
-    said["area"] = env.free.area
-    said["poses"], said["pairs"] = compared_pairs(env)
-    said["beams"] = json.loads(built.dataset.attrs["parameters"])["beams_used"]
+    measured["memory"] = peak_memory()
+    measured["parts"] = parts
+    measured["threads"] = args.threads
+    measured["segments"] = len(env.segments)
+    measured["area"] = env.free.area
+    measured["poses"], measured["pairs"] = compared_pairs(env)
+    measured["beams"] = json.loads(built.dataset.attrs["parameters"])["beams_used"]
     if args.reference_poses:
-        said |= time_reference(env, scanner, built, args.reference_poses, args.seed)
-    return said
+        measured |= time_reference(env, scanner, built, args.reference_poses, args.seed)
+    return measured
 
 
 def main() -> None:

@@ -25,9 +25,9 @@ def main() -> None:
     parser.add_argument("--start", type=float, nargs=2)
     parser.add_argument("--goal", type=float, nargs=2)
     parser.add_argument("--out", type=Path, default=Path("out/page"))
-    asked = parser.parse_args()
-    asked.out.mkdir(parents=True, exist_ok=True)
-    with browser() as chromium, serving([asked.map]) as url:
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    with browser() as chromium, serving([args.map]) as url:
         for width, height in SIZES:
             for scheme in SCHEMES:
                 name = f"{width}-{scheme}.png"
@@ -36,19 +36,19 @@ def main() -> None:
                 page = context.new_page()
                 page.goto(url)
                 _ready(page)
-                _page(page, asked, name)
-                for report in asked.report:
+                _page(page, args, name)
+                for report in args.report:
                     page.goto(report.resolve().as_uri())
                     _ready(page)
                     kind = report.resolve().parent.name
-                    page.screenshot(path=asked.out / f"report-{kind}-{name}", full_page=True)
+                    page.screenshot(path=args.out / f"report-{kind}-{name}", full_page=True)
                 context.close()
                 print(name, flush=True)
 
 
-def _page(page: Any, asked: argparse.Namespace, name: str) -> None:
+def _page(page: Any, args: argparse.Namespace, name: str) -> None:
     """Zones, a layer with a scan, a place, and routes where ends are given."""
-    page.screenshot(path=asked.out / f"zones-{name}")
+    page.screenshot(path=args.out / f"zones-{name}")
     page.locator("input[value=level]").check()
     page.wait_for_selector(".map[data-shown=level]")
     page.get_by_role("tab", name="Places").click()
@@ -56,15 +56,15 @@ def _page(page: Any, asked: argparse.Namespace, name: str) -> None:
         page.locator(".place-entry").first.click()
         page.locator(".readout dd").first.wait_for()
         page.wait_for_timeout(2500)
-    page.screenshot(path=asked.out / f"place-{name}")
+    page.screenshot(path=args.out / f"place-{name}")
     page.get_by_role("tab", name="About").click()
-    page.screenshot(path=asked.out / f"about-{name}")
-    if asked.start and asked.goal:
+    page.screenshot(path=args.out / f"about-{name}")
+    if args.start and args.goal:
         page.get_by_role("tab", name="Routes").click()
         page.locator(".map").focus()
         page.keyboard.press("Escape")
         page.keyboard.press("0")
-        for end, place in (("start", asked.start), ("goal", asked.goal)):
+        for end, place in (("start", args.start), ("goal", args.goal)):
             for axis, value in zip("xy", place, strict=True):
                 field = page.get_by_label(f"{end} {axis}, metres")
                 field.fill(str(value))
@@ -74,7 +74,7 @@ def _page(page: Any, asked: argparse.Namespace, name: str) -> None:
         page.locator(".chart .dot").first.wait_for(timeout=300_000)
         page.locator(".chart .dot").nth(1).click()
         page.wait_for_timeout(500)
-        page.screenshot(path=asked.out / f"routes-{name}")
+        page.screenshot(path=args.out / f"routes-{name}")
 
 
 def _ready(page: Any) -> None:

@@ -44,16 +44,16 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("out/plan"))
     args = parser.parse_args()
     path = plans_path(args.folder, args.environment, args)
-    with appended(path) as tell:
+    with appended(path) as append:
         done = {(row["pair"], row["planner"], row["budget"]) for row in kept_rows(path)}
-        asked = [job for job in jobs(args) if job not in done]
-        if not asked:
+        pending = [job for job in jobs(args) if job not in done]
+        if not pending:
             return
         robot = RoutePlanner(service(args.environment), footprint=RADIUS)
         places = pairs(robot, args.pairs, args.seed)
-        for pair, planner, budget in asked:
+        for pair, planner, budget in pending:
             row = {"pair": pair, "planner": planner, "budget": budget}
-            tell({**row, **planned(robot, *places[pair], planner, budget)})
+            append({**row, **planned(robot, *places[pair], planner, budget)})
 
 
 def plans_path(folder: Path, environment: str, args: argparse.Namespace) -> Path:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from claim_case import LONGEST, MARGIN, WEIGHTS, Row, Tell, driven_figures, figures
+from claim_case import LONGEST, MARGIN, WEIGHTS, Row, RowWriter, driven_figures, figures
 from harness import appended, environment_path, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from plan_case import pairs
@@ -50,12 +50,12 @@ def main() -> None:
     scanner = scanner_of(args.scanner)
     planned = routes_path(args.folder, args.environment, args.scanner, args)
     if len(kept_rows(planned)) < args.pairs:
-        with appended(planned) as tell:
-            plan(args, environment, scanner, len(kept_rows(planned)), tell)
+        with appended(planned) as append:
+            plan(args, environment, scanner, len(kept_rows(planned)), append)
     path = drives_path(args.folder, args.environment, args.scanner, args)
-    with appended(path) as tell:
+    with appended(path) as append:
         rows = kept_rows(planned)[: args.pairs]
-        drive_all(args, environment, scanner, rows, kept_rows(path), tell)
+        drive_all(args, environment, scanner, rows, kept_rows(path), append)
 
 
 def routes_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
@@ -70,7 +70,11 @@ def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Nam
 
 
 def plan(
-    args: argparse.Namespace, environment: Environment, scanner: RangeScanner, done: int, tell: Tell
+    args: argparse.Namespace,
+    environment: Environment,
+    scanner: RangeScanner,
+    done: int,
+    append: RowWriter,
 ) -> None:
     """Plan between the pairs from number `done` on; tell the three routes of each."""
     amap = build_map(environment, scanner, layers="position")
@@ -81,7 +85,7 @@ def plan(
     drawn = pairs(robots["level"], args.pairs, args.seed)
     for number, (start, goal) in enumerate(drawn[done:], start=done):
         record = {name: figures(route) for name, route in routes(robots, start, goal).items()}
-        tell({"pair": number, **record})
+        append({"pair": number, **record})
 
 
 def routes(robots: dict[str, RoutePlanner], start: Any, goal: Any) -> dict[str, Route]:
@@ -104,16 +108,16 @@ def drive_all(
     scanner: RangeScanner,
     planned: list[Row],
     kept: list[Row],
-    tell: Tell,
+    append: RowWriter,
 ) -> None:
     """Drive the pairs that are not driven yet."""
     done = {row["pair"] for row in kept}
-    asked = [row for row in planned if row["pair"] not in done]
-    if not asked:
+    pending = [row for row in planned if row["pair"] not in done]
+    if not pending:
         return
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
     service = AmbiguityService(build_map(environment, scanner_of("laser-4m"), spacing=0.5))
-    for row in asked:
+    for row in pending:
         record: Row = {"pair": row["pair"]}
         for name in ROUTES:
             route = evaluate_route(service, row[name]["poses"], Steering(), planner=name)
@@ -124,7 +128,7 @@ def drive_all(
                 open_loop=True,
             )  # fmt: skip
             record[name] = driven_figures(metrics(drives))
-        tell(record)
+        append(record)
 
 
 if __name__ == "__main__":

@@ -123,8 +123,8 @@ class Load:
         place = answer.headers["location"]
         if rng.random() < 0.5:
             return expected(http.delete(place), 204)
-        told = http.get(f"{place}/events").text
-        return None if "event: done" in told else told[-200:]
+        stream = http.get(f"{place}/events").text
+        return None if "event: done" in stream else stream[-200:]
 
     def wrong(self, http: httpx.Client, rng: np.random.Generator) -> str | None:
         """Something that cannot be answered."""
@@ -187,13 +187,13 @@ def main() -> None:
             for line in idle:
                 line.close()
         errors = log.read_text().strip()
-    asked = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
+    counts = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
     text = f"""# Mixed load
 
 `python {" ".join(sys.argv)}`: {options.threads} threads, {IDLE} idle connections beside them, load
 of the machine at the end {os.getloadavg()[0]:.1f}.
 
-{load.done.total():,} requests ({asked}); lost: {len(load.lost)}.
+{load.done.total():,} requests ({counts}); lost: {len(load.lost)}.
 The server's log: {errors[-500:] or "empty"}.
 
 | minute | requests | memory, MiB | processes | open files | threads |

@@ -111,10 +111,10 @@ def main() -> None:
     if args.start == "unknown" and args.localizer == "kalman":
         parser.error("--localizer kalman needs to know where it starts; give another one")
     path = drives_path(args.folder, args.environment, args.scanner, args)
-    with appended(path) as tell:
+    with appended(path) as append:
         rows = kept_rows(path)
         if len(rows) < args.poses:
-            add_places(args, {int(row["place"]) for row in rows}, tell)
+            add_places(args, {int(row["place"]) for row in rows}, append)
 
 
 def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Namespace) -> Path:
@@ -124,7 +124,7 @@ def drives_path(folder: Path, environment: str, scanner: str, args: argparse.Nam
 
 
 def add_places(
-    args: argparse.Namespace, done: set[int], tell: Callable[[dict[str, Any]], None]
+    args: argparse.Namespace, done: set[int], append: Callable[[dict[str, Any]], None]
 ) -> None:
     """Drive about places that are not done until there are as many as asked for.
 
@@ -156,7 +156,7 @@ def add_places(
         if isinstance(localizer, MonteCarloLocalizer):
             reseed(localizer, own)
         drives = driven(mapped, scanner, route, localizer, world, rng, args.runs)
-        tell({"place": number, "x": float(place[0]), "y": float(place[1]), **measured(drives)})
+        append({"place": number, "x": float(place[0]), "y": float(place[1]), **measured(drives)})
         done.add(number)
     print(f"{len(done)} poses of {args.poses} found room", file=sys.stderr)
 

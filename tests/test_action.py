@@ -39,13 +39,13 @@ def repository(tmp_path, monkeypatch):
 
 
 def run(repository: Path, maps: str, conditions: str = "", options: str = ""):
-    told = {
+    inputs = {
         "AMBINAV": str(repository / "bin" / "ambinav"), "MAPS": maps, "SCANNER": "robot.yaml",
         "CONDITIONS": conditions, "OUTPUT": "out", "OPTIONS": options, "CALLS": "calls",
     }  # fmt: skip
     done = subprocess.run(
         ["bash", str(SCRIPT)],
-        env={**os.environ, **told, "GITHUB_STEP_SUMMARY": ""},
+        env={**os.environ, **inputs, "GITHUB_STEP_SUMMARY": ""},
         capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     calls = repository / "calls"

@@ -54,8 +54,8 @@ def cells(value: int = 254) -> np.ndarray:
 
 def plan(*geometries: object, level: Sequence[object] = (), **members: object) -> str:
     features = [
-        {"type": "Feature", "properties": {"level": told} if level else {}, "geometry": geometry}
-        for geometry, told in zip_longest(geometries, level)
+        {"type": "Feature", "properties": {"level": floor} if level else {}, "geometry": geometry}
+        for geometry, floor in zip_longest(geometries, level)
     ]
     return json.dumps({"type": "FeatureCollection", "features": features, **members})
 

@@ -123,9 +123,9 @@ def test_a_lost_chunk_is_named(runner, plan_folder):
 
 def test_a_map_of_a_newer_version_is_refused(runner, plan_folder):
     root = plan_folder / "map.zarr" / "zarr.json"
-    told = json.loads(root.read_text())
-    told["attributes"] |= {"map_format": 1000, "ambinav_version": "9.9.9"}
-    root.write_text(json.dumps(told))
+    document = json.loads(root.read_text())
+    document["attributes"] |= {"map_format": 1000, "ambinav_version": "9.9.9"}
+    root.write_text(json.dumps(document))
     result = runner.invoke(app, [*PLAN, "-o", "r.csv"])
     assert result.exit_code == 2, result.output
     (error,) = result.stderr.splitlines()

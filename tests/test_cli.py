@@ -103,7 +103,7 @@ def test_the_scanner_says_how_large_its_robot_is(runner, folder):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (["--robot-radius", "0"], "--robot-radius: 0 is not above zero"),
         (["--robot-radius", "nan"], "--robot-radius: nan is not above zero"),
@@ -115,11 +115,11 @@ def test_the_scanner_says_how_large_its_robot_is(runner, folder):
         (["--robot-radius", "1", "--start", "8", "1.7"], "the footprint needs 1 m"),
     ],
 )
-def test_what_no_robot_can_do_is_refused(runner, folder, options, told):
+def test_what_no_robot_can_do_is_refused(runner, folder, options, message):
     result = runner.invoke(app, [*AUDIT, *options])
     assert result.exit_code == 2
     text = result.stderr.strip()
-    assert told in text and text.startswith("ambinav: error: ") and "\n" not in text
+    assert message in text and text.startswith("ambinav: error: ") and "\n" not in text
     assert not (folder / "out").exists()
 
 
@@ -158,24 +158,24 @@ def test_audit_as_json_prints_nothing_else(runner, folder):
 def test_map_can_be_opened(runner, folder):
     result = runner.invoke(app, [*MAP, "--json"])
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    amap = AmbiguityMap.open(folder / told["output"])
-    assert told["cells"] == int(amap.dataset["free"].sum())
+    report = json.loads(result.stdout)
+    amap = AmbiguityMap.open(folder / report["output"])
+    assert report["cells"] == int(amap.dataset["free"].sum())
     assert amap.spacing == pytest.approx(0.2)
-    assert sum(zone["share"] for zone in told["zones"]) == pytest.approx(1.0, abs=1e-3)
+    assert sum(zone["share"] for zone in report["zones"]) == pytest.approx(1.0, abs=1e-3)
     again = runner.invoke(app, MAP)  # replaces its own
     assert again.exit_code == 0
     assert "plan.zarr" in again.stdout
 
 
 def test_a_map_for_a_body_leaves_out_where_it_does_not_fit(runner, folder):
-    told = []
+    cells = []
     for radius in ("0", "0.3"):
         result = runner.invoke(app, [*MAP, "--json", "--robot-radius", radius])
         assert result.exit_code == 0, result.output
-        told.append(json.loads(result.stdout)["cells"])
+        cells.append(json.loads(result.stdout)["cells"])
     amap = AmbiguityMap.open(folder / json.loads(result.stdout)["output"])
-    assert told[1] < told[0]
+    assert cells[1] < cells[0]
     assert float(np.nanmin(amap.dataset["clearance"])) >= 0.3 - 1e-6
     assert json.loads(amap.dataset.attrs["parameters"])["robot_radius"] == 0.3
 
@@ -303,9 +303,9 @@ def test_calibrate(runner, folder):
     assert "residuals" in result.stdout
     sensor = ambinav.RangeSensor.from_yaml(folder / "s.yaml")
     assert sensor.bias_at(2.0) == pytest.approx(0.02, abs=0.003)
-    told = json.loads(runner.invoke(app, [*arguments, "--resolution", "0.01", "--json"]).stdout)
-    assert told["pairs"] == 200
-    assert told["residual_rms_m"] == pytest.approx(0.01, rel=0.15)
+    report = json.loads(runner.invoke(app, [*arguments, "--resolution", "0.01", "--json"]).stdout)
+    assert report["pairs"] == 200
+    assert report["residual_rms_m"] == pytest.approx(0.01, rel=0.15)
     (folder / "pairs.csv").write_text("true_range,reading\n1,1.01\n2,two\n")
     bad = runner.invoke(app, [*arguments, "--resolution", "0.01"])
     assert bad.exit_code == 2
@@ -396,7 +396,7 @@ def test_floors_and_units(runner, folder):
     house = {"type": "FeatureCollection", "features": features}
     (folder / "plan.geojson").write_text(json.dumps(house))
     for level, area in (("EG", 6.0), ("1", 12.0)):
-        told = runner.invoke(app, [*MAP, "--json", "--unit", "mm", "--level", level])
-        assert told.exit_code == 0, told.output
-        assert json.loads(told.stdout)["free_area_m2"] == pytest.approx(area, rel=0.2)
+        result = runner.invoke(app, [*MAP, "--json", "--unit", "mm", "--level", level])
+        assert result.exit_code == 0, result.output
+        assert json.loads(result.stdout)["free_area_m2"] == pytest.approx(area, rel=0.2)
     assert "plan OG" in AmbiguityMap.open("plan.zarr").dataset.attrs["title"]

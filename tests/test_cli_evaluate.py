@@ -50,25 +50,25 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_evaluate(runner: CliRunner, folder: Path) -> None:
-    asked = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
-    done = runner.invoke(app, [*asked, "--json"])
+    command = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
+    done = runner.invoke(app, [*command, "--json"])
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["figures"]["timeout"]["value"] == 100.0
-    assert told["environment"]["people"] == 1 and told["environment"]["max_steps"] == 5
-    assert json.loads((folder / "out" / "evaluation.json").read_text()) == told
+    report = json.loads(done.stdout)
+    assert report["figures"]["timeout"]["value"] == 100.0
+    assert report["environment"]["people"] == 1 and report["environment"]["max_steps"] == 5
+    assert json.loads((folder / "out" / "evaluation.json").read_text()) == report
     with (folder / "out" / "episodes.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["outcome"] for row in rows] == ["timeout"] * 3
     # The seed makes the episode again.
     _, info = NavigationEnv(map=DEMO, people=1).reset(seed=int(rows[2]["seed"]))
     assert float(rows[2]["shortest"]) == pytest.approx(info["shortest"], rel=1e-5)
-    done = runner.invoke(app, asked)
+    done = runner.invoke(app, command)
     assert "3 episodes in demo" in done.stdout and "exposure per metre" in done.stdout
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["gone.zip"], "there is no such file"),
         (["gone"], "neither a file nor a baseline"),
@@ -86,11 +86,11 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
     ],
 )
 def test_evaluate_bad_input(
-    arguments: list[str], said: str, runner: CliRunner, folder: Path
+    arguments: list[str], message: str, runner: CliRunner, folder: Path
 ) -> None:
     done = runner.invoke(app, ["evaluate", *arguments])
     assert done.exit_code == 2, done.output
-    assert said in done.stderr and done.stderr.startswith("ambinav: error: ")
+    assert message in done.stderr and done.stderr.startswith("ambinav: error: ")
     assert done.stderr.count("\n") == 1 and not done.stdout
 
 
@@ -99,22 +99,22 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     pytest.importorskip("ompl")
     # The package's attribute of this name is the command.
     module = importlib.import_module("ambinav.cli.benchmark")
-    asked = ["benchmark", "-o", "out", "-n", "2", "--quick", "--planner", "reference:1"]
-    asked += ["--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
+    command = ["benchmark", "-o", "out", "-n", "2", "--quick", "--planner", "reference:1"]
+    command += ["--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "QUICK_BUILDINGS", 1)
-        done = runner.invoke(app, [*asked, "--json"])
+        done = runner.invoke(app, [*command, "--json"])
         assert done.exit_code == 0, done.output
-        told = json.loads(done.stdout)
-        assert json.loads((folder / "out" / "report.json").read_text()) == told
-        methods = [method["name"] for method in told["methods"]]
+        report = json.loads(done.stdout)
+        assert json.loads((folder / "out" / "report.json").read_text()) == report
+        methods = [method["name"] for method in report["methods"]]
         assert {"waypoint follower", "shortest", "reference 1", "plug.py:spinner"} <= set(methods)
-        again = runner.invoke(app, asked)
+        again = runner.invoke(app, command)
     assert "procedural, disturbed" in again.stdout and "plug.py:spinner" in again.stdout
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["-n", "0"], "--episodes: 0 is too few"),
         (["--planner", "prmstr"], "prmstar"),
@@ -125,12 +125,12 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     ],
 )
 def test_benchmark_bad_input(
-    arguments: list[str], said: str, runner: CliRunner, folder: Path
+    arguments: list[str], message: str, runner: CliRunner, folder: Path
 ) -> None:
     pytest.importorskip("ompl")
     done = runner.invoke(app, ["benchmark", *arguments])
     assert done.exit_code == 2, done.output
-    assert said in done.stderr and not done.stdout
+    assert message in done.stderr and not done.stdout
     assert [path.name for path in folder.iterdir()] == ["plug.py"]
 
 

@@ -29,8 +29,8 @@ def files(folder: Path) -> set[str]:
 
 
 def test_files_and_json(runner: CliRunner, plan_folder: Path) -> None:
-    told = ("export", "map.zarr", "--to", "nav2-speed", "-o", "new/mask.yaml")
-    result = runner.invoke(app, [*told, "--json"])
+    command = ("export", "map.zarr", "--to", "nav2-speed", "-o", "new/mask.yaml")
+    result = runner.invoke(app, [*command, "--json"])
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert (document["kind"], document["map"]) == ("nav2-speed", "map.zarr")
@@ -69,7 +69,7 @@ def test_help_has_an_example(runner: CliRunner) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--to", "nav2-keepuot", "-o", "m.yaml"), "'nav2-keepuot'; did you mean nav2-keepout"),
         (("--to", "mqap", "-o", "m.mcap"), "there is no exporter 'mqap'"),
@@ -109,11 +109,11 @@ def test_help_has_an_example(runner: CliRunner) -> None:
     ],
 )
 def test_bad_input(
-    runner: CliRunner, plan_folder: Path, arguments: tuple[str, ...], told: str
+    runner: CliRunner, plan_folder: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     result = runner.invoke(app, ["export", "map.zarr", *arguments])
     assert result.exit_code == 2, result.output
-    assert told in result.stderr
+    assert message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert files(plan_folder) == {"map.zarr", "notes.txt"}
 
@@ -127,13 +127,13 @@ def test_not_a_map(runner: CliRunner, plan_folder: Path) -> None:
 @pytest.mark.parametrize("there", ["mask.yaml", "mask.pgm", "mask_params.yaml"])
 def test_what_is_there_is_kept(runner: CliRunner, plan_folder: Path, there: str) -> None:
     (plan_folder / there).write_text("mine")
-    told = ["export", "map.zarr", "--to", "nav2-keepout", "-o", "mask.yaml"]
-    result = runner.invoke(app, told)
+    command = ["export", "map.zarr", "--to", "nav2-keepout", "-o", "mask.yaml"]
+    result = runner.invoke(app, command)
     assert result.exit_code == 2
     assert f"{there}: this is there already" in result.stderr
     assert (plan_folder / there).read_text() == "mine"
     assert files(plan_folder) == {"map.zarr", "notes.txt", there}
-    result = runner.invoke(app, [*told, "--overwrite"])
+    result = runner.invoke(app, [*command, "--overwrite"])
     assert result.exit_code == 0, result.output
     assert (plan_folder / there).read_bytes() != b"mine"
 

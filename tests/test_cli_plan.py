@@ -73,16 +73,16 @@ def test_json_prints_nothing_else(runner: CliRunner, plan_folder: Path) -> None:
         app, [*PLAN, "-o", "r.csv", "--picture", "r.svg", "--shortest", "--json", "-w", "2"]
     )
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert (told["output"], told["picture"]) == ("r.csv", "r.svg")
-    assert set(told["routes"]) == {"weight 2", "shortest"}
-    figures = told["routes"]["weight 2"]
+    report = json.loads(result.stdout)
+    assert (report["output"], report["picture"]) == ("r.csv", "r.svg")
+    assert set(report["routes"]) == {"weight 2", "shortest"}
+    figures = report["routes"]["weight 2"]
     route = load_route(plan_folder / "r.csv")
     assert figures["length_m"] == pytest.approx(route.length)
     assert figures["cost"] == pytest.approx(route.cost)
     zones = ("localizable_m", "transition_m", "corridor_m", "open_m")
     assert sum(figures[zone] for zone in zones) == pytest.approx(route.length)
-    assert told["routes"]["shortest"]["length_m"] <= route.length + 0.1
+    assert report["routes"]["shortest"]["length_m"] <= route.length + 0.1
 
 
 def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
@@ -99,8 +99,8 @@ def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     assert load_route(plan_folder / "front" / "route-5.csv").weight == 5.0
     assert is_picture(plan_folder / "front" / "pareto.png")
     made = files(plan_folder / "front")
-    told = runner.invoke(app, [*PLAN, *arguments, "--json"])  # replaces the first
-    assert json.loads(told.stdout)["points"] == rows
+    again = runner.invoke(app, [*PLAN, *arguments, "--json"])  # replaces the first
+    assert json.loads(again.stdout)["points"] == rows
     assert files(plan_folder / "front") == made
     assert files(plan_folder) == {"map.zarr", "notes.txt", "front"}
 

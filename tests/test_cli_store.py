@@ -52,15 +52,15 @@ def run(*words: str, status: int = 0) -> Result:
     return result
 
 
-def told(*words: str, status: int = 0):
+def store_json(*words: str, status: int = 0):
     return json.loads(run("store", *words, "--json", status=status).stdout)
 
 
 def test_map_and_audit_share_what_they_compute(folder, computes) -> None:
     assert "store" not in run(*MAP).stderr
     first = AmbiguityMap.open("out.zarr").dataset
-    said = run(*AUDIT, "--save-map", "other.zarr").stderr
-    assert said.count("note: the map of plan for rplidar-a1 is opened from the store (") == 1
+    stderr = run(*AUDIT, "--save-map", "other.zarr").stderr
+    assert stderr.count("note: the map of plan for rplidar-a1 is opened from the store (") == 1
     assert AmbiguityMap.open("other.zarr").dataset.identical(first)
     result = run(*MAP, "--json")
     assert "opened from the store" in result.stderr and json.loads(result.stdout)["cells"] > 0
@@ -93,11 +93,11 @@ def test_compare_opens_too(folder, computes) -> None:
 
 
 def test_list_and_show(folder) -> None:
-    assert told("list")["maps"] == []
+    assert store_json("list")["maps"] == []
     assert "0 in " in run("store", "list").stdout
     run(*MAP)
     run(*MAP, "--layers", "fisher")
-    found = told("list")
+    found = store_json("list")
     assert found["folder"] == str(folder / "cache" / "maps")
     newest, oldest = found["maps"]
     assert newest["layers"] == ["fisher"] and oldest["layers"] == []
@@ -108,25 +108,25 @@ def test_list_and_show(folder) -> None:
     assert Path(newest["path"]).stat().st_size == newest["bytes"]
     text = run("store", "list").stdout
     assert newest["key"][:8] in text and "rplidar-a1" in text and "2 in " in text
-    assert told("show", newest["key"][:12]) == newest
+    assert store_json("show", newest["key"][:12]) == newest
     shown = run("store", "show", newest["key"]).stdout
     assert "environment: plan" in shown and "layers: fisher" in shown and newest["path"] in shown
     for begun, words in (("zz", "no map begins so"), ("", "no map begins so")):
-        said = run("store", "show", begun, status=2).stderr
-        assert words in said and said.count("\n") == 1
+        stderr = run("store", "show", begun, status=2).stderr
+        assert words in stderr and stderr.count("\n") == 1
 
 
 def test_verify_sets_aside(folder) -> None:
     run(*MAP)
-    (one,) = told("list")["maps"]
-    assert told("verify") == {"whole": [one["key"]], "damaged": {}}
+    (one,) = store_json("list")["maps"]
+    assert store_json("verify") == {"whole": [one["key"]], "damaged": {}}
     path = Path(one["path"])
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
     path.write_bytes(content)
-    found = told("verify", one["key"][:8], status=3)
+    found = store_json("verify", one["key"][:8], status=3)
     assert found == {"whole": [], "damaged": {one["key"]: "its checksum does not match"}}
-    (aside,) = told("list")["maps"]
+    (aside,) = store_json("list")["maps"]
     assert aside["state"] == "damaged" and not path.exists() and "plan" in aside["environment"]
     assert "0 whole, 0 damaged" in run("store", "verify").stdout
     path.write_bytes(content)
@@ -137,15 +137,15 @@ def test_verify_sets_aside(folder) -> None:
 
 def test_what_is_newer_or_unreadable_is_listed(folder) -> None:
     run(*MAP)
-    path = Path(told("list")["maps"][0]["path"])
+    path = Path(store_json("list")["maps"][0]["path"])
     content = path.read_bytes()
     path.write_bytes(content.replace(b"ambinav-map 1 ", b"ambinav-map 7 ", 1))
     (path.parent / f"{'a' * 32}.map").write_bytes(b"")
-    states = {one["key"]: one["state"] for one in told("list")["maps"]}
+    states = {one["key"]: one["state"] for one in store_json("list")["maps"]}
     assert states == {path.stem: "newer format", "a" * 32: "damaged"}
     run("store", "list")
-    assert told("verify", status=3)["whole"] == []
-    assert told("prune", "--all")["left"] == 1 and path.exists()
+    assert store_json("verify", status=3)["whole"] == []
+    assert store_json("prune", "--all")["left"] == 1 and path.exists()
 
 
 def test_prune(folder) -> None:
@@ -154,23 +154,23 @@ def test_prune(folder) -> None:
     old = folder / "cache" / "maps" / ("0" * 16)
     old.mkdir()
     (old / "map.npz").touch()
-    newest, oldest = told("list")["maps"]
-    gone = told("prune")
+    newest, oldest = store_json("list")["maps"]
+    gone = store_json("prune")
     assert (gone["removed"], gone["left"]) == (0, 2) and not old.exists()
-    gone = told("prune", "--limit", str(newest["bytes"]))
+    gone = store_json("prune", "--limit", str(newest["bytes"]))
     assert gone["removed"] == 1 and gone["removed_bytes"] == oldest["bytes"]
-    assert [one["key"] for one in told("list")["maps"]] == [newest["key"]]
+    assert [one["key"] for one in store_json("list")["maps"]] == [newest["key"]]
     path = Path(newest["path"])
     other = path.with_name("b" * 32 + ".map")
     digest = MapStore.of_user().path(newest["key"]).read_bytes()
     at = digest.index(b'"code": "') + 9
     other.write_bytes(digest[:at] + b"f" * 64 + digest[at + 64 :])
-    assert {one["state"] for one in told("list")["maps"]} == {"current", "other code"}
-    assert told("prune", "--other-code")["removed"] == 1 and not other.exists()
+    assert {one["state"] for one in store_json("list")["maps"]} == {"current", "other code"}
+    assert store_json("prune", "--other-code")["removed"] == 1 and not other.exists()
     assert "1 removed" in run("store", "prune", "--all").stdout
-    assert told("list")["maps"] == []
-    said = run("store", "prune", "--limit", "lots", status=2).stderr
-    assert "--limit: 'lots' is no size; give e.g. 500 MB or 2 GB." in said
+    assert store_json("list")["maps"] == []
+    stderr = run("store", "prune", "--limit", "lots", status=2).stderr
+    assert "--limit: 'lots' is no size; give e.g. 500 MB or 2 GB." in stderr
 
 
 @pytest.mark.parametrize("command", ["list", "show", "verify", "prune"])

@@ -56,7 +56,7 @@ def test_json_is_one_line_and_nothing_else(runner: CliRunner, folder: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (["none.yaml", "-o", "out"], "none.yaml: the file cannot be read"),
         (["bad.yaml", "-o", "out"], "bad.yaml: the key 'stepz' is unknown; did you mean steps"),
@@ -70,12 +70,12 @@ def test_json_is_one_line_and_nothing_else(runner: CliRunner, folder: Path) -> N
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(
-    runner: CliRunner, folder: Path, given: list[str], said: str
+    runner: CliRunner, folder: Path, given: list[str], message: str
 ) -> None:
     (folder / "bad.yaml").write_text("stepz: 3\nenvironment: {id: ambinav/Hall-v0}\n")
     result = runner.invoke(app, ["train", *given])
     assert result.exit_code == 2, result.output
-    assert said in result.stderr and result.stderr.count("\n") == 1
+    assert message in result.stderr and result.stderr.count("\n") == 1
     assert not (folder / "out").exists()
 
 
@@ -111,11 +111,11 @@ def test_an_interrupted_training_can_be_resumed(
                 assert running.poll() is None and time.monotonic() < deadline
                 time.sleep(0.05)
             running.send_signal(number)
-            _, said = running.communicate(timeout=120)
+            _, stderr = running.communicate(timeout=120)
         finally:
             running.kill()
     assert running.returncode == status
-    assert "--resume goes on" in said and "Traceback" not in said
+    assert "--resume goes on" in stderr and "Traceback" not in stderr
     (kept,) = (folder / "out" / "checkpoints").iterdir()
     steps = int(kept.name) + 256
     done = CliRunner().invoke(

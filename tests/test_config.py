@@ -67,7 +67,7 @@ def test_values_come_back_in_their_types() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("value", "message"),
     [
         ([], "f is []; give a mapping with the keys wheels, motor, seats."),
         ({}, "f: the key 'wheels' is missing; add it."),
@@ -97,14 +97,14 @@ def test_values_come_back_in_their_types() -> None:
         ),
     ],
 )  # fmt: skip
-def test_one_sentence_with_file_place_value_and_remedy(told: object, said: str) -> None:
+def test_one_sentence_with_file_place_value_and_remedy(value: object, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        checked(Cart, told, "f")
-    assert str(caught.value) == said
+        checked(Cart, value, "f")
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("values", "message"),
     [
         ({"kind": "brush"}, "motor: kind is 'brush'; did you mean brushed, brushless."),
         ({"limits": 3}, "motor: limits is 3; give the lower and the upper one."),
@@ -113,7 +113,7 @@ def test_one_sentence_with_file_place_value_and_remedy(told: object, said: str) 
         ({"poles": "x" * 80}, f"motor: poles is '{'x' * 56}...; give a whole number from 2 to 8."),
     ],
 )
-def test_a_dataclass_checks_its_fields_by_their_annotations(told: Any, said: str) -> None:
+def test_a_dataclass_checks_its_fields_by_their_annotations(values: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
-        from_mapping(Motor, {"power": 1, **told})
-    assert str(caught.value) == said
+        from_mapping(Motor, {"power": 1, **values})
+    assert str(caught.value) == message

@@ -57,7 +57,9 @@ def named(shapes, name: str) -> shapely.Geometry:
     return shape
 
 
-def way(region: shapely.Geometry, start: tuple[float, float], goal: tuple[float, float]) -> float:
+def path_length(
+    region: shapely.Geometry, start: tuple[float, float], goal: tuple[float, float]
+) -> float:
     """Length of the shortest 8-connected way on a 10 cm lattice, metres."""
     step = 0.1
     x, y = np.meshgrid(np.arange(0, 45, step), np.arange(0, 29, step))
@@ -124,10 +126,10 @@ def test_the_racks_are_equal_and_equally_spaced(shapes):
 
 def test_the_furnished_way_is_little_longer_than_the_bare_one(shapes, drivable):
     start, goal = (3.0, 13.0), (33.0, 13.0)
-    bare = way(drivable, start, goal)
+    bare = path_length(drivable, start, goal)
     offices = drivable - named(shapes, "long corridor") - named(shapes, "great hall")
     assert bare == pytest.approx(30.0, abs=1.0)
-    assert bare < way(offices, start, goal) < 1.25 * bare
+    assert bare < path_length(offices, start, goal) < 1.25 * bare
 
 
 def test_the_loader_finds_the_same_free_space(free):

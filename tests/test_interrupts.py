@@ -256,8 +256,8 @@ def test_ctrl_c_ends_a_command_with_130(command: str, moment: float, tmp_path: P
         time.sleep(moment)
         assert process.poll() is None, process.communicate()[1]
         os.killpg(process.pid, signal.SIGINT)
-        _, said = process.communicate(timeout=120)
+        _, stderr = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert process.returncode == INTERRUPTED, said
-    assert "our fault" not in said and said.strip().endswith(".") and "interrupted" in said
+    assert process.returncode == INTERRUPTED, stderr
+    assert "our fault" not in stderr and stderr.strip().endswith(".") and "interrupted" in stderr

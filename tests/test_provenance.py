@@ -138,10 +138,12 @@ def test_a_comparison_is_made_again_by_other_code(copy: Path, tmp_path: Path) ->
     content = path.read_bytes()
     path.write_bytes(content + b"# edited\n")
     try:
-        said = run(copy, *words, cwd=tmp_path).stderr
+        stderr = run(copy, *words, cwd=tmp_path).stderr
     finally:
         path.write_bytes(content)
-    assert "note: " in said and "computed by other code (ambinav" in said and "discarded" in said
+    assert (
+        "note: " in stderr and "computed by other code (ambinav" in stderr and "discarded" in stderr
+    )
     assert len(kept()) == 3 and not set(kept()) & set(first)
     assert (tmp_path / "out" / "table.csv").read_bytes() == table
     # Another building under the same name, of the same size and time.
@@ -220,8 +222,12 @@ def test_other_libraries_count_where_they_are_used(monkeypatch: pytest.MonkeyPat
     )
     assert Provenance.here().digest == without.digest
     assert Provenance.here("torch").digest != with_torch.digest
-    said = Provenance.here("torch").difference(with_torch)
-    assert said is not None and "other libraries: torch" in said and "(here 0.1)" in said
+    difference = Provenance.here("torch").difference(with_torch)
+    assert (
+        difference is not None
+        and "other libraries: torch" in difference
+        and "(here 0.1)" in difference
+    )
 
 
 def test_a_folder_of_other_code_is_emptied_and_says_so(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ def test_reads_nothing():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("data", "status", "said"),
+    ("data", "status", "messages"),
     [
         (None, 0, ["1 passed, 1 skipped", "AMBINAV_DATA is not set: 1 skipped", "1 test_reads.py"]),
         (".", 1, ["1 failed, 1 passed"]),
@@ -29,7 +29,7 @@ def test_reads_nothing():
     ],
 )
 def test_a_missing_file_fails_and_a_missing_folder_is_reported(
-    tmp_path: Path, data: str | None, status: int, said: list[str]
+    tmp_path: Path, data: str | None, status: int, messages: list[str]
 ) -> None:
     shutil.copy(Path(__file__).with_name("conftest.py"), tmp_path)
     (tmp_path / "test_reads.py").write_text(READS)
@@ -42,5 +42,5 @@ def test_a_missing_file_fails_and_a_missing_folder_is_reported(
         text=True,
     )
     assert done.returncode == status, done.stdout
-    for words in said:
+    for words in messages:
         assert words in done.stdout

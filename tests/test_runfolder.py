@@ -18,8 +18,8 @@ def test_what_is_not_of_an_earlier_run_is_named(tmp_path: Path) -> None:
     assert KEPT.check(tmp_path / "new") == tmp_path / "new" and not (tmp_path / "new").exists()
     assert REPLACED.check(tmp_path) == tmp_path
     (tmp_path / "thesis.tex").write_text("years of work")
-    said = r"thesis\.tex, which is not of an earlier audit; choose a new folder\.$"
-    with pytest.raises(InputError, match=said):
+    message = r"thesis\.tex, which is not of an earlier audit; choose a new folder\.$"
+    with pytest.raises(InputError, match=message):
         REPLACED.check(tmp_path)
     with pytest.raises(InputError, match=r"thesis\.tex: this is a file, not a folder"):
         KEPT.check(tmp_path / "thesis.tex")

@@ -85,11 +85,11 @@ def opened_or_computed(
         store = MapStore.of_user()
 
     def build(alive: Callable[[], None]) -> AmbiguityMap:
-        def told(share: float) -> None:
+        def report_progress(share: float) -> None:
             alive()
             report(share)
 
-        return compute(told)
+        return compute(report_progress)
 
     amap, opened = store.opened_or_built(key, build)
     if opened:

@@ -45,7 +45,7 @@ def save_pictures(
     floors = floor_pictures(audit)
     total = len(floors) + len(places)
 
-    def tell(done: int) -> None:
+    def report_progress(done: int) -> None:
         if progress is not None:
             progress(done / total)
 
@@ -55,11 +55,11 @@ def save_pictures(
             # The worst place lies on top.
             label_points(axes, reversed(numbers))
         save_figure(axes, folder / f"{name}.{image_format}")
-        tell(done)
+        report_progress(done)
     for finding in audit.findings:
         name = place_picture(finding.place.number)
         save_figure(plot_finding(audit, finding), folder / f"{name}.{image_format}")
-        tell(len(floors) + finding.place.number)
+        report_progress(len(floors) + finding.place.number)
 
 
 def plot_floor(audit: Audit, name: str) -> Axes:

@@ -110,7 +110,7 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
     from ambinav.reports.table import value_text
 
     console = Console(highlight=False)
-    for pair, said in verdicts.items():
+    for pair, verdict in verdicts.items():
         own = [row for row in rows if row.pair == pair]
         table = Table(box=None, pad_edge=False, title=Text(pair), title_justify="left")
         table.add_column("route")
@@ -122,6 +122,6 @@ def _show(rows: tuple[Row, ...], verdicts: dict[str, PairPart], report: Path) ->
                 for key, text in ((key, value_text(row[key])) for key in SHOWN)
             )
             table.add_row(Text(row.route), *(Text(cell) for cell in cells))
-        lines = (said.headline, said.text, *(one.text for one in said.routes))
+        lines = (verdict.headline, verdict.text, *(one.text for one in verdict.routes))
         console.print(table, "", *(Text(f"- {line}") for line in lines), "", sep="\n")
     console.print(Text(f"report: {report}"), soft_wrap=True)

@@ -91,8 +91,8 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
         typer.Exit: a command failed; with its exit status.
     """
     compare = ["compare", str(SCENARIO), "-o", str(output / COMPARED)]
-    with tempfile.TemporaryFile("w+") as said:
-        beside = _start(compare, said, said) if with_ompl else None
+    with tempfile.TemporaryFile("w+") as log:
+        beside = _start(compare, log, log) if with_ompl else None
         try:
             for arguments in steps(output, with_ompl):
                 _show(arguments, quiet)
@@ -101,9 +101,9 @@ def _run_all(output: Path, with_ompl: bool, quiet: bool) -> None:
                 return
             _show(compare, quiet)
             status = beside.wait()
-            said.seek(0)
+            log.seek(0)
             if status or not quiet:
-                typer.echo(said.read(), err=bool(status), nl=False)
+                typer.echo(log.read(), err=bool(status), nl=False)
             if status:
                 raise typer.Exit(status)
         finally:

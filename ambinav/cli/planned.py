@@ -102,7 +102,7 @@ def show_routes(
                 "with this seed the route may differ next time."
             )
             break
-    _tell_layer(routes)
+    _print_layer(routes)
     typer.echo(f"route: {output}")
     if picture is not None:
         typer.echo(f"picture: {picture}")
@@ -157,7 +157,7 @@ def plan_front(
         typer.echo(json.dumps({"output": str(output), "points": front.rows()}, indent=2))
         return
     _print_table(routes)
-    _tell_layer(routes)
+    _print_layer(routes)
     typer.echo(f"front: {output}")
 
 
@@ -195,7 +195,7 @@ def _figures(route: Route) -> dict[str, Any]:
     return figures(route).model_dump(mode="json")
 
 
-def _tell_layer(routes: Mapping[str, Route]) -> None:
+def _print_layer(routes: Mapping[str, Route]) -> None:
     """Print which layer costs and exposures are of."""
     typer.echo(f"\nlayer: {next(iter(routes.values())).layer}")
 

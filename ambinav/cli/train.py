@@ -17,7 +17,7 @@ from ambinav.cli.running import INTERRUPTED, above_zero, check_writable, reporti
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
-    from ambinav_envs.training.run import Tell, TrainingStatus
+    from ambinav_envs.training.run import StatusCallback, TrainingStatus
 
 
 def train(
@@ -79,9 +79,9 @@ def train(
         check_writable(output)
         check_folder(config, output, resume)
         try:
-            with _shown(as_json) as tell:
+            with _shown(as_json) as callback:
                 command = ("ambinav", *sys.argv[1:])
-                summary = run(config, output, resume=resume, command=command, tell=tell)
+                summary = run(config, output, resume=resume, command=command, callback=callback)
         except (KeyboardInterrupt, SystemExit) as stop:
             kept = output / CHECKPOINTS
             _say(
@@ -101,7 +101,7 @@ def train(
 
 
 @contextlib.contextmanager
-def _shown(quiet: bool) -> Iterator[Tell]:
+def _shown(quiet: bool) -> Iterator[StatusCallback]:
     """Yield what shows how far the training is: a bar on a terminal, and each evaluation."""
     if quiet:
         yield lambda status: None
@@ -154,8 +154,8 @@ def _line(status: TrainingStatus, say: Callable[[str], None]) -> None:
     figures = status.evaluation
     if figures is not None:
         shares = ("arrived", "collided", "timeout", "missed", "lost")
-        said = ", ".join(f"{name} {100.0 * figures[name]:.1f} %" for name in shares)
-        say(f"{status.steps:,} steps: {said}, reward {figures['reward']:.2f}")
+        outcomes = ", ".join(f"{name} {100.0 * figures[name]:.1f} %" for name in shares)
+        say(f"{status.steps:,} steps: {outcomes}, reward {figures['reward']:.2f}")
 
 
 def _result(output: Path, summary: dict[str, Any]) -> None:

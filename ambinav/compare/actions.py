@@ -88,8 +88,8 @@ def _figures(report: Document, pair: str, best: VerdictPart) -> str:
         if best.outcome == "met"
         else (f"The criterion is missed by {' and '.join(missed)}." if missed else "")
     )
-    told = "; ".join(parts)
-    return f"{told[0].upper()}{told[1:]}. {criterion}".strip()
+    sentence = "; ".join(parts)
+    return f"{sentence[0].upper()}{sentence[1:]}. {criterion}".strip()
 
 
 def _rank(verdict: VerdictPart) -> int:

@@ -53,16 +53,16 @@ def export_all(
     Returns:
         The names of the folders that hold drives.
     """
-    asked = setup.scenario.exports
-    blocks = {number // BLOCK for number in asked.numbers}
+    exports = setup.scenario.exports
+    blocks = {number // BLOCK for number in exports.numbers}
     pieces, written = [], []
     for plan, name in zip(plans, names, strict=True):
-        if not blocks or (asked.routes is not None and plan.name not in asked.routes):
+        if not blocks or (exports.routes is not None and plan.name not in exports.routes):
             continue
         items = tuple(item for item in items_of(setup, plan) if item.block in blocks)
         piece = Piece(plan, items, folder / name)
         written.append(name)
-        if not _is_there(piece, asked):
+        if not _is_there(piece, exports):
             pieces.append(piece)
     for _ in in_workers(setup, _export, pieces, jobs):
         pass
@@ -73,9 +73,9 @@ def _export(setup: Setup, piece: Piece) -> None:
     """Drive the runs of a route again, and write them whole or not at all."""
     from ambinav.logs.export_drive import drive_log, export_drive
 
-    asked = setup.scenario.exports
-    numbers = asked.numbers
-    about = _about(piece, asked) | {"scanner": setup.scanner.to_yaml()}
+    exports = setup.scenario.exports
+    numbers = exports.numbers
+    about = _about(piece, exports) | {"scanner": setup.scanner.to_yaml()}
     with replacing(piece.folder) as fresh:
         fresh.mkdir()
         for item in piece.items:
@@ -90,27 +90,27 @@ def _export(setup: Setup, piece: Piece) -> None:
                 if number // BLOCK == item.block:
                     run = number - BLOCK * item.block
                     files = fresh / _run_name(number)
-                    export_drive(drives, run, files, scanner, asked.formats)
+                    export_drive(drives, run, files, scanner, exports.formats)
         (fresh / ABOUT).write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
 
 
-def _about(piece: Piece, asked: ExportsPart) -> dict[str, Any]:
+def _about(piece: Piece, exports: ExportsPart) -> dict[str, Any]:
     about: dict[str, Any] = {
         "pair": piece.plan.pair,
         "route": piece.plan.name,
-        "runs": [number + 1 for number in asked.numbers],
+        "runs": [number + 1 for number in exports.numbers],
         "keys": [item.key for item in piece.items],
     }
-    return about if asked.formats is None else about | {"formats": list(asked.formats)}
+    return about if exports.formats is None else about | {"formats": list(exports.formats)}
 
 
-def _is_there(piece: Piece, asked: ExportsPart) -> bool:
+def _is_there(piece: Piece, exports: ExportsPart) -> bool:
     try:
         stored = json.loads((piece.folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    wanted = _about(piece, asked)
-    runs = all((piece.folder / _run_name(number)).is_dir() for number in asked.numbers)
+    wanted = _about(piece, exports)
+    runs = all((piece.folder / _run_name(number)).is_dir() for number in exports.numbers)
     return isinstance(stored, dict) and runs and {key: stored.get(key) for key in wanted} == wanted
 
 

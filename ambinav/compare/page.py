@@ -49,13 +49,13 @@ def compare_page(
 
 def _routes(setup: Setup, plans: Sequence[Plan]) -> list[dict[str, Any]]:
     """All routes, pair by pair, in the styles of the pictures."""
-    told = []
+    routes = []
     for pair in dict.fromkeys(plan.pair for plan in plans):
         own = [plan for plan in plans if plan.pair == pair]
         kinds = {p.name: p.kind for p in setup.scenario.routes if p.pair in (None, pair)}
         styles = route_styles({plan.name: plan.route for plan in own}, kinds)
         for plan in own:
-            told.append(
+            routes.append(
                 {
                     "pair": pair,
                     "name": plan.name,
@@ -66,4 +66,4 @@ def _routes(setup: Setup, plans: Sequence[Plan]) -> list[dict[str, Any]]:
                     "route": plan.route.poses[:, :2].round(3).tolist(),
                 }
             )
-    return told
+    return routes

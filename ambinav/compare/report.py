@@ -176,13 +176,13 @@ def _names(report: Document) -> list[str]:
 
 def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore) -> AmbiguityMap:
     """The map of the scenario, built or read."""
-    asked = loaded.scenario.map.model_dump(exclude={"layer"})
+    options = loaded.scenario.map.model_dump(exclude={"layer"})
     layer = loaded.scenario.map.layer
-    asked["layers"] = () if layer is None else on_request(layer)
+    options["layers"] = () if layer is None else on_request(layer)
     environment = loaded.environment
     key = digest_of(
         Provenance.here().digest,
-        asked,
+        options,
         loaded.scanner.to_yaml(),
         environment_digest(environment),
         environment.name,
@@ -191,7 +191,7 @@ def _map(loaded: ScenarioBundle, work: Path, begin: Bars, store: bool | MapStore
     if path.is_dir():
         return AmbiguityMap.open(path)
     progress = begin("ambiguity")
-    amap = build_map(environment, loaded.scanner, progress=progress, store=store, **asked)
+    amap = build_map(environment, loaded.scanner, progress=progress, store=store, **options)
     amap.save(path)
     # Read back, so that it makes no difference whether the map was there.
     return AmbiguityMap.open(path)

@@ -118,14 +118,14 @@ def _scanner(scenario: Scenario, path: Path) -> RangeScanner:
     from ambinav.sensing.presets import preset_names
     from ambinav.sensing.scanner import RangeScanner
 
-    said = scenario.scanner
-    if not isinstance(said, str):
-        text = yaml.safe_dump(said, sort_keys=False)
+    chosen = scenario.scanner
+    if not isinstance(chosen, str):
+        text = yaml.safe_dump(chosen, sort_keys=False)
         return RangeScanner.from_yaml_text(text, file=f"{path}: scanner")
-    if said in preset_names():
-        return RangeScanner.from_preset(said)
-    beside = path.parent / said
+    if chosen in preset_names():
+        return RangeScanner.from_preset(chosen)
+    beside = path.parent / chosen
     try:
-        return RangeScanner.load(beside if beside.exists() else said)
+        return RangeScanner.load(beside if beside.exists() else chosen)
     except InputError as error:
         raise InputError(f"{path}: scanner: {error}") from error

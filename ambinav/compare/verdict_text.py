@@ -117,17 +117,17 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
         named.setdefault("same" if _same(one) else one.effect, []).append(route)
     met = [route for route, one in verdicts.items() if one.outcome == "met"]
     short = [route for route in named.get("better", []) if route not in met]
-    said = []
+    clauses = []
     if next(iter(verdicts.values())).easy:
         error = next(iter(verdicts.values())).error.theirs.value
-        said.append(
+        clauses.append(
             f"nothing to gain, since on {baseline} no robot was lost and the {ERROR} is "
             f"{error:.2f} m"
         )
     if met:
-        said.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the criterion")
+        clauses.append(f"{_list(met)} {_verb(met, 'meets', 'meet')} the criterion")
     if short:
-        said.append(
+        clauses.append(
             f"{_list(short)} {_verb(short, 'is', 'are')} better than {baseline}"
             + (
                 ""
@@ -142,9 +142,9 @@ def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:
         ("same", "is", "are", f"the same path as {baseline}"),
     ):
         if named.get(kind):
-            said.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
-    text = "; ".join(said)
-    return f"{text[0].upper() if said[0].startswith('nothing') else text[0]}{text[1:]}."
+            clauses.append(f"{_list(named[kind])} {_verb(named[kind], single, several)} {rest}")
+    text = "; ".join(clauses)
+    return f"{text[0].upper() if clauses[0].startswith('nothing') else text[0]}{text[1:]}."
 
 
 def length_text(ratio: float) -> str:

@@ -28,20 +28,20 @@ def make_worlds(loaded: ScenarioBundle, plans: Sequence[Plan]) -> dict[str, Envi
     Raises:
         InputError: there is no room for so many boxes.
     """
-    asked = loaded.scenario.obstacles
+    obstacles = loaded.scenario.obstacles
     worlds = {}
     for pair in dict.fromkeys(plan.pair for plan in plans):
         worlds[pair] = loaded.environment
-        if asked.count:
-            rng = np.random.default_rng([asked.seed, zlib.crc32(pair.encode())])
+        if obstacles.count:
+            rng = np.random.default_rng([obstacles.seed, zlib.crc32(pair.encode())])
             try:
                 boxes = scattered_boxes(
                     loaded.environment,
-                    asked.count,
+                    obstacles.count,
                     rng,
-                    sizes=asked.sizes,
+                    sizes=obstacles.sizes,
                     route=_all_poses([plan for plan in plans if plan.pair == pair]),
-                    margin=loaded.scenario.robot.radius + asked.margin,
+                    margin=loaded.scenario.robot.radius + obstacles.margin,
                 )
             except InputError as error:
                 raise InputError(f"obstacles, pair {pair!r}: {error}") from error

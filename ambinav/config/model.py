@@ -136,10 +136,10 @@ def _complaint(error: ValidationError, where: str, name: tuple[str, ...] = ()) -
         return f"{at} {cause}."
     if isinstance(cause, ValueError):
         # The parts name themselves.
-        said = str(cause)
+        message = str(cause)
         for own in (place, place.rpartition(".")[2]):
-            said = said.removeprefix(f"{own}: ") if own else said
-        return f"{at}: {said.rstrip('.')}."
+            message = message.removeprefix(f"{own}: ") if own else message
+        return f"{at}: {message.rstrip('.')}."
     if first["type"] == "missing":
         inside, _, key = place.rpartition(".")
         at = ": ".join(part for part in (where, inside) if part)

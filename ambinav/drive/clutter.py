@@ -93,7 +93,7 @@ def scattered_boxes(
         raise InputError(f"sizes is {sizes}; give the least and the greatest edge, above 0 m.")
     if count < 0:
         raise InputError(f"count is {count}; give a whole number from 0 on.")
-    path = None if route is None else shapely.LineString(checked_poses(route, "route")[:, :2])
+    line = None if route is None else shapely.LineString(checked_poses(route, "route")[:, :2])
     shapely.prepare(environment.free)
     xmin, ymin, xmax, ymax = environment.bounds
     boxes: list[BaseGeometry] = []
@@ -106,7 +106,7 @@ def scattered_boxes(
             shapely.box(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2),
             rng.uniform(0.0, 90.0),
         )
-        if environment.free.contains(box) and (path is None or path.distance(box) >= margin):
+        if environment.free.contains(box) and (line is None or line.distance(box) >= margin):
             boxes.append(box)
     if len(boxes) == count:
         return boxes

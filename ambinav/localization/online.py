@@ -82,9 +82,9 @@ class OnlineLocalizability:
     @property
     def explained(self) -> Floats:
         """Share of the expected echoes that the map explains, shape (N,); nan without any."""
-        said = np.isfinite(self.weights)
-        number = said.sum(axis=1)
-        total = np.where(said, self.weights, 0.0).sum(axis=1)
+        finite = np.isfinite(self.weights)
+        number = finite.sum(axis=1)
+        total = np.where(finite, self.weights, 0.0).sum(axis=1)
         shares = np.full(len(total), np.nan)
         np.divide(total, number, out=shares, where=number > 0)
         return shares

@@ -125,14 +125,14 @@ def _sentence(path: Path, first: Damage, count: int) -> str:
 def _ranges(path: Path, lines: Lines, max_range: float | None) -> tuple[NDArray[np.float32], float]:
     """Readings, shape (S, B), and the maximum range."""
     values = np.array([scan.ranges for scan in lines.scans])
-    said = lines.scans[0].shape.max_range
+    stated_range = lines.scans[0].shape.max_range
     finite = values[np.isfinite(values)]
     if max_range is not None:
         if not (math.isfinite(max_range) and max_range > 0.0):
             raise InputError(f"{path}: max_range is {max_range}; give a positive number of metres.")
         limit = cut = float(max_range)
-    elif said > 0.0:
-        limit = cut = said
+    elif stated_range > 0.0:
+        limit = cut = stated_range
     else:
         limit = float(finite.max()) if len(finite) else 0.0
         if limit <= 0.0:
@@ -167,12 +167,12 @@ def _angles(path: Path, beams: int, start: float, step: float, given: ArrayLike 
 
 def _mount(lines: Lines, seat: Floats | None) -> Mount:
     """The laser's mount: as the lines show it, or else as the parameters say."""
-    said = lines.mount or (0.0, 0.0, 0.0)
+    mount = lines.mount or (0.0, 0.0, 0.0)
     if seat is None:
-        return said
-    near = float(np.abs(between(said, seat)).max()) < SAME_POSE
+        return mount
+    near = float(np.abs(between(mount, seat)).max()) < SAME_POSE
     x, y, yaw = (float(value) for value in seat)
-    return said if near else (x, y, yaw)
+    return mount if near else (x, y, yaw)
 
 
 def _seen_from_laser(laser: Floats, mount: Mount) -> Floats:

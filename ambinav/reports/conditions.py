@@ -129,8 +129,8 @@ class Outcome:
         quantity = self.condition.quantity
         unit = f" {quantity.unit}" if quantity.unit else ""
         verb = "holds" if self.holds else "does not hold"
-        said = f'{quantity.name} is {self.value:.6g}{unit}: "{self.condition}" {verb}.'
-        return f"{said} {self.where}" if self.where and self.holds else said
+        sentence = f'{quantity.name} is {self.value:.6g}{unit}: "{self.condition}" {verb}.'
+        return f"{sentence} {self.where}" if self.where and self.holds else sentence
 
 
 def judge(condition: Condition, report: object) -> Outcome:

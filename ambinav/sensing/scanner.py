@@ -203,8 +203,10 @@ class RangeScanner:
         cls, text: str, *, file: str = "scanner YAML", default_name: str = "scanner"
     ) -> RangeScanner:
         """Read a scanner from YAML text, as `to_yaml` gives it; `file` names it in messages."""
-        said = parse_scanner(text, file, default_name)
-        return cls(said.parts, said.name, said.description, said.source, said.robot_radius)
+        parsed = parse_scanner(text, file, default_name)
+        return cls(
+            parsed.parts, parsed.name, parsed.description, parsed.source, parsed.robot_radius
+        )
 
     @classmethod
     def load(cls, preset_or_path: str | Path) -> RangeScanner:

@@ -100,23 +100,23 @@ MOST_SCANNER: Final = 100_000
 """Characters of a scanner file: reading it takes a second for each megabyte or more."""
 
 
-def _scanner(asked: str, most: int) -> str:
+def _scanner(scanner: str, most: int) -> str:
     """The text of a scanner that is named or given as a text.
 
     Raises:
         InputError: it is none, or has more than `most` beams.
     """
-    if len(asked) > MOST_SCANNER:
+    if len(scanner) > MOST_SCANNER:
         raise InputError(
-            f"scanner: the text has {len(asked)} characters; give at most {MOST_SCANNER}."
+            f"scanner: the text has {len(scanner)} characters; give at most {MOST_SCANNER}."
         )
     chosen = (
-        RangeScanner.from_yaml_text(asked, file="scanner")
-        if "\n" in asked
-        else RangeScanner.from_preset(asked)
+        RangeScanner.from_yaml_text(scanner, file="scanner")
+        if "\n" in scanner
+        else RangeScanner.from_preset(scanner)
     )
-    said = f"{chosen.name}{chosen.description}{chosen.source}"
-    if any("\ud800" <= one <= "\udfff" for one in said):
+    text = f"{chosen.name}{chosen.description}{chosen.source}"
+    if any("\ud800" <= one <= "\udfff" for one in text):
         raise InputError(
             "scanner: its name, description or source has half of a character (a surrogate), which "
             "no file takes; correct it."

@@ -73,12 +73,12 @@ class PlannedRoute(BaseModel):
 
 
 @router.post("/plan", summary="Plan a route", response_model=PlannedRoute, responses=_ANSWERS)
-async def post_plan(request: Request, id: str, asked: PlanRequest) -> Response:
+async def post_plan(request: Request, id: str, content: PlanRequest) -> Response:
     """Plan a route in a process of its own, and wait for it.
 
     Closing the connection ends the planning at once.
     """
-    return await _planned(request, id, asked, asked.weight, None)
+    return await _planned(request, id, content, content.weight, None)
 
 
 @router.post(
@@ -87,25 +87,25 @@ async def post_plan(request: Request, id: str, asked: PlanRequest) -> Response:
     response_model=list[PlannedRoute],
     responses=_ANSWERS,
 )
-async def post_pareto(request: Request, id: str, asked: ParetoRequest) -> Response:
+async def post_pareto(request: Request, id: str, content: ParetoRequest) -> Response:
     """Plan one route for each weight; sorted by weight. Otherwise as `plan`."""
     most = context_of(request).limits.weights
-    if len(asked.weights) > most:
+    if len(content.weights) > most:
         raise Problem(422, f"There are more than {most} weights; give fewer.", field="weights")
-    if not all(0.0 <= weight <= 1e6 for weight in asked.weights):
+    if not all(0.0 <= weight <= 1e6 for weight in content.weights):
         raise Problem(422, "A weight is not from 0 to 1e6; give others.", field="weights")
-    return await _planned(request, id, asked, DEFAULT_WEIGHT, tuple(asked.weights))
+    return await _planned(request, id, content, DEFAULT_WEIGHT, tuple(content.weights))
 
 
 async def _planned(
-    request: Request, id: str, asked: _Ends, weight: float, weights: tuple[float, ...] | None
+    request: Request, id: str, content: _Ends, weight: float, weights: tuple[float, ...] | None
 ) -> Response:
     context = context_of(request)
     served = context.maps.get(id)
-    if asked.time_s > context.limits.plan_seconds:
+    if content.time_s > context.limits.plan_seconds:
         raise Problem(
             422,
-            f"time_s is {asked.time_s:g}; this server takes at most "
+            f"time_s is {content.time_s:g}; this server takes at most "
             f"{context.limits.plan_seconds:g} s.",
             field="time_s",
         )
@@ -114,15 +114,15 @@ async def _planned(
         path = await context.in_thread(context.file_of, served)
         task = PlanTask(
             map_file=str(path),
-            layer=asked.layer or served.amap.cost_layer,
+            layer=content.layer or served.amap.cost_layer,
             weight=weight,
             weights=weights,
-            start=tuple(asked.start),
-            goal=tuple(asked.goal),
-            planner=asked.planner,
-            seconds=asked.time_s,
-            seed=asked.seed,
-            radius=asked.radius,
+            start=tuple(content.start),
+            goal=tuple(content.goal),
+            planner=content.planner,
+            seconds=content.time_s,
+            seed=content.seed,
+            radius=content.radius,
         )
         return await context.plans.run(task)
 

@@ -141,10 +141,10 @@ async def post_cost(
         await _prepared(context, served, layer, weight)
         service = served.service(layer, weight)
         return await _answer(context, len(x), lambda: _octets(service.cost(x, y, theta)))
-    asked = _model(CostPoses, body)
-    x, y, theta = _poses(_columns(asked, POSE_COLUMNS), context)
-    await _prepared(context, served, asked.layer, asked.weight)
-    service = served.service(asked.layer, asked.weight)
+    content = _model(CostPoses, body)
+    x, y, theta = _poses(_columns(content, POSE_COLUMNS), context)
+    await _prepared(context, served, content.layer, content.weight)
+    service = served.service(content.layer, content.weight)
 
     def work() -> Response:
         cost = np.asarray(service.cost(x, y, theta))
@@ -175,8 +175,8 @@ async def post_level(
     if binary:
         table = unpacked(body, columns or "x,y", POSE_COLUMNS, 2)
     else:
-        asked = _model(Poses, body)
-        table, layer = _columns(asked, POSE_COLUMNS), asked.layer
+        content = _model(Poses, body)
+        table, layer = _columns(content, POSE_COLUMNS), content.layer
     x, y, theta = _poses(table, context)
 
     def work() -> Response:
@@ -217,9 +217,9 @@ async def post_reward(
     if binary:
         table = unpacked(body, columns or "x0,y0,x1,y1", STEP_COLUMNS, 4)
     else:
-        asked = _model(Steps, body)
-        table, layer = _columns(asked, STEP_COLUMNS), asked.layer
-        steering, turning_radius = asked.steering, asked.turning_radius
+        content = _model(Steps, body)
+        table, layer = _columns(content, STEP_COLUMNS), content.layer
+        steering, turning_radius = content.steering, content.turning_radius
     moves = None if steering == "se2" else Steering(steering, turning_radius)
     ends = _same_length(table, context)
     metres = _metres(ends, moves, context.limits.metres)
@@ -296,9 +296,9 @@ def _model(model: type[Model], body: bytes) -> Model:
         raise InvalidBodyError(error) from None
 
 
-def _columns(asked: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats]:
+def _columns(content: Poses | Steps, names: tuple[str, ...]) -> dict[str, Floats]:
     """The columns of a body in JSON."""
-    given = {name: getattr(asked, name) for name in names}
+    given = {name: getattr(content, name) for name in names}
     return {
         name: np.asarray(column, dtype=np.float64)
         for name, column in given.items()

@@ -127,5 +127,5 @@ def invalid(errors: Any) -> Response:
     name = ".".join(place)
     if first["type"] in ("json_invalid", "value_error.jsondecode"):
         return problem_response(400, f"The body is no JSON ({first.get('msg', '')}).")
-    said = str(first["msg"]).rstrip(".")
-    return problem_response(422, f"{name or 'the body'}: {said}.", name or None)
+    message = str(first["msg"]).rstrip(".")
+    return problem_response(422, f"{name or 'the body'}: {message}.", name or None)

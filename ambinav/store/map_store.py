@@ -43,7 +43,7 @@ class MapStore:
     Attributes:
         folder: Where; it need not exist. None: nothing is kept, and every map is computed.
         limit: Bytes that entries may take; those go first that were not used for longest.
-        tell: Called with a sentence about what is done; None: it is not called.
+        notify: Called with a sentence about what is done; None: it is not called.
         before_build: Called before a map is computed, since it is not there.
         patience: Seconds to wait for another process that computes the same map and gives no sign
             of life.
@@ -51,14 +51,14 @@ class MapStore:
 
     folder: Path | None
     limit: int = LIMIT
-    tell: Callable[[str], None] | None = None
+    notify: Callable[[str], None] | None = None
     before_build: Callable[[], None] | None = None
     patience: float = PATIENCE
 
     @classmethod
     def of_user(
         cls,
-        tell: Callable[[str], None] | None = None,
+        notify: Callable[[str], None] | None = None,
         before_build: Callable[[], None] | None = None,
     ) -> MapStore:
         """The user's store: in $AMBINAV_CACHE, or else in the user's cache folder.
@@ -68,13 +68,13 @@ class MapStore:
         """
         folder = cache_folder()
         if folder is None:
-            return cls(None, tell=tell, before_build=before_build)
+            return cls(None, notify=notify, before_build=before_build)
         if VARIABLE in os.environ and folder.exists() and not folder.is_dir():
             raise InputError(
                 f"{VARIABLE} is {str(folder)!r}, where no map can be kept, for it is a file; name "
                 "a folder, or leave it empty to keep none."
             )
-        return cls(folder / MAPS, size_limit(), tell, before_build)
+        return cls(folder / MAPS, size_limit(), notify, before_build)
 
     def path(self, key: str) -> Path:
         """The file of a map; there need not be one.
@@ -172,8 +172,8 @@ class MapStore:
             return None
         with contextlib.suppress(OSError):  # of another user, or on a disk that is read only
             os.utime(path)
-        if self.tell is not None:
-            self.tell(
+        if self.notify is not None:
+            self.notify(
                 f"the map of {amap.dataset.attrs['environment']} for "
                 f"{amap.dataset.attrs['scanner']} is opened from the store ({path})."
             )
@@ -218,8 +218,8 @@ class MapStore:
         )
 
     def _waiting(self) -> None:
-        if self.tell is not None:
-            self.tell("another process computes this map; waiting for it.")
+        if self.notify is not None:
+            self.notify("another process computes this map; waiting for it.")
 
     # -- room --------------------------------------------------------------------------------
 

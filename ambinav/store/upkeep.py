@@ -70,8 +70,8 @@ def find(store: MapStore, begun: str) -> Kept:
     found = [one for one in kept(store) if begun and one.key.startswith(begun)]
     keys = {one.key for one in found}
     if len(keys) != 1:
-        said = f"{len(keys)} maps begin so; give more of the key" if keys else "no map begins so"
-        raise InputError(f"{begun!r}: {said}; `ambinav store list` shows the keys.")
+        reason = f"{len(keys)} maps begin so; give more of the key" if keys else "no map begins so"
+        raise InputError(f"{begun!r}: {reason}; `ambinav store list` shows the keys.")
     return max(found, key=lambda one: one.path.suffix == ENTRY)
 
 

@@ -96,8 +96,8 @@ def compared(
     common = in_view(log.angles, directions, pairs.turn)
     other[:, 4, : len(directions)][~common] = BLIND
     measured, predicted = agreement(mine, theirs), agreement(own, other)
-    for scans, said in ((mine, own), (theirs, other)):
-        scans[:, 4][said[:, 4] == BLIND] = BLIND
+    for scans, others in ((mine, own), (theirs, other)):
+        scans[:, 4][others[:, 4] == BLIND] = BLIND
     seen_by_both = (mine[row, 4] != BLIND) & (theirs[:, 4] != BLIND)
     return Compared(
         pairs,
@@ -116,8 +116,8 @@ def in_view(angles: Floats, directions: Floats, turn: Floats) -> NDArray[np.bool
         Shape (N, P).
     """
     edge = 0.5 * (angles[1] - angles[0]) + 1e-9
-    way = np.mod(directions - turn[:, None] - angles[0] + edge, 2.0 * math.pi)
-    return np.asarray(way <= angles[-1] - angles[0] + 2.0 * edge)
+    bearing = np.mod(directions - turn[:, None] - angles[0] + edge, 2.0 * math.pi)
+    return np.asarray(bearing <= angles[-1] - angles[0] + 2.0 * edge)
 
 
 def _predicted(

@@ -121,8 +121,8 @@ def displaced_returns(
         else:
             slope = -slant / facing
         if best < limit + BEYOND:
-            way = heading + directions[i]
-            co, si = math.cos(way), math.sin(way)
+            bearing = heading + directions[i]
+            co, si = math.cos(bearing), math.sin(bearing)
             data[0, i] = best
             data[1, i], data[2, i], data[3, i] = -co - slope * si, -si + slope * co, slope * best
         place = min(best / limit, 1.0) * (TABLE - 1)

@@ -82,10 +82,10 @@ def check_scans(log: Log, environment: Environment) -> None:
     x, y, theta = log.required_poses().T
     index = np.flatnonzero(np.asarray(environment.is_free(x, y)))
     index = index[:: math.ceil(len(index) / MOST_SCANS)]
-    said = log.scanner().scan(environment, x[index], y[index], theta[index])
+    expected = log.scanner().scan(environment, x[index], y[index], theta[index])
     read = log.ranges[index]
-    returned = np.isfinite(read) & np.isfinite(said)
-    near = np.abs(read[returned] - said[returned]) <= NEAR
+    returned = np.isfinite(read) & np.isfinite(expected)
+    near = np.abs(read[returned] - expected[returned]) <= NEAR
     if returned.any() and near.mean() >= LEAST_NEAR:
         return
     share = float(near.mean()) if returned.any() else 0.0

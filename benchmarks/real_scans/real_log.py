@@ -233,8 +233,8 @@ def _scan_says(
     poses = log.required_poses()[index]
     x, y = poses[:, :1], poses[:, 1:2]
     free = np.asarray(environment.is_free(x + dx, y + dy))
-    way = np.arctan2(dy, dx)[None, :]
-    free &= np.asarray(environment.cast(x, y, way, 2.0 * model.radius)) >= np.hypot(dx, dy)
+    bearing = np.arctan2(dy, dx)[None, :]
+    free &= np.asarray(environment.cast(x, y, bearing, 2.0 * model.radius)) >= np.hypot(dx, dy)
     table = BeamTable.of(scanner, model.map_std, model.outlier_share)
     return displaced_figures(
         log.ranges[index], log.angles, np.ascontiguousarray(poses[:, 2]), steps, SPACING, free,

@@ -141,22 +141,22 @@ def _slopes(begin, end, ranges, angles, slopes):
                 continue
             low = _reach(ranges[s], x, y, b, -1)
             high = _reach(ranges[s], x, y, b, 1)
-            best, way = ROUGH, angles[b] + 0.5 * math.pi
+            best, bearing = ROUGH, angles[b] + 0.5 * math.pi
             # Both sides first: only a straighter side alone takes its place.
             if high > b > low:
                 turned, rough = _line(x, y, low, high + 1)
                 if rough < best:
-                    best, way = 0.5 * rough, turned
+                    best, bearing = 0.5 * rough, turned
             if b - low >= 2:
                 turned, rough = _line(x, y, low, b + 1)
                 if rough < best:
-                    best, way = rough, turned
+                    best, bearing = rough, turned
             if high - b >= 2:
                 turned, rough = _line(x, y, b, high + 1)
                 if rough < best:
-                    way = turned
-            along = math.cos(way - angles[b])
-            across = math.sin(way - angles[b])
+                    bearing = turned
+            along = math.cos(bearing - angles[b])
+            across = math.sin(bearing - angles[b])
             if abs(along) >= STEEPEST * abs(across):
                 slopes[s, b] = math.copysign(STEEPEST, along * across)
             else:
@@ -173,14 +173,16 @@ def _returns(
         s = scan[k]
         for i in range(directions.size):
             # Counted on from the scan's first direction, so that nothing is torn apart at pi.
-            way = directions[i] - turn[k] - angles[0] + edge
-            way = way - math.floor(way / (2.0 * math.pi)) * 2.0 * math.pi + angles[0] - edge
+            bearing = directions[i] - turn[k] - angles[0] + edge
+            bearing = (
+                bearing - math.floor(bearing / (2.0 * math.pi)) * 2.0 * math.pi + angles[0] - edge
+            )
             data[k, 0, i] = limit + BEYOND
             data[k, 4, i] = BLIND
-            if way > angles[count - 1] + edge:
+            if bearing > angles[count - 1] + edge:
                 continue
-            right = min(max(np.searchsorted(angles, way), 1), count - 1)
-            share = (way - angles[right - 1]) / (angles[right] - angles[right - 1])
+            right = min(max(np.searchsorted(angles, bearing), 1), count - 1)
+            share = (bearing - angles[right - 1]) / (angles[right] - angles[right - 1])
             share = min(max(share, 0.0), 1.0)
             near = right if share >= 0.5 else right - 1
             r, slope = ranges[s, near], slopes[s, near]

@@ -93,7 +93,7 @@ def scan_pairs(
     good = (distance >= nearest) & (np.abs(turned) <= turn)
     if good.any():
         x, y = poses[pairs[good, 0], :2].T
-        way = np.arctan2(apart[good, 1], apart[good, 0])
-        seen = np.asarray(environment.cast(x, y, way, radius + 1.0))
+        bearing = np.arctan2(apart[good, 1], apart[good, 0])
+        seen = np.asarray(environment.cast(x, y, bearing, radius + 1.0))
         good[good] = ~(seen < distance[good])
     return ScanPairs(pairs[good, 0], pairs[good, 1], apart[good], turned[good])

@@ -178,11 +178,11 @@ def evaluate(
     for first in range(0, episodes, chunk):
         seeds = episode_seeds(seed, first, min(chunk, episodes - first))
 
-        def tell(share: float, first: int = first, count: int = len(seeds)) -> None:
+        def report_progress(share: float, first: int = first, count: int = len(seeds)) -> None:
             if progress is not None:
                 progress((first + share * count) / episodes)
 
-        done.append(_drive(controller, simulation, seeds, tell))
+        done.append(_drive(controller, simulation, seeds, report_progress))
     return joined(done)
 
 
@@ -201,7 +201,7 @@ class _Blind:
 
 
 def _drive(
-    driver: EpisodeDriver, simulation: Simulation, seeds: NDArray[np.int64], tell: Progress
+    driver: EpisodeDriver, simulation: Simulation, seeds: NDArray[np.int64], progress: Progress
 ) -> Episodes:
     """One episode of each of the first robots; the rest stand idle."""
     count, parameters = len(seeds), simulation.parameters
@@ -230,7 +230,7 @@ def _drive(
         active &= state["outcome"] == RUNNING
         starts[:] = False
         steps += 1
-        tell(max(steps / parameters.max_steps, 1.0 - np.count_nonzero(active) / count))
+        progress(max(steps / parameters.max_steps, 1.0 - np.count_nonzero(active) / count))
     own = state[:count]
     sites = [site for site in simulation.sites[:count] if site is not None]
     return Episodes(

@@ -48,12 +48,12 @@ def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as run:
         try:
-            answer, said = run.communicate(task)
+            answer, stderr = run.communicate(task)
         except BaseException:
             run.kill()
             raise
     if run.returncode != 0:
-        raise RuntimeError(f"planning in a fresh process failed: {said.decode(errors='replace')}")
+        raise RuntimeError(f"planning in a fresh process failed: {stderr.decode(errors='replace')}")
     refused, result = pickle.loads(answer)
     if refused is not None:
         raise refused

@@ -285,9 +285,9 @@ def test_bad_arguments_are_named(
     env: Environment, laser: RangeScanner, field: str, value: float
 ) -> None:
     arguments: dict[str, Any] = {"spacing": 0.3} | {field: value}
-    with pytest.raises(InputError, match=rf"^{field} is ") as told:
+    with pytest.raises(InputError, match=rf"^{field} is ") as caught:
         build_map(env, laser, **arguments)
-    message = str(told.value)
+    message = str(caught.value)
     assert "\n" not in message and ("give" in message or "needs" in message)
     assert f"{value:g}" in message or str(value) in message
 

@@ -19,9 +19,9 @@ HALL = an.environment_from_shapes([shapely.box(0, 0, 40, 25)], [shapely.box(5, 5
 
 def test_poses_are_those_of_the_map() -> None:
     amap = an.build_map(HALL, LASER, spacing=0.5)
-    told = estimate(HALL, LASER, spacing=0.5)
-    assert told.poses == pytest.approx(int(amap.dataset["free"].sum()), rel=0.01)
-    assert told.beams == 60 and told.headings == 1
+    estimated = estimate(HALL, LASER, spacing=0.5)
+    assert estimated.poses == pytest.approx(int(amap.dataset["free"].sum()), rel=0.01)
+    assert estimated.beams == 60 and estimated.headings == 1
 
 
 def test_neighbours_are_the_points_within_the_radius() -> None:
@@ -82,7 +82,7 @@ def test_words(seconds: float, gigabytes: float, words: str) -> None:
 
 def test_cones_and_headings_count() -> None:
     ring = an.RangeScanner.from_preset("polaroid-6500-ring")
-    told = [estimate(HALL, LASER, headings=n).seconds for n in (4, 8)]
-    assert told[1] == pytest.approx(2 * told[0])
+    seconds = [estimate(HALL, LASER, headings=n).seconds for n in (4, 8)]
+    assert seconds[1] == pytest.approx(2 * seconds[0])
     assert math.isfinite(estimate(HALL, ring).seconds)
     assert estimate(HALL, an.RangeScanner.from_preset("sick-tim571")).headings == 8

@@ -152,12 +152,12 @@ def test_bins_without_noise_tell_all_once_they_part() -> None:
 
 @pytest.mark.parametrize("width", [0.0, 0.6, 2.0, 3.4, 5.0])
 def test_it_starts_at_nothing_grows_and_ends(width: float) -> None:
-    told = evidence(np.linspace(-40, 40, 1601), width)
-    assert told.min() == pytest.approx(0.0, abs=1e-12)
-    assert told.max() <= MOST and np.isfinite(told).all()
-    half = told[800:]
+    values = evidence(np.linspace(-40, 40, 1601), width)
+    assert values.min() == pytest.approx(0.0, abs=1e-12)
+    assert values.max() <= MOST and np.isfinite(values).all()
+    half = values[800:]
     assert (np.diff(half) >= -1e-9).all()
-    assert told == pytest.approx(told[::-1])
+    assert values == pytest.approx(values[::-1])
 
 
 @pytest.mark.parametrize("width", [0.6, 1.0, 2.0, 3.0])

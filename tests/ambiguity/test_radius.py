@@ -108,11 +108,11 @@ def test_views_are_checked() -> None:
 def test_as_a_layer_it_is_a_share_of_a_featureless_disc(laser: RangeScanner) -> None:
     # A hall so wide that its middle sees nothing: the free disc, but for the lattice's corners.
     amap = build_map(scenes.room(14.0, 14.0), laser, 0.1, layers=["position"])
-    told = position_radius(amap)
+    expected = position_radius(amap)
     radius = amap.dataset["position_radius"].values
-    np.testing.assert_allclose(radius, told, rtol=1e-6)
+    np.testing.assert_allclose(radius, expected, rtol=1e-6)
     share = amap.dataset["position"].values
-    np.testing.assert_allclose(share, np.minimum(told / (0.5 / math.sqrt(2.0)), 1.0), rtol=1e-6)
+    np.testing.assert_allclose(share, np.minimum(expected / (0.5 / math.sqrt(2.0)), 1.0), rtol=1e-6)
     assert amap.sample("position", 7.0, 7.0) == pytest.approx(1.0, abs=0.05)
     assert amap.sample("position", 0.5, 0.5) < 0.1
 

@@ -54,8 +54,8 @@ def test_less_alike_is_left_out_and_the_rest_kept(laser):
     here = context(symmetric.crossing(), laser)
     settled = settle(here, aliased_poses(here, count=5).found)
     full = follow(here, settled)
-    told = settled[..., 3] >= LEAST_LIKENESS
-    np.testing.assert_array_equal(full[told], settled[told])
+    kept = settled[..., 3] >= LEAST_LIKENESS
+    np.testing.assert_array_equal(full[kept], settled[kept])
     assert np.nanmin(full[..., 3]) >= LEAST_LIKENESS
 
 

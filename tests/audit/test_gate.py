@@ -107,7 +107,7 @@ def test_status_0_where_none_holds_and_json_stays_json(folder):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (("--fail-if", "opne > 2 %"), "did you mean 'open'"),
         (("--fail-if", "open > 2 m"), "open is in %"),
@@ -123,11 +123,11 @@ def test_status_0_where_none_holds_and_json_stays_json(folder):
         (("--fail-if", "aliased > 2 %", "--no-aliasing"), "leave --no-aliasing out"),
     ],
 )
-def test_bad_gates_are_refused_before_the_work(folder, options, told):
+def test_bad_gates_are_refused_before_the_work(folder, options, message):
     before = {item.name for item in folder.iterdir()}
     result = run(*options)
     assert result.exit_code == 2, result.output
-    assert told in result.stderr and result.stderr.count("\n") == 1
+    assert message in result.stderr and result.stderr.count("\n") == 1
     assert {item.name for item in folder.iterdir()} == before
 
 

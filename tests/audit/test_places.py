@@ -71,8 +71,8 @@ def test_a_wall_without_thickness_parts_regions():
     # Both rows are free; the wall runs between them, so clearance is half a cell there.
     zone = np.full((6, 8), CORRIDOR, dtype=np.uint8)
     clearance = np.repeat([[0.25], [0.15], [0.05], [0.05], [0.15], [0.25]], 8, axis=1)
-    way = passable(np.ones_like(zone, dtype=bool), clearance, 0.1)
-    found = find_regions(zone, (CORRIDOR,), np.zeros(zone.shape), way, gap=4, least=1)
+    connected = passable(np.ones_like(zone, dtype=bool), clearance, 0.1)
+    found = find_regions(zone, (CORRIDOR,), np.zeros(zone.shape), connected, gap=4, least=1)
     assert found.max() == 2
     # The cells at the wall belong to their own side.
     assert (found[:3] == found[0, 0]).all()

@@ -228,10 +228,10 @@ def test_a_stored_map_knows_its_rim(place, amap, tmp_path):
     again = AmbiguityMap.open(tmp_path / "map.zarr")
     np.testing.assert_array_equal(again.solid, amap.solid)
     assert "solid" not in again.layers
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         one, other = find_reach(again.environment, 0.25), find_reach(place, 0.25)
-    assert len(told) == 4 and one.notes[1].endswith("takes another.")
+    assert len(caught) == 4 and one.notes[1].endswith("takes another.")
     assert one.floor.area == pytest.approx(other.floor.area)
 
 

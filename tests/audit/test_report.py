@@ -141,8 +141,8 @@ def test_json_follows_its_schema_and_is_rounded(folder, examined):
     assert worst["sees"]["without_echo"] == 60
     assert {zone["zone"]: zone["area_m2"] for zone in data["zones"]}["corridor"] == 60.97
     # The corridor of 12 m less its borders of 0.5 m; rims of the hall; its middle of 6 by 6 m.
-    told = {zone["zone"]: (zone["places"], zone["longest_place_m"]) for zone in data["zones"]}
-    assert told == {
+    zones = {zone["zone"]: (zone["places"], zone["longest_place_m"]) for zone in data["zones"]}
+    assert zones == {
         "localizable": (0, None), "transition": (0, None), "corridor": (5, 11.0), "open": (1, 6.0)
     }  # fmt: skip
     assert data["floor"] == {
@@ -264,10 +264,10 @@ def test_headings_that_are_impossible_here_and_there_do_not_count():
     found = audit(amap, room, fan, reach=find_reach(room, 0.05))
     assert (found.parts.counted[:, :, np.newaxis] & ~amap.possible).any()
 
-    told = document(found)
-    assert len(told.by_heading) == 4
+    report = document(found)
+    assert len(report.by_heading) == 4
     level = amap.dataset["level"].values
-    for k, part in enumerate(told.by_heading):
+    for k, part in enumerate(report.by_heading):
         here = level[..., k][found.parts.counted]
         assert part.level == pytest.approx(np.nanmean(here), abs=1e-4)
         assert sum(part.shares.values()) == pytest.approx(1.0, abs=5e-4)

@@ -27,10 +27,10 @@ def visit(chromium: Any, report: Path, **options: Any) -> Any:
     context = chromium.new_context(**{"viewport": {"width": 1280, "height": 900}, **options})
     context.set_default_timeout(60_000)
     page = context.new_page()
-    page.asked, page.faults = [], []
-    page.on("request", lambda request: page.asked.append(request.url))
+    page.urls, page.faults = [], []
+    page.on("request", lambda request: page.urls.append(request.url))
     page.on("pageerror", lambda error: page.faults.append(str(error)))
-    page.on("console", lambda said: said.type == "error" and page.faults.append(said.text))
+    page.on("console", lambda message: message.type == "error" and page.faults.append(message.text))
     page.goto(report.as_uri())
     page.wait_for_selector(".map[data-shown]")
     page.wait_for_selector(".stage:not([aria-busy])")
@@ -46,8 +46,8 @@ def page(chromium: Any, report: Path) -> Iterator[Any]:
 
 def test_it_opens_from_a_file_and_asks_for_nothing(page, report):
     assert page.faults == []
-    assert page.asked[0] == report.as_uri()
-    assert all(url.startswith(("data:", "blob:")) for url in page.asked[1:])
+    assert page.urls[0] == report.as_uri()
+    assert all(url.startswith(("data:", "blob:")) for url in page.urls[1:])
     assert page.locator(".actions li").count() == 3
     above = page.locator("p.lead").bounding_box()["y"], page.locator(".actions").bounding_box()["y"]
     assert above[0] < above[1] < page.locator("#explorer").bounding_box()["y"]
@@ -80,10 +80,10 @@ def test_the_scan_is_that_of_the_audit(page, building, laser, sonar, place):
 
     for scanner in (laser, sonar):
         sight = look(building, scanner, *place)
-        told = _cast(page, building, _rays(scanner), place)
-        np.testing.assert_array_equal(told["hit"], np.isfinite(sight.distance))
-        ends = np.column_stack([told["x"], told["y"]])[told["hit"]]
-        np.testing.assert_allclose(ends, sight.hit[told["hit"]], atol=1e-4)
+        scan = _cast(page, building, _rays(scanner), place)
+        np.testing.assert_array_equal(scan["hit"], np.isfinite(sight.distance))
+        ends = np.column_stack([scan["x"], scan["y"]])[scan["hit"]]
+        np.testing.assert_allclose(ends, sight.hit[scan["hit"]], atol=1e-4)
 
 
 def _cast(page: Any, building: Any, rays: Any, place: Any) -> Any:

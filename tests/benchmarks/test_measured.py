@@ -38,7 +38,7 @@ def test_a_row_without_a_report_is_found(measured: ModuleType) -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "known", "same"),
+    ("text", "known", "same"),
     [
         ("0.002", 0.0017, True),
         ("0.002", 0.0026, False),
@@ -50,6 +50,6 @@ def test_a_row_without_a_report_is_found(measured: ModuleType) -> None:
     ],
 )
 def test_numbers_agree_to_what_is_said(
-    measured: ModuleType, said: str, known: float, same: bool
+    measured: ModuleType, text: str, known: float, same: bool
 ) -> None:
-    assert measured.agrees(said, [known]) is same
+    assert measured.agrees(text, [known]) is same

@@ -33,14 +33,14 @@ def script(monkeypatch: pytest.MonkeyPatch) -> object:
 def test_rows_outlive_a_writer_that_was_stopped(tmp_path: Path) -> None:
     path = tmp_path / "new" / "rows.jsonl"
     assert kept_rows(path) == []
-    with appended(path) as tell:
-        tell({"pair": 0})
-        tell({"pair": 1})
+    with appended(path) as append:
+        append({"pair": 0})
+        append({"pair": 1})
     with path.open("a") as file:
         file.write('{"pair": 2, "lo')
     assert [row["pair"] for row in kept_rows(path)] == [0, 1]
-    with appended(path) as tell:
-        tell({"pair": 2})
+    with appended(path) as append:
+        append({"pair": 2})
     assert [row["pair"] for row in kept_rows(path)] == [0, 1, 2]
     assert all(row["commit"] for row in kept_rows(path))
     assert len(path.read_text().splitlines()) == 3
@@ -48,11 +48,11 @@ def test_rows_outlive_a_writer_that_was_stopped(tmp_path: Path) -> None:
 
 def test_one_writer_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "rows.jsonl"
-    with appended(path) as tell:
-        tell({"pair": 0})
+    with appended(path) as append:
+        append({"pair": 0})
         with pytest.raises(SystemExit) as ended, appended(path):
             pass
-        tell({"pair": 1})
+        append({"pair": 1})
     assert ended.value.code == 2
     assert "another process" in capsys.readouterr().err
     assert len(kept_rows(path)) == 2
@@ -66,8 +66,8 @@ def test_localizers_are_compared_on_what_all_have_driven() -> None:
         "sum": [],
     }
     shared = in_all(found, ("product", "kalman"), ("pair", "odometry"))
-    told = {name: sorted(row["pair"] for row in rows) for name, rows in shared.items()}
-    assert told == {"product": [1, 3], "kalman": [1, 3], "amcl": [1], "sum": []}
+    pairs = {name: sorted(row["pair"] for row in rows) for name, rows in shared.items()}
+    assert pairs == {"product": [1, 3], "kalman": [1, 3], "amcl": [1], "sum": []}
     # One that has driven nothing is not asked.
     alone = in_all(found, ("product", "sum"), ("pair",))
     assert len(alone["product"]) == 4
@@ -105,7 +105,7 @@ def driven_pairs(shortest: float, aware: float, pairs: int = 12) -> list[dict[st
 
 
 @pytest.mark.parametrize(
-    ("product", "kalman", "told"),
+    ("product", "kalman", "sentence"),
     [
         ((0.4, 0.1), (0.5, 0.1), "a gain is shown with both."),
         ((0.0, 0.0), (0.0, 0.0), "nothing is shown with either."),
@@ -117,11 +117,11 @@ def driven_pairs(shortest: float, aware: float, pairs: int = 12) -> list[dict[st
     ],
 )  # fmt: skip
 def test_what_is_said_of_two_localizers(
-    script: object, product: tuple[float, float], kalman: tuple[float, float], told: str
+    script: object, product: tuple[float, float], kalman: tuple[float, float], sentence: str
 ) -> None:
     claim = script("bench_claim")  # type: ignore[operator]
     found = {"product": driven_pairs(*product), "kalman": driven_pairs(*kalman)[::-1]}
-    assert told in claim.sentence("laser", found)
+    assert sentence in claim.sentence("laser", found)
 
 
 def test_criterion_of_routes_by_two_layers(script: object) -> None:

@@ -144,8 +144,8 @@ def test_killed_and_called_again(done: Path, tmp_path: Path) -> None:
     again = compare(done.parent / "flat.yaml", out, "--jobs", "2")
     assert again.exit_code == 0, again.output
     assert (out / "table.csv").read_bytes() == (done / "table.csv").read_bytes()
-    told, wanted = (json.loads((folder / "report.json").read_text()) for folder in (out, done))
-    assert told | {"created": ""} == wanted | {"created": ""}
+    resumed, wanted = (json.loads((folder / "report.json").read_text()) for folder in (out, done))
+    assert resumed | {"created": ""} == wanted | {"created": ""}
     assert not [path for path in out.rglob("*") if path.name.startswith(".")]
 
 

@@ -89,13 +89,13 @@ def test_one_that_does_not_get_there_is_refused(scenario: dict[str, Any], folder
 
 
 @pytest.mark.parametrize(
-    ("policy", "said"),
+    ("policy", "message"),
     [("gone.zip", "there is no such file"), ("gone", "neither a file nor a baseline")],
 )
-def test_bad_names(policy: str, said: str, scenario: dict[str, Any], folder: Path) -> None:
+def test_bad_names(policy: str, message: str, scenario: dict[str, Any], folder: Path) -> None:
     scenario["routes"] = ["shortest", {"kind": "policy", "policy": policy}]
     done = compare(write(folder, scenario), folder / "out")
-    assert done.exit_code == 2 and said in done.stderr and f"route '{policy}'" in done.stderr
+    assert done.exit_code == 2 and message in done.stderr and f"route '{policy}'" in done.stderr
 
 
 def test_another_file_or_goal_is_driven_anew(scenario: dict[str, Any], folder: Path) -> None:
@@ -112,8 +112,8 @@ def test_another_file_or_goal_is_driven_anew(scenario: dict[str, Any], folder: P
 
 
 def test_who_drives_and_who_makes_routes(folder: Path) -> None:
-    told = {"go": True, "route": False, "anything": False}
-    for name, drives in told.items():
+    controllers = {"go": True, "route": False, "anything": False}
+    for name, drives in controllers.items():
         assert is_controller(f"drives.py:{name}", folder) is drives
     assert is_controller("run/best.zip", folder)
     with pytest.raises(InputError, match="no callable"):

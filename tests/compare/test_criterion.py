@@ -40,10 +40,10 @@ def judged(
     ours: Metrics,
     theirs: Metrics,
     extra: float = 0.05,
-    asked: AcceptanceCriterion = CRITERION,
+    criterion: AcceptanceCriterion = CRITERION,
 ) -> Verdict:
     lengths = (40.0 * (1.0 + extra), 40.0)
-    return verdict(ours, theirs, lengths, np.random.default_rng(1), asked)
+    return verdict(ours, theirs, lengths, np.random.default_rng(1), criterion)
 
 
 CASES = {
@@ -90,8 +90,8 @@ def test_more_collisions_do_not_meet_the_goal() -> None:
 def test_the_goal_can_be_another() -> None:
     pair = measured(6, 0.3), measured(15, 0.6)
     assert judged(*pair).outcome == "not met"
-    assert judged(*pair, asked=AcceptanceCriterion(lost=0.4)).outcome == "met"
-    assert judged(*pair, asked=AcceptanceCriterion(easy=9.0)).outcome == "not met"
+    assert judged(*pair, criterion=AcceptanceCriterion(lost=0.4)).outcome == "met"
+    assert judged(*pair, criterion=AcceptanceCriterion(easy=9.0)).outcome == "not met"
 
 
 def test_row() -> None:

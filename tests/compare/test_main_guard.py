@@ -29,9 +29,9 @@ def test_unguarded(tmp_path: Path, text: str) -> None:
     done = run(tmp_path, text)
     last = text.count("\n") + CALL.count("\n")
     assert done.returncode == 1
-    said = done.stderr.splitlines()[-1]
-    assert f"script.py: line {last}: it starts processes" in said
-    assert said.endswith('put it under `if __name__ == "__main__":`.')
+    message = done.stderr.splitlines()[-1]
+    assert f"script.py: line {last}: it starts processes" in message
+    assert message.endswith('put it under `if __name__ == "__main__":`.')
 
 
 @pytest.mark.parametrize(

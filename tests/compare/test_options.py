@@ -62,8 +62,8 @@ def test_costs_may_read_a_layer_that_is_made_for_them(
     scenario["drive"] = {"runs": 2}
     done = compare(write(tmp_path, scenario), tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
-    told = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert told["parameters"]["map"]["layer"] == "position"
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["parameters"]["map"]["layer"] == "position"
     assert "**Exposure**: the layer `position`" in (tmp_path / "out" / "report.md").read_text()
 
 
@@ -92,11 +92,11 @@ def test_reports_name_the_localizer_and_what_speaks_against_it(
     scenario["localizer"] = {"max_particles": 500}
     done = compare(write(tmp_path, scenario), tmp_path / "other", "--json")
     assert done.exit_code == 0 and "laser_model_type" not in done.stderr
-    told = json.loads((tmp_path / "other" / "report.json").read_text())
-    assert told["localizer"] == {
+    report = json.loads((tmp_path / "other" / "report.json").read_text())
+    assert report["localizer"] == {
         "name": "Monte Carlo localization (beam_prob to the power 0.3)", "note": None,
     }  # fmt: skip
-    assert told["parameters"]["localizer"]["z_max"] == 0.2
+    assert report["parameters"]["localizer"]["z_max"] == 0.2
 
 
 def test_boxes_are_off_all_routes_and_the_same_for_each(
@@ -116,8 +116,8 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
         assert 6 * 0.01 * 0.5 < boxes.area < 6 * 0.04
         for plan in plans:
             if plan.pair == pair:
-                way = shapely.LineString(trace(plan.route)[:, :2])
-                assert way.distance(boxes) >= 0.1 + 0.2 - 1e-9
+                line = shapely.LineString(trace(plan.route)[:, :2])
+                assert line.distance(boxes) >= 0.1 + 0.2 - 1e-9
     again = make_worlds(loaded, plans)
     np.testing.assert_array_equal(worlds["there"].segments.xy, again["there"].segments.xy)
     assert worlds["there"].free.symmetric_difference(worlds["back"].free).area > 0.0
@@ -227,8 +227,8 @@ def test_modules_are_imported(scenario: dict[str, Any], tmp_path: Path) -> None:
     (tmp_path / "m.py").write_text(
         "import numpy as np\n"
         "from ambinav_planners.registry import PLANNERS, Planner, PlannerResult\n"
-        "way = np.array([[1, 1, 0], [4.5, 0.6, 0], [7, 2, 0]], dtype=float)\n"
-        "PLANNERS.register(Planner('straight-on', lambda *given: PlannerResult(way,\n"
+        "path = np.array([[1, 1, 0], [4.5, 0.6, 0], [7, 2, 0]], dtype=float)\n"
+        "PLANNERS.register(Planner('straight-on', lambda *given: PlannerResult(path,\n"
         "                          finished=True), 'one path', uses_ompl=False))\n"
     )
     found = compare(path, tmp_path / "out", "--episodes", "1")

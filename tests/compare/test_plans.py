@@ -79,20 +79,20 @@ def filtered(
     covariance, out = first[None], [first]
     heading = None
     for a, b in itertools.pairwise(poses[:, :2]):
-        length, way = float(np.hypot(*(b - a))), math.atan2(*(b - a)[::-1])
+        length, bearing = float(np.hypot(*(b - a))), math.atan2(*(b - a)[::-1])
         if heading is not None:
-            turn = (way - heading + math.pi) % math.tau - math.pi
+            turn = (bearing - heading + math.pi) % math.tau - math.pi
             steps = np.zeros((201, 3))
             steps[:, 2] = heading + np.linspace(0.0, turn, 201)
             covariance = reckoned(steps, noise, covariance)
-        heading = way
+        heading = bearing
         count = math.ceil(length / 0.25 - 1e-9)
         for k in range(count):
-            steps = np.full((26, 3), way)
+            steps = np.full((26, 3), bearing)
             steps[:, :2] = a + np.linspace(k / count, (k + 1) / count, 26)[:, None] * (b - a)
             covariance = reckoned(steps, noise, covariance)
-            told = information.at(steps[-1:])[0] * length / count / scan_distance
-            covariance = np.linalg.inv(np.linalg.inv(covariance) + told)
+            gained = information.at(steps[-1:])[0] * length / count / scan_distance
+            covariance = np.linalg.inv(np.linalg.inv(covariance) + gained)
         out.append(covariance[0])
     return out
 

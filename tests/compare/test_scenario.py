@@ -28,18 +28,18 @@ ROOT = Path(__file__).parents[2]
 def test_the_localizer_knows_how_odometry_errs(scenario: Plain) -> None:
     scenario["odometry"] = {"alpha1": 0.4, "scale": 0.5}
     scenario["localizer"] = {"alpha2": 0.3}
-    told = parse_scenario(scenario, "x.yaml", "x").chosen_localizer.parameters
-    assert isinstance(told, MclParameters)
-    assert told.alpha1 == pytest.approx(0.1)
-    assert told.alpha2 == 0.3
-    assert told.alpha3 == pytest.approx(0.05)
+    parameters = parse_scenario(scenario, "x.yaml", "x").chosen_localizer.parameters
+    assert isinstance(parameters, MclParameters)
+    assert parameters.alpha1 == pytest.approx(0.1)
+    assert parameters.alpha2 == 0.3
+    assert parameters.alpha3 == pytest.approx(0.05)
 
 
 def test_kinds_of_localizers(scenario: Plain) -> None:
     scenario["odometry"] = {"alpha1": 0.4, "scale": 0.5}
     found = []
-    for told in ("perfect", {"type": "odometry"}, {"type": "mcl"}, {"type": "ekf", "gate": 4}):
-        scenario["localizer"] = told
+    for localizer in ("perfect", {"type": "odometry"}, {"type": "mcl"}, {"type": "ekf", "gate": 4}):
+        scenario["localizer"] = localizer
         found.append(parse_scenario(scenario, "x.yaml", "x").chosen_localizer)
     assert [one.plain for one in found[:2]] == ["perfect", "odometry"]
     assert [one.title for one in found[:2]] == ["the truth", "dead reckoning"]
@@ -60,17 +60,17 @@ def test_the_kalman_filter_believes_in_the_odometry_that_is_driven(
     assert isinstance(parameters, EkfParameters)
     steps = round(4.0 * rate / 0.25)
     poses = np.column_stack([np.linspace(0.0, 4.0, steps + 1), np.zeros((steps + 1, 2))])
-    told, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    modelled, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     for before, after in itertools.pairwise(poses[:, None]):
-        told = parameters.odometry.covariances(before, told, before, after)
+        modelled = parameters.odometry.covariances(before, modelled, before, after)
         true = parsed.odometry.spread(before, true, before, after)
-    np.testing.assert_allclose(told, true, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(modelled, true, rtol=1e-9, atol=1e-15)
     on_the_spot = np.array([[[0.0, 0.0, k * 2.0 / rate]] for k in range(11)])
-    told, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    modelled, true = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     for before, after in itertools.pairwise(on_the_spot):
-        told = parameters.odometry.covariances(before, told, before, after)
+        modelled = parameters.odometry.covariances(before, modelled, before, after)
         true = parsed.odometry.spread(before, true, before, after)
-    np.testing.assert_allclose(told, true, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(modelled, true, rtol=1e-9, atol=1e-15)
 
 
 def test_cones_are_localized_by_the_product_unless_said_otherwise(
@@ -118,8 +118,8 @@ def test_names_and_baseline(scenario: Plain) -> None:
 
 def test_the_demo_writes_its_alphas_out() -> None:
     read = load_scenario(ROOT / "configs" / "compare-demo.yaml").scenario
-    told = read.chosen_localizer.parameters
-    assert isinstance(told, MclParameters) and isinstance(read.localizer, dict)
+    parameters = read.chosen_localizer.parameters
+    assert isinstance(parameters, MclParameters) and isinstance(read.localizer, dict)
     for name in ("alpha1", "alpha2", "alpha3", "alpha4"):
         assert read.localizer[name] == getattr(read.odometry, name) * read.odometry.scale**2
 
@@ -246,9 +246,9 @@ def test_bad_input_is_one_sentence(
     spoil(scenario)
     with pytest.raises(InputError) as error:
         parse_scenario(scenario, "x.yaml", "x")
-    told = str(error.value)
-    assert told.startswith("x.yaml") and message in told and told.endswith(".")
-    assert "\n" not in told
+    text = str(error.value)
+    assert text.startswith("x.yaml") and message in text and text.endswith(".")
+    assert "\n" not in text
 
 
 def test_missing_files(scenario: Plain, tmp_path: Path) -> None:

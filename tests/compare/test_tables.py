@@ -108,9 +108,9 @@ def test_csv() -> None:
     lines = list(csv.DictReader(io.StringIO(to_csv(rows))))
     each = len(FIGURES) + len(FLOOR)
     assert len(lines) == len(rows) * each
-    told = lines[each]
-    assert (told["pair"], told["route"], told["figure"]) == ("a", "careful", "lost")
-    assert float(told["difference"]) == -40.0
+    line = lines[each]
+    assert (line["pair"], line["route"], line["figure"]) == ("a", "careful", "lost")
+    assert float(line["difference"]) == -40.0
     assert lines[0]["difference"] == ""
 
 
@@ -131,11 +131,11 @@ def test_corridor_and_open_zones_are_distinguished() -> None:
     ]
     cases = [planned(case, *floor) for case, floor in zip(CASES, floors, strict=False)]
     rows = make_rows(*zip(*cases, strict=True), "shortest", 1)
-    told = {(row.pair, row.route): row.floor for row in rows}
-    assert told["a", "shortest"] == BadFloor(*floors[0])
+    bad_floor = {(row.pair, row.route): row.floor for row in rows}
+    assert bad_floor["a", "shortest"] == BadFloor(*floors[0])
     # Over all pairs: sums, and the longest stretch of all.
-    assert told[ALL_PAIRS, "shortest"] == BadFloor(13.0, 8.0, 13.0, 9.0)
-    assert told[ALL_PAIRS, "careful"] == BadFloor(9.0, 2.5, 0.0, 0.0)
+    assert bad_floor[ALL_PAIRS, "shortest"] == BadFloor(13.0, 8.0, 13.0, 9.0)
+    assert bad_floor[ALL_PAIRS, "careful"] == BadFloor(9.0, 2.5, 0.0, 0.0)
     lines = [
         line for line in csv.DictReader(io.StringIO(to_csv(rows)))
         if (line["pair"], line["route"]) == ("a", "careful") and line["figure"] in FLOOR

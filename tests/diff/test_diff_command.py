@@ -119,7 +119,7 @@ def test_two_scanners_in_one_building(folder):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("a.zarr", "missing.zarr"), "missing.zarr: there is no such map"),
         (("a.zarr", "plan.geojson"), "plan.geojson: this is not an ambiguity map"),
@@ -134,11 +134,11 @@ def test_two_scanners_in_one_building(folder):
         (("a.zarr", "b.zarr", "--pictures", "gif"), "'gif' is no format"),
     ],
 )
-def test_bad_input_is_told_in_one_sentence(folder, arguments, told):
+def test_bad_input_is_told_in_one_sentence(folder, arguments, message):
     before = {item.name for item in folder.iterdir()}
     result = run(*arguments)
     assert result.exit_code == 2, result.output
-    assert told in result.stderr and result.stderr.count("error:") == 1
+    assert message in result.stderr and result.stderr.count("error:") == 1
     assert {item.name for item in folder.iterdir()} == before
 
 

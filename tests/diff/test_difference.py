@@ -173,8 +173,8 @@ def test_maps_are_registered_by_their_frame(left, low):
 def test_another_spacing_is_read_on_the_coarser_lattice(coarse_first):
     fine = synthetic.dataset()
     coarse = fine.isel(x=slice(1, None, 3), y=slice(1, None, 3))
-    told = json.loads(fine.attrs["parameters"]) | {"spacing": 0.3}
-    coarse = coarse.assign_attrs(parameters=json.dumps(told))
+    parameters = json.loads(fine.attrs["parameters"]) | {"spacing": 0.3}
+    coarse = coarse.assign_attrs(parameters=json.dumps(parameters))
     found, report = compared(*((coarse, fine) if coarse_first else (fine, coarse)))
     assert found.lattice.resampled and report.lattice.spacing_m == pytest.approx(0.3)
     # Every third cell is the centre of a coarse one, so that nothing but rounding differs.

@@ -49,5 +49,5 @@ def from_polyline(points: ArrayLike, line: ArrayLike) -> Any:
     """Distance of points (N, 2) from the line through places (M, 2), shape (N,)."""
     import shapely
 
-    way = shapely.LineString(np.asarray(line)[:, :2])
-    return shapely.distance(way, shapely.points(np.asarray(points)))
+    path = shapely.LineString(np.asarray(line)[:, :2])
+    return shapely.distance(path, shapely.points(np.asarray(points)))

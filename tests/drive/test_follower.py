@@ -25,7 +25,7 @@ DT = 0.1
 LIMITS = Robot().limits
 
 
-def told(course: Course, pose: tuple[float, float, float], **changes: object) -> tuple:
+def command(course: Course, pose: tuple[float, float, float], **changes: object) -> tuple:
     """The command to a robot at a pose, at the start of the course."""
     p = FollowerParameters(**changes).packed
     return pursue(
@@ -79,7 +79,7 @@ def test_the_curvature_is_that_of_the_arc_to_the_carrot(
     straight: Course, beside: float, lookahead: float
 ) -> None:
     """Coulter 1992: an arc through a point y aside at distance L has the curvature 2 y / L^2."""
-    speed, rate, _, _ = told(
+    speed, rate, _, _ = command(
         straight, (2.0, beside, 0.0), lookahead_dist=lookahead, max_robot_pose_search_dist=5.0
     )
     assert rate / speed == pytest.approx(-2.0 * beside / lookahead**2, abs=1e-12)
@@ -88,20 +88,22 @@ def test_the_curvature_is_that_of_the_arc_to_the_carrot(
 def test_the_speed_falls_in_bends_and_before_the_goal(straight: Course) -> None:
     # Curvature 2 * 0.3 / 0.36 = 5/3, radius 0.6 m of 0.9 m: two thirds of 0.5 m/s.
     far = {"lookahead_dist": 0.6}
-    assert told(straight, (2.0, -0.3, 0.0), **far)[0] == pytest.approx(0.5 * 0.6 / 0.9)
+    assert command(straight, (2.0, -0.3, 0.0), **far)[0] == pytest.approx(0.5 * 0.6 / 0.9)
     # Not below the least one: radius 0.36 m would be 0.2 m/s.
-    assert told(straight, (2.0, -0.5, 0.0), **far, rotate_to_heading_min_angle=3.0)[0] == 0.25
+    assert command(straight, (2.0, -0.5, 0.0), **far, rotate_to_heading_min_angle=3.0)[0] == 0.25
     near = {"max_robot_pose_search_dist": 20.0}
-    assert told(straight, (9.7, 0.0, 0.0), **near)[0] == pytest.approx(0.25)
-    assert told(straight, (9.7, 0.0, 0.0), **near, xy_goal_tolerance=0.01)[0] == pytest.approx(0.25)
-    slow = told(straight, (9.98, 0.0, 0.0), **near, xy_goal_tolerance=0.01)
+    assert command(straight, (9.7, 0.0, 0.0), **near)[0] == pytest.approx(0.25)
+    assert command(straight, (9.7, 0.0, 0.0), **near, xy_goal_tolerance=0.01)[0] == pytest.approx(
+        0.25
+    )
+    slow = command(straight, (9.98, 0.0, 0.0), **near, xy_goal_tolerance=0.01)
     assert slow[0] == 0.05
 
 
 def test_it_turns_on_the_spot_where_the_way_goes_off_sideways(straight: Course) -> None:
-    speed, rate, _, stage = told(straight, (2.0, 0.0, 1.0))
+    speed, rate, _, stage = command(straight, (2.0, 0.0, 1.0))
     assert speed == 0.0 and rate == pytest.approx(-LIMITS[3] * DT) and stage == FOLLOWING
-    speed, rate, _, _ = told(straight, (2.0, 0.0, 1.0), use_rotate_to_heading=False)
+    speed, rate, _, _ = command(straight, (2.0, 0.0, 1.0), use_rotate_to_heading=False)
     assert speed > 0.0 and rate < 0.0
 
 
@@ -109,10 +111,10 @@ def test_it_arrives_within_the_tolerance_and_looks_along_the_goal() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 1.5]])
     there = {"max_robot_pose_search_dist": 20.0}
     r2, se2 = Course.of(poses, Steering()), Course.of(poses, Steering("se2"))
-    assert told(r2, (9.8, 0.0, 0.0), **there)[3] == ARRIVED
-    assert told(r2, (9.7, 0.0, 0.0), **there)[3] == FOLLOWING
-    assert told(se2, (9.8, 0.0, 0.0), **there)[3] == TURNING
-    assert told(se2, (9.8, 0.0, 1.3), **there)[3] == ARRIVED
+    assert command(r2, (9.8, 0.0, 0.0), **there)[3] == ARRIVED
+    assert command(r2, (9.7, 0.0, 0.0), **there)[3] == FOLLOWING
+    assert command(se2, (9.8, 0.0, 0.0), **there)[3] == TURNING
+    assert command(se2, (9.8, 0.0, 1.3), **there)[3] == ARRIVED
     ends = driven([[1.0, 1.0, 0.0], [5.0, 1.0, 1.5]], Steering("se2"))
     assert ends.reached.all()
     assert abs(ends.truth[0, -1, 2] - 1.5) < 0.3

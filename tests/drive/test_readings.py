@@ -173,12 +173,12 @@ def test_an_obstacle_must_be_a_polygon() -> None:
 
 
 def test_boxes_keep_off_the_route() -> None:
-    env, way = room(10.0, 10.0), np.array([[1.0, 1.0, 0.0], [9.0, 9.0, 0.0]])
-    boxes = scattered_boxes(env, 12, np.random.default_rng(2), route=way, margin=0.6)
+    env, route = room(10.0, 10.0), np.array([[1.0, 1.0, 0.0], [9.0, 9.0, 0.0]])
+    boxes = scattered_boxes(env, 12, np.random.default_rng(2), route=route, margin=0.6)
     assert len(boxes) == 12 and all(env.free.contains(box) for box in boxes)
     corners = shapely.get_coordinates(boxes)
-    assert from_polyline(corners, way).min() >= 0.6
-    again = scattered_boxes(env, 12, np.random.default_rng(2), route=way, margin=0.6)
+    assert from_polyline(corners, route).min() >= 0.6
+    again = scattered_boxes(env, 12, np.random.default_rng(2), route=route, margin=0.6)
     assert boxes == again
     with pytest.raises(InputError, match="room for 0 boxes"):
         scattered_boxes(room(0.5, 0.5), 1, np.random.default_rng(0), sizes=(0.6, 0.7))

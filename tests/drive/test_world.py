@@ -88,8 +88,8 @@ def test_collisions_are_those_of_the_swept_disc(
     if met:
         turned = (et - t + math.pi) % (2 * math.pi) - math.pi
         gone = turned / rate if abs(rate) > 0.01 else math.dist((x, y), (ex, ey)) / abs(speed)
-    way = np.array([unicycle(x, y, t, speed, rate, s) for s in np.linspace(0.0, gone, 200)])
-    room_left = np.asarray(hall.clearance(way[:, 0], way[:, 1]))
+    path = np.array([unicycle(x, y, t, speed, rate, s) for s in np.linspace(0.0, gone, 200)])
+    room_left = np.asarray(hall.clearance(path[:, 0], path[:, 1]))
     assert room_left.min() >= RADIUS - 1e-4
     if met:
         assert float(hall.clearance(ex, ey)) == pytest.approx(RADIUS, abs=1e-6)

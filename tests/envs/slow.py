@@ -68,7 +68,9 @@ class SlowNavigation:
         line = (before[0], before[1], self.truth[0], self.truth[1], before[2], self.truth[2])
         error = float(np.hypot(*(self.mean - self.truth)[:2]))
         # An arc, whose chord is shorter by far less than a millimetre.
-        way = abs(self.speeds[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
+        driven = (
+            abs(self.speeds[0]) * p.dt if not met else float(np.hypot(*(self.truth - before)[:2]))
+        )
         here = self.building.lattice.distance(self.task.cost_to_go.costs, *self.truth[:2])
         terms = dict.fromkeys(TERMS, 0.0)
         terms["progress"] = self.distance - p.gamma * here
@@ -76,10 +78,10 @@ class SlowNavigation:
         terms["time"] = -p.dt
         terms["ambiguity"] = float(self.level.reward(*line))
         terms["fisher"] = float(self.fisher.reward(*line))
-        terms["error"] = -error * way
+        terms["error"] = -error * driven
         self.distance = here
         self.exposure -= terms["ambiguity"]
-        self.travelled += way
+        self.travelled += driven
         reward = sum(weight * terms[term] for weight, term in zip(p.weights, TERMS, strict=True))
         info = {"terms": terms, "error": error, "met": met, "estimate": self.mean.copy()}
         return self.observation(readings), reward, info

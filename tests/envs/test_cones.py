@@ -21,10 +21,10 @@ RING = RangeScanner.from_preset("hc-sr04")
 
 
 def test_particle_filters_suit_the_scanner_by_default() -> None:
-    told = NavigationParameters(scanner=RING, localizer="mcl")
-    alphas = {f"alpha{k}": 0.2 * told.odometry.scale**2 for k in range(1, 5)}
-    assert told.particles == MclParameters.for_scanner(RING, **alphas)
-    assert told.particles.laser_model_type == "beam_prob"
+    parameters = NavigationParameters(scanner=RING, localizer="mcl")
+    alphas = {f"alpha{k}": 0.2 * parameters.odometry.scale**2 for k in range(1, 5)}
+    assert parameters.particles == MclParameters.for_scanner(RING, **alphas)
+    assert parameters.particles.laser_model_type == "beam_prob"
     few = NavigationParameters(scanner=RING, mcl={"max_particles": 700, "z_hit": 0.5})  # type: ignore[arg-type]
     assert few.particles == MclParameters.for_scanner(RING, max_particles=700, z_hit=0.5)
     # Whole parameters are taken as they are, and lasers have AMCL's.

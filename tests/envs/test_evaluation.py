@@ -105,7 +105,7 @@ def test_who_stands_idle_does_no_harm() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ([[0.0, 0.0], [0.0, np.nan]], "finite numbers"),
         ([[0.0, 0.0], [0.0]], "give numbers"),
@@ -114,13 +114,13 @@ def test_who_stands_idle_does_no_harm() -> None:
         ("left", "give numbers"),
     ],
 )
-def test_odd_actions_are_refused_in_one_sentence(given: Any, said: str) -> None:
+def test_odd_actions_are_refused_in_one_sentence(given: Any, message: str) -> None:
     class Odd(Seeker):
         def act(self, observations: Any, starts: Any) -> Any:
             return given
 
     source, parameters = scenario(None, room(), None, 0, None, OPTIONS)
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         evaluate(Odd(), source, parameters, 2, chunk=2)
     assert str(caught.value).startswith("policy seeker: ") and "\n" not in str(caught.value)
 
@@ -131,11 +131,11 @@ def test_seeds_of_episodes_stay() -> None:
 
 
 def test_the_summary() -> None:
-    told = run(room(), 20).summary()
+    summary = run(room(), 20).summary()
     ends = ("arrived", "missed", "collided", "lost", "timeout")
-    assert sum(told[name] for name in ends) == pytest.approx(1.0)
-    assert told["arrived"] > 0.2 and told["length_ratio"] > 0.8
-    assert 0.0 < told["exposure_per_metre"] < 1.0
+    assert sum(summary[name] for name in ends) == pytest.approx(1.0)
+    assert summary["arrived"] > 0.2 and summary["length_ratio"] > 0.8
+    assert 0.0 < summary["exposure_per_metre"] < 1.0
 
 
 def test_exposure_per_metre_of_nobody_who_moves_is_none() -> None:

@@ -71,9 +71,9 @@ def test_seeds_and_options_of_each() -> None:
     assert np.allclose(goals[[0, 2]], 2.0) and not np.allclose(goals[1], 2.0)
     alone = NavigationEnv(map=room(), **OPTIONS)
     for i, options in ((1, {}), (2, {"goal": (2.0, 2.0)})):
-        wanted, told = alone.reset(seed=4 + i, options=options)
+        wanted, info = alone.reset(seed=4 + i, options=options)
         equal({key: part[i] for key, part in seen.items()}, wanted)
-        equal(envs.reset_infos[i], told)
+        equal(envs.reset_infos[i], info)
 
 
 def test_attributes_and_methods() -> None:

@@ -53,9 +53,9 @@ def test_readings_are_distributed_as_the_sensors(name: str, true: float) -> None
     for which in (np.isposinf, np.isneginf):
         assert which(readings).mean() == pytest.approx(which(wanted).mean(), abs=0.02)
     # The sensor gives float32; the bins' middles are the same.
-    seen, told = (np.round(r[np.isfinite(r)].astype(float), 5) for r in (readings, wanted))
-    if min(len(seen), len(told)) > 100:
-        assert stats.ks_2samp(seen, told).pvalue > 1e-4
+    seen, expected = (np.round(r[np.isfinite(r)].astype(float), 5) for r in (readings, wanted))
+    if min(len(seen), len(expected)) > 100:
+        assert stats.ks_2samp(seen, expected).pvalue > 1e-4
     # No beam is odd more often than another.
     if name == "odd" and true == 2.3:
         share = np.isposinf(readings).mean(axis=0)

@@ -174,9 +174,9 @@ def test_the_way_that_waypoints_lie_on_is_the_cheapest_one(fan: bool, rtol: floa
                 cost += float(service.motion_cost(*place, *there, facing, facing))
                 place = there
             costs.append((cost, task.cost, task.distance))
-    cost, told, distance = np.array(costs).reshape(10, 2, 3).T
+    cost, reported, distance = np.array(costs).reshape(10, 2, 3).T
     np.testing.assert_array_equal(distance[0], distance[1])
-    np.testing.assert_allclose(cost[0], told[0], rtol=rtol)
+    np.testing.assert_allclose(cost[0], reported[0], rtol=rtol)
     assert (cost[0] <= 1.02 * cost[1]).all() and (cost[0] < 0.95 * cost[1]).any()
 
 

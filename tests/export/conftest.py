@@ -50,8 +50,8 @@ def write(tmp_path: Path, amap: an.AmbiguityMap) -> Callable[..., tuple[Path, ..
     def written(
         kind: str, name: str, of: an.AmbiguityMap = amap, **options: object
     ) -> tuple[Path, ...]:
-        told = ExportOptions(**options)  # type: ignore[arg-type]
-        return export_map(of, kind, tmp_path / name, told)
+        chosen = ExportOptions(**options)  # type: ignore[arg-type]
+        return export_map(of, kind, tmp_path / name, chosen)
 
     return written
 

@@ -110,11 +110,11 @@ def test_geotiff_keys_say_a_local_frame_of_metres(write: Write) -> None:
 
     path = write("geotiff", "one.tif", layer="level")[0]
     with tifffile.TiffFile(path) as file:
-        told = file.geotiff_metadata
+        geokeys = file.geotiff_metadata
         assert file.pages[0].shape == (41, 91)
-    assert int(told["GTModelTypeGeoKey"]) == 32767
-    assert int(told["ProjLinearUnitsGeoKey"]) == 9001
-    assert "ambinav map frame" in told["GTCitationGeoKey"]
+    assert int(geokeys["GTModelTypeGeoKey"]) == 32767
+    assert int(geokeys["ProjLinearUnitsGeoKey"]) == 9001
+    assert "ambinav map frame" in geokeys["GTCitationGeoKey"]
 
 
 def test_npz(write: Write, amap: an.AmbiguityMap) -> None:

@@ -37,9 +37,9 @@ def fields(name: str) -> dict[str, str]:
 
 def check_message(name: str, message: Any) -> None:
     """All fields, no others, each of its type: what `ros2 topic pub` insists on."""
-    told = fields(name)
-    assert set(message) == set(told), name
-    for field, kind in told.items():
+    declared = fields(name)
+    assert set(message) == set(declared), name
+    for field, kind in declared.items():
         value = message[field]
         if kind.endswith("[]"):
             for one in value:
@@ -88,9 +88,9 @@ def test_drives_in_their_own_formats(write: Write, drive: Path, tmp_path: Path) 
     files = write("drive-tum", "out", drives=(drive,))
     assert sorted(path.name for path in files) == ["estimate.tum", "odometry.tum", "truth.tum"]
     time, truth = load_tum(tmp_path / "out" / "truth.tum")
-    told = load_drive(drive)
-    np.testing.assert_allclose(time, told.time)
-    np.testing.assert_allclose(truth, told.tracks["truth"], atol=1e-9)
+    loaded = load_drive(drive)
+    np.testing.assert_allclose(time, loaded.time)
+    np.testing.assert_allclose(truth, loaded.tracks["truth"], atol=1e-9)
     (table,) = write("drive-csv", "again", drives=(drive,))
     assert table.read_text() == drive.read_text()
     with pytest.raises(InputError, match="holds the readings of a scanner"):
@@ -118,13 +118,13 @@ def test_a_route_of_another_building(write: Write, route: Path, tmp_path: Path) 
         sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=8, aperture=6.28
     )
     service = an.AmbiguityService(an.build_map(large, scanner, spacing=0.5))
-    for poses, told in (
+    for poses, message in (
         ([(2.0, 1.5, 0.0), (50.0, 1.5, 0.0)], r"pose 1 at \(50, 1\.5\) is outside of the map"),
         ([(2.0, 1.5, 0.0), (7.0, 4.0, 0.0)], r"pose 1 at \(7, 4\) is not on the free floor"),
     ):
         found = evaluate_route(service, poses, Steering("r2"), planner="test")
         save_route(found, tmp_path / "far.csv")
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             write("nav2-path-json", "path.json", routes=(tmp_path / "far.csv",))
         assert not (tmp_path / "path.json").exists()
 
@@ -136,7 +136,7 @@ def test_a_drive_that_leaves_the_map(write: Write, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("", "the column time is missing"),
         ("time,x\n", "the column updated is missing"),
@@ -146,12 +146,12 @@ def test_a_drive_that_leaves_the_map(write: Write, tmp_path: Path) -> None:
         ("{head}\n{nan}\n", "line 2 has a value that is not finite"),
     ],
 )
-def test_tables_that_are_no_drive(drive: Path, tmp_path: Path, text: str, told: str) -> None:
+def test_tables_that_are_no_drive(drive: Path, tmp_path: Path, text: str, message: str) -> None:
     head, row, *_ = drive.read_text().splitlines()
     nan = ",".join(["nan", *row.split(",")[1:]])
     (tmp_path / "bad.csv").write_text(text.format(head=head, row=row, nan=nan))
     count = len(head.split(","))
-    with pytest.raises(InputError, match=told.replace("19", str(count))):
+    with pytest.raises(InputError, match=message.replace("19", str(count))):
         load_drive(tmp_path / "bad.csv")
 
 

@@ -54,28 +54,30 @@ def test_geojson_covers_the_zones(write: Write, amap: an.AmbiguityMap) -> None:
     features = check_geojson(write("zones-geojson", "z.geojson", least_area=0.0)[0])
     x, y, zone = floor(amap)
     for name, code in (("corridor", CORRIDOR), ("open", OPEN)):
-        shape = shapely.union_all([one for one, told in features if told["zone"] == name])
+        shape = shapely.union_all(
+            [one for one, properties in features if properties["zone"] == name]
+        )
         np.testing.assert_array_equal(shapely.contains_xy(shape, x, y), zone == code)
-    for shape, told in features:
-        assert told["area_m2"] == pytest.approx(shape.area, abs=1e-3)
+    for shape, properties in features:
+        assert properties["area_m2"] == pytest.approx(shape.area, abs=1e-3)
         inside = shapely.contains_xy(shape, x, y)
         along = amap.dataset["major_radius"].values[inside].max()
-        assert 0.0 < told["std_across_m"] <= told["std_along_m"] <= along + 1e-4
+        assert 0.0 < properties["std_across_m"] <= properties["std_along_m"] <= along + 1e-4
 
 
 def test_the_corridor_is_told_along_itself(write: Write) -> None:
     features = check_geojson(write("zones-geojson", "z.geojson", zones=("corridor",))[0])
     point = shapely.Point(7.1, 1.7)
-    (told,) = [told for shape, told in features if shape.contains(point)]
-    turned = math.radians(told["weak_direction_deg"])
+    (properties,) = [properties for shape, properties in features if shape.contains(point)]
+    turned = math.radians(properties["weak_direction_deg"])
     assert abs(math.sin(turned)) < 0.05
-    assert told["std_along_m"] > 5 * told["std_across_m"]
+    assert properties["std_along_m"] > 5 * properties["std_across_m"]
 
 
 def test_small_pieces_are_left_out(write: Write) -> None:
     features = check_geojson(write("zones-geojson", "z.geojson", least_area=5.0)[0])
     assert features
-    assert all(told["area_m2"] >= 5.0 for _, told in features)
+    assert all(properties["area_m2"] >= 5.0 for _, properties in features)
 
 
 def osm_polygons(path: Path) -> list[tuple[shapely.Polygon, dict[str, str]]]:
@@ -179,24 +181,26 @@ def test_autoware_levels_on_the_map(
             (long >= 1.2) + (long >= 1.5), (across >= 0.25) + (across >= 0.30)
         )
     for code, name in ((1, "warning"), (2, "error")):
-        shape = shapely.union_all([one for one, told in features if told["level"] == name])
+        shape = shapely.union_all(
+            [one for one, properties in features if properties["level"] == name]
+        )
         np.testing.assert_array_equal(shapely.contains_xy(shape, x, y), expected == code)
     assert (expected == 2).any()
     # A vehicle that stands across the corridor slides sideways in it.
     here = shapely.Point(7.1, 1.7)
-    causes = [told["cause"] for shape, told in features if shape.contains(here)]
+    causes = [properties["cause"] for shape, properties in features if shape.contains(here)]
     assert ("across the heading" in "".join(causes)) == (heading == 90.0)
 
 
 def test_stretches_of_a_route(write: Write, amap: an.AmbiguityMap, route: Path) -> None:
     """Along the corridor the robot slides ahead only; in the hall it is lost in all directions."""
     path = write("zones-autoware", "a.geojson", routes=(route,))[0]
-    told = [
+    stretches = [
         (shapely.from_geojson(json.dumps(one["geometry"])), one["properties"])
         for one in json.loads(path.read_text())["features"]
         if one["geometry"]["type"] == "LineString"
     ]
-    assert told
+    assert stretches
     poses = dense_poses(load_route(route))
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
     levels = np.zeros(len(poses), dtype=int)
@@ -205,14 +209,17 @@ def test_stretches_of_a_route(write: Write, amap: an.AmbiguityMap, route: Path) 
             long, across = ellipse_of_autoware(p, poses[k, 2])
             levels[k] = max((long >= 1.2) + (long >= 1.5), (across >= 0.25) + (across >= 0.3))
     for k in range(len(poses) - 1):
-        names = [one["level"] for _, one in told if one["from_m"] - 1e-3 <= along[k] < one["to_m"]]
+        names = [
+            one["level"] for _, one in stretches if one["from_m"] - 1e-3 <= along[k] < one["to_m"]
+        ]
         expected = [] if levels[k] == 0 else [("ok", "warning", "error")[levels[k]]]
         # A pose that ends one stretch begins the next.
         assert names[-1:] == expected or abs(levels[k] - levels[k - 1]) > 0
     assert all(
-        line.length == pytest.approx(one["to_m"] - one["from_m"], abs=2e-3) for line, one in told
+        line.length == pytest.approx(one["to_m"] - one["from_m"], abs=2e-3)
+        for line, one in stretches
     )
-    assert {one["route"] for _, one in told} == {"route.csv"}
+    assert {one["route"] for _, one in stretches} == {"route.csv"}
 
 
 def test_a_small_neighbourhood_cannot_tell(write: Write, headed_map: an.AmbiguityMap) -> None:

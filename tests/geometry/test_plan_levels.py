@@ -16,8 +16,8 @@ from ambinav.geometry.io.load import load_environment
 
 def load(folder: Path, *features: tuple[Any, dict[str, Any]], **options: Any) -> Environment:
     made = [
-        {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": told}
-        for shape, told in features
+        {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": properties}
+        for shape, properties in features
     ]
     path = folder / "house.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", "features": made}))

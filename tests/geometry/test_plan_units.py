@@ -24,8 +24,8 @@ DEGREE = 111_320.0
 
 def plan(*features: tuple[Any, dict[str, Any]], **members: Any) -> dict[str, Any]:
     made = [
-        {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": told}
-        for shape, told in features
+        {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": properties}
+        for shape, properties in features
     ]
     return {"type": "FeatureCollection", "features": made, **members}
 
@@ -49,9 +49,9 @@ def placed(change: Any, thickness: float = 1.0) -> list[tuple[Any, dict[str, Any
     return [
         (
             shapely.transform(shape, change),
-            {k: v * thickness if k == "thickness" else v for k, v in told.items()},
+            {k: v * thickness if k == "thickness" else v for k, v in properties.items()},
         )
-        for shape, told in OFFICE
+        for shape, properties in OFFICE
     ]
 
 
@@ -130,11 +130,11 @@ def test_projected_reference_systems_are_noted(tmp_path: Path, name: str, words:
 
 @pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("cm", 0.01), ("mm", 0.001)])
 def test_a_plan_is_the_same_in_any_unit(tmp_path: Path, unit: str, metres: float) -> None:
-    told = load(tmp_path, plan(*placed(lambda p: p / metres, 1 / metres)), unit=unit)
+    scaled = load(tmp_path, plan(*placed(lambda p: p / metres, 1 / metres)), unit=unit)
     plain = load(tmp_path, plan(*OFFICE))
-    assert told.free.symmetric_difference(plain.free).area < 1e-9
-    assert np.allclose(np.sort(told.segments.lengths), np.sort(plain.segments.lengths))
-    assert (told.checksum == plain.checksum) == (unit == "m")
+    assert scaled.free.symmetric_difference(plain.free).area < 1e-9
+    assert np.allclose(np.sort(scaled.segments.lengths), np.sort(plain.segments.lengths))
+    assert (scaled.checksum == plain.checksum) == (unit == "m")
     text = shapely.box(0, 0, 4 / metres, 3 / metres).wkt
     (tmp_path / "plan.wkt").write_text(text)
     assert load_environment(tmp_path / "plan.wkt", unit=unit).free.area == pytest.approx(12)

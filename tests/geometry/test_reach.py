@@ -135,9 +135,9 @@ def reached(environment: Environment, reach, column: float, row: float) -> bool:
 @pytest.mark.slow
 def test_the_margin_of_a_page_is_passed_over():
     environment = grid(page())
-    with pytest.warns(InputWarning) as told:
+    with pytest.warns(InputWarning) as caught:
         reach = find_reach(environment, 0.2)
-    first, second = (str(note.message) for note in told)
+    first, second = (str(note.message) for note in caught)
     # All around: 2 x (10 + 8) m, a wall's thickness off the corners at most.
     assert re.search(r"touches the rim of the map along 36\.0 m", first)
     assert "as the margin of a page does" in second and "--start X Y" in second
@@ -204,10 +204,10 @@ def test_without_a_room_the_box_of_a_plan_is_its_rim(tmp_path):
     feature = {"type": "LineString", "coordinates": ring}
     path.write_text(json.dumps({**feature, "bbox": [0, 0, 10, 8]}))
     environment = load_polygons(path)
-    with pytest.warns(InputWarning) as told:
+    with pytest.warns(InputWarning) as caught:
         reach = find_reach(environment, 0.2)
-    assert re.search(r"walls\.geojson: .* along 36\.0 m", str(told[0].message))
-    assert "along 100 % of the map's rim" in str(told[1].message)
+    assert re.search(r"walls\.geojson: .* along 36\.0 m", str(caught[0].message))
+    assert "along 100 % of the map's rim" in str(caught[1].message)
     assert reach.reaches(5.0, 4.0) and not reach.reaches(1.0, 1.0)
 
 
@@ -275,8 +275,8 @@ def flooded(
         a, b = a.ravel(), b.ravel()
         both = free[a] & free[b]
         a, b = a[both], b[both]
-        open_way = checker.motions_free(poses[a], poses[b])
-        for i, j in zip(a[open_way].tolist(), b[open_way].tolist(), strict=True):
+        is_free = checker.motions_free(poses[a], poses[b])
+        for i, j in zip(a[is_free].tolist(), b[is_free].tolist(), strict=True):
             linked.setdefault(i, []).append(j)
             linked.setdefault(j, []).append(i)
     seen = {int(index[start])}

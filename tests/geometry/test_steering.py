@@ -136,6 +136,6 @@ def test_the_way_back_of_reeds_and_shepp_is_the_same_curve() -> None:
     for _ in range(500):
         ends = rng.uniform((-0.5, -0.5, -math.pi), (0.5, 0.5, math.pi), size=(2, 3))
         there, back = (
-            shapely.LineString(car.dense(way, 0.01)[0][:, :2]) for way in (ends, ends[::-1])
+            shapely.LineString(car.dense(pair, 0.01)[0][:, :2]) for pair in (ends, ends[::-1])
         )
         assert shapely.hausdorff_distance(there, back) < 0.02

@@ -90,9 +90,9 @@ def test_steady_sensors_need_no_tables() -> None:
         for steady in (noise.steady, np.zeros_like(noise.steady)):
             beam_lines(*pose, tables, noise._replace(steady=steady), *space)
             lines.append(space[-1].copy())
-        told = np.isfinite(lines[0][:, 4])
-        assert (told == np.isfinite(lines[1][:, 4])).all()
-        assert np.allclose(lines[0][told], lines[1][told], rtol=1e-12, atol=1e-12)
+        finite = np.isfinite(lines[0][:, 4])
+        assert (finite == np.isfinite(lines[1][:, 4])).all()
+        assert np.allclose(lines[0][finite], lines[1][finite], rtol=1e-12, atol=1e-12)
 
 
 @njit
@@ -116,20 +116,20 @@ def check_counted(tables: CastTables, pose: np.ndarray, reading: np.ndarray) -> 
     every, some, picked = work_space(size), work_space(size), np.empty(size, np.int32)
     rays_at(pose, tables, every)
     count = counted_at(pose, reading, tables, some, picked)
-    told = np.isfinite(reading)[tables.beam] | tables.anchor
-    assert np.array_equal(picked[:count], np.flatnonzero(told))
+    needed = np.isfinite(reading)[tables.beam] | tables.anchor
+    assert np.array_equal(picked[:count], np.flatnonzero(needed))
     if not np.isnan(every[2]).any():
         # Where a ray starts outside it has no direction.
-        assert np.array_equal(some[0][:count], every[0][told])
-        assert np.array_equal(some[1][:count], every[1][told])
+        assert np.array_equal(some[0][:count], every[0][needed])
+        assert np.array_equal(some[1][:count], every[1][needed])
     spread(count, some, picked)
     # Beyond its limit a ray has some distance or other.
     limit = np.nextafter(tables.limit, math.inf)
     mine, all_of_them = np.minimum(some[2], limit), np.minimum(every[2], limit)
-    assert np.allclose(mine[told], all_of_them[told], rtol=0.0, atol=1e-9, equal_nan=True)
-    near = told & (every[2] < tables.limit)
+    assert np.allclose(mine[needed], all_of_them[needed], rtol=0.0, atol=1e-9, equal_nan=True)
+    near = needed & (every[2] < tables.limit)
     assert np.array_equal(some[3][near], every[3][near])
-    assert np.isposinf(some[2][~told]).all() and (some[3][~told] == -1).all()
+    assert np.isposinf(some[2][~needed]).all() and (some[3][~needed] == -1).all()
 
 
 @settings(deadline=None, max_examples=60)

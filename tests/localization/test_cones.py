@@ -156,9 +156,9 @@ def test_the_kalman_filter_passes_doorways_with_a_ring() -> None:
     ekf = ExtendedKalmanFilter(env, RING, OdometryModel(**alphas), runs=12)
     rng = np.random.default_rng(2)
     runs = drive(env, RING, Robot(0.21), route, ekf, rng, 12, noise=noise, open_loop=True, rate=5.0)
-    told = metrics(runs)
-    assert not told.lost.any()
-    assert told.position_max.max() < 0.12 and told.heading_max.max() < 0.15
+    figures = metrics(runs)
+    assert not figures.lost.any()
+    assert figures.position_max.max() < 0.12 and figures.heading_max.max() < 0.15
 
 
 def test_what_suits_a_scanner() -> None:
@@ -197,12 +197,12 @@ def test_fields_are_warned_of_where_there_are_cones(scanner: RangeScanner, model
     parameters = MclParameters(
         laser_model_type=model, min_particles=10, max_particles=20, likelihood_resolution=0.1
     )
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         MonteCarloLocalizer(worlds.room(), scanner, parameters, rng=np.random.default_rng(1))
     cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
-    assert len(told) == int(cones and model.startswith("likelihood_field"))
-    for one in told:
+    assert len(caught) == int(cones and model.startswith("likelihood_field"))
+    for one in caught:
         assert one.category is InputWarning
         assert model in str(one.message) and "choose beam_prob" in str(one.message)
 

@@ -39,9 +39,9 @@ def information_slowly(scanner: RangeScanner, pose: np.ndarray, map_std: float) 
 def test_information_is_the_sum_over_the_beams(name: str) -> None:
     poses = worlds.free_poses(worlds.room(), 25, seed=1)
     got = scan_information(worlds.room(), SCANNERS[name], poses, map_std=0.01)
-    for pose, told in zip(poses, got, strict=True):
+    for pose, information in zip(poses, got, strict=True):
         expected = information_slowly(SCANNERS[name], pose, 0.01)
-        assert np.allclose(told, expected, rtol=1e-3, atol=1e-3 * expected.max())
+        assert np.allclose(information, expected, rtol=1e-3, atol=1e-3 * expected.max())
 
 
 def test_information_of_ranges_by_finite_differences() -> None:
@@ -61,8 +61,10 @@ def test_information_of_ranges_by_finite_differences() -> None:
 def test_what_tells_nothing() -> None:
     # Between two long walls nothing tells of x; before frontiers and out of range, of nothing.
     corridor, scanner = worlds.box(40.0, 2.0), worlds.laser(reach=4.0)
-    told = scan_information(corridor, scanner, [20.0, 1.0, 0.0])[0]
-    assert abs(told[0, 0]) < 1e-9 and told[1, 1] > 1000.0 and told[2, 2] > 100.0
+    information = scan_information(corridor, scanner, [20.0, 1.0, 0.0])[0]
+    assert (
+        abs(information[0, 0]) < 1e-9 and information[1, 1] > 1000.0 and information[2, 2] > 100.0
+    )
     unknown = worlds.box(4.0, 4.0, frontiers=(0, 1, 2, 3))
     assert (scan_information(unknown, scanner, [1.0, 1.0, 0.0]) == 0.0).all()
     hall = worlds.box(20.0, 20.0)
@@ -170,10 +172,10 @@ def test_posterior_adds_information() -> None:
     for _ in range(200):
         sizes = 10.0 ** rng.uniform(-2.0, 1.0, (2, 3))
         A, B = rng.normal(size=(2, 3, 3)) * sizes[:, None, :]
-        prior, told = A @ A.T, B @ B.T
+        prior, information = A @ A.T, B @ B.T
         got = prior.copy()
-        posterior(got, told)
-        wanted = np.linalg.inv(np.linalg.inv(prior) + told)
+        posterior(got, information)
+        wanted = np.linalg.inv(np.linalg.inv(prior) + information)
         assert np.allclose(got, wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
         assert (got == got.T).all() and np.linalg.eigvalsh(got)[0] > -1e-12 * np.abs(got).max()
 
@@ -183,9 +185,9 @@ def test_posterior_leaves_alone_what_is_known_exactly(known: tuple[int, ...]) ->
     rng = np.random.default_rng(6)
     A, B = rng.normal(size=(2, 3, 3))
     A[list(known)] = 0.0
-    got, told = A @ A.T, B @ B.T
-    wanted = got @ np.linalg.inv(np.eye(3) + told @ got)
-    posterior(got, told)
+    got, information = A @ A.T, B @ B.T
+    wanted = got @ np.linalg.inv(np.eye(3) + information @ got)
+    posterior(got, information)
     assert np.allclose(got, wanted, rtol=1e-9, atol=1e-12)
     assert (got[list(known)] == 0.0).all()
 

@@ -58,8 +58,10 @@ def test_the_fisher_information_and_a_prior(amap: AmbiguityMap) -> None:
     prior = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.002], [0.0, 0.002, 0.01]])
     env = corridor()
     found = expected_covariance(env, POSES, scanner=LASER, prior=prior, map_std=0.0)
-    told = scan_information(env, LASER, POSES[:1], 0.0)[0]
-    np.testing.assert_allclose(found[0], np.linalg.inv(np.linalg.inv(prior) + told), rtol=1e-8)
+    information = scan_information(env, LASER, POSES[:1], 0.0)[0]
+    np.testing.assert_allclose(
+        found[0], np.linalg.inv(np.linalg.inv(prior) + information), rtol=1e-8
+    )
     assert np.isnan(found[1]).all()
     # With the prior as without it along the corridor; sharp across it.
     usual = expected_covariance(env, POSES[0], scanner=LASER)[0, :2, :2]

@@ -50,17 +50,17 @@ def test_the_total_is_the_mutual_information_of_all_poses_and_all_scans() -> Non
         residual = np.hstack([-g, np.eye(3)])
         part = slice(3 * k, 3 * k + 6)
         joint[part, part] += residual.T @ np.linalg.inv(added) @ residual
-    told = scan_information(env, LASER, poses)
+    information = scan_information(env, LASER, poses)
     seen = joint.copy()
     for k in range(7):
-        seen[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += told[k]
+        seen[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += information[k]
     assert got.total == pytest.approx((log_det(seen) - log_det(joint)) / 2.0, rel=1e-6)
     # Each scan: what it takes away of the entropy of the pose, given all before it.
     before = joint.copy()
     for k in range(7):
         part = slice(3 * k, 3 * k + 3)
         after = before.copy()
-        after[part, part] += told[k]
+        after[part, part] += information[k]
         gain = (log_det(np.linalg.inv(before)[part, part])
                 - log_det(np.linalg.inv(after)[part, part])) / 2.0  # fmt: skip
         assert got.gain[k] == pytest.approx(gain, rel=1e-5)

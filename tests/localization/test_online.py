@@ -65,7 +65,7 @@ def test_against_numpy(unsure: bool) -> None:
         for axis in range(3):
             step = h * np.eye(3)[axis]
             g[:, axis] = (cast(*(pose + step)) - cast(*(pose - step))) / (2 * h)
-        told, weights = np.zeros((3, 3)), np.full(24, math.nan)
+        information, weights = np.zeros((3, 3)), np.full(24, math.nan)
         for b in range(24):
             z, mean = readings[p, b], truth[p, b]
             if not math.isfinite(mean) or math.isnan(z) or z == -math.inf:
@@ -77,11 +77,11 @@ def test_against_numpy(unsure: bool) -> None:
             hit = 0.5 * math.exp(-((z - mean) ** 2) / (2 * v)) / math.sqrt(2 * math.pi * v)
             short = 0.05 * 0.1 * math.exp(-0.1 * z) / (1 - math.exp(-0.1 * mean))
             weights[b] = hit / (hit + short * (z < mean) + 0.5 / 5.0)
-            told += weights[b] * np.outer(g[b], g[b]) / VARIANCE
+            information += weights[b] * np.outer(g[b], g[b]) / VARIANCE
         np.testing.assert_allclose(got.weights[p], weights, rtol=1e-4, atol=1e-9)
-        np.testing.assert_allclose(got.information[p], told, rtol=1e-4, atol=1e-2)
+        np.testing.assert_allclose(got.information[p], information, rtol=1e-4, atol=1e-2)
         prior = np.diag([0.25, 0.25, (math.pi / 12) ** 2])
-        left = np.linalg.inv(np.linalg.inv(prior) + told)
+        left = np.linalg.inv(np.linalg.inv(prior) + information)
         np.testing.assert_allclose(got.covariance[p], left, rtol=1e-3, atol=1e-8)
         assert got.explained[p] == pytest.approx(np.nanmean(weights), rel=1e-4)
 
@@ -233,8 +233,10 @@ def test_particles_are_weighed_where_the_gain_puts_them() -> None:
     assert np.isnan(inliers[5]) and (np.delete(inliers, 5) == np.delete(readings, 5)).all()
     kept = np.delete(particles[:2000], 7, axis=0)
     mean, spread = kept[:, :3].mean(axis=0), np.cov(kept[:, :3].T, bias=True)
-    told = online_localizability(CORRIDOR, scanner, mean, readings, uncertainty=spread).information
-    ideal = np.linalg.inv(np.linalg.inv(spread) + told[0]) @ told[0]
+    information = online_localizability(
+        CORRIDOR, scanner, mean, readings, uncertainty=spread
+    ).information
+    ideal = np.linalg.inv(np.linalg.inv(spread) + information[0]) @ information[0]
     moved = mean + (kept[:, :3] - mean) @ ideal.T
     np.testing.assert_allclose(np.delete(out[:2000], 7, axis=0)[:, :3], moved, atol=2e-3)
     assert np.ptp(np.delete(out[:2000, 0], 7)) < 0.1 < np.ptp(kept[:, 0])

@@ -20,12 +20,12 @@ from ambinav.localization.resampling import (
 )
 from tests.localization import worlds
 
-ways = pytest.mark.parametrize("way", CODES.values(), ids=CODES.keys())
+methods = pytest.mark.parametrize("method", CODES.values(), ids=CODES.keys())
 ROOM = worlds.room()
 
 
 def drawn(
-    particles: np.ndarray, way: int, seed: int, *, share: float = 0.0, least: int, most: int
+    particles: np.ndarray, method: int, seed: int, *, share: float = 0.0, least: int, most: int
 ) -> tuple[np.ndarray, int]:
     """The new set and how many bins it fills."""
     size = max(most, len(particles))
@@ -34,7 +34,7 @@ def drawn(
     edges = triangles[:, 1:] - triangles[:, :1]
     areas = np.cumsum(np.abs(np.linalg.det(edges)) / 2)
     count, bins = resample(
-        particles, len(particles), out, way, share, 0.05, 0.99, least, most, areas,
+        particles, len(particles), out, method, share, 0.05, 0.99, least, most, areas,
         ROOM.triangulation.corner, states(np.random.default_rng(seed), 1)[0], np.empty(size),
         np.empty(table_size(size), dtype=np.int64), np.empty(size, dtype=np.int32),
     )  # fmt: skip
@@ -55,53 +55,53 @@ def copies(particles: np.ndarray, out: np.ndarray) -> np.ndarray:
     return (out[:, np.newaxis, 2] == particles[:, 2]).sum(axis=0)
 
 
-@ways
-def test_copies_are_as_many_as_the_weights_ask(way: int) -> None:
+@methods
+def test_copies_are_as_many_as_the_weights_ask(method: int) -> None:
     particles = particles_in(40, 0.1, seed=1)
     expected = 400 * particles[:, 3] / particles[:, 3].sum()
     counts = np.array(
-        [copies(particles, drawn(particles, way, s, least=400, most=400)[0]) for s in range(200)]
+        [copies(particles, drawn(particles, method, s, least=400, most=400)[0]) for s in range(200)]
     )
     assert (counts.sum(axis=1) == 400).all()
     assert np.abs(counts.mean(axis=0) - expected).max() < 0.35 * math.sqrt(expected.max())
     off = np.abs(counts - expected).max()
-    if way == LOW_VARIANCE:
+    if method == LOW_VARIANCE:
         assert off < 1.0 + 1e-9
-    if way == SYSTEMATIC:
+    if method == SYSTEMATIC:
         # Van der Corput's sequence: log2(n) / 3 + 1 by theory.
         assert off < math.log2(400) / 3 + 1
-    if way == MULTINOMIAL:
+    if method == MULTINOMIAL:
         assert counts.var(axis=0) == pytest.approx(expected * (1 - expected / 400), rel=0.5)
 
 
-@ways
-def test_count_is_klds(way: int) -> None:
+@methods
+def test_count_is_klds(method: int) -> None:
     particles = particles_in(3000, 0.4, seed=2)
     particles[:, 2] *= 0.1
-    out, bins = drawn(particles, way, 3, least=100, most=3000)
+    out, bins = drawn(particles, method, 3, least=100, most=3000)
     at = np.column_stack((np.floor(out[:, :2] / 0.5), np.floor(np.mod(out[:, 2], 2 * math.pi)
                           / math.radians(10.0))))  # fmt: skip
     assert bins == len(np.unique(at, axis=0))
-    if way != LOW_VARIANCE:
+    if method != LOW_VARIANCE:
         assert len(out) == kld_count(bins, 0.05, 0.99, 100, 3000)
     assert 500 < len(out) < 3000
     assert out[:, 3] == pytest.approx(1.0 / len(out))
 
 
-@ways
-def test_weightless_particles_are_not_drawn(way: int) -> None:
+@methods
+def test_weightless_particles_are_not_drawn(method: int) -> None:
     particles = particles_in(50, 0.1, seed=4)
     particles[::2, 3] = 0.0
     for seed in range(20):
-        counts = copies(particles, drawn(particles, way, seed, least=100, most=100)[0])
+        counts = copies(particles, drawn(particles, method, seed, least=100, most=100)[0])
         assert counts[::2].sum() == 0 and counts.sum() == 100
 
 
-@ways
-def test_a_share_is_put_anywhere(way: int) -> None:
+@methods
+def test_a_share_is_put_anywhere(method: int) -> None:
     particles = particles_in(500, 0.1, seed=5)
     particles[:, :2] -= 50.0
-    out, _ = drawn(particles, way, 6, share=0.3, least=4000, most=4000)
+    out, _ = drawn(particles, method, 6, share=0.3, least=4000, most=4000)
     fresh = out[out[:, 0] > -20.0]
     assert abs(len(fresh) / 4000 - 0.3) < 0.03
     assert np.asarray(ROOM.is_free(fresh[:, 0], fresh[:, 1])).all()

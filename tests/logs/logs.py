@@ -49,8 +49,8 @@ def room(scans: int = 12, beams: int = 361, side: float = 4.0, mount=(0.1, 0.0, 
     angles = np.linspace(-math.pi / 2, math.pi / 2, beams)
     x = poses[:, 0] + mount[0] * np.cos(poses[:, 2]) - mount[1] * np.sin(poses[:, 2])
     y = poses[:, 1] + mount[0] * np.sin(poses[:, 2]) + mount[1] * np.cos(poses[:, 2])
-    way = (poses[:, 2] + mount[2])[:, None] + angles
-    c, s = np.cos(way), np.sin(way)
+    bearing = (poses[:, 2] + mount[2])[:, None] + angles
+    c, s = np.cos(bearing), np.sin(bearing)
     to_x = np.where(c > 0.0, side - x[:, None], -x[:, None]) / c
     to_y = np.where(s > 0.0, side - y[:, None], -y[:, None]) / s
     return Log(

@@ -268,8 +268,8 @@ def test_real_logs(data_dir, name):
         np.testing.assert_allclose(np.ptp(log.poses[:, :2], axis=0), extent, atol=0.051)
     assert np.isfinite(log.time).all() == timed
     # Odometry is odometry: near the corrected motion from scan to scan, and drifting in the end.
-    told, true = (between(p[:-1], p[1:]) for p in (log.odometry, log.poses))
-    apart = np.abs(told - true)
+    moved, true = (between(p[:-1], p[1:]) for p in (log.odometry, log.poses))
+    apart = np.abs(moved - true)
     assert float(np.median(np.hypot(apart[:, 0], apart[:, 1]))) < 0.06
     assert math.degrees(float(np.median(apart[:, 2]))) < 3.0
     away = between(log.poses[0], log.poses) - between(log.odometry[0], log.odometry)

@@ -38,8 +38,8 @@ def reference(log: Log, reach: float, counts: RayCounts) -> tuple[np.ndarray, np
         for angle, length in zip(log.angles, scan, strict=True):
             if not math.isfinite(length):
                 continue
-            way, span = pose[2] + angle, min(length, reach)
-            end = pose[0] + span * math.cos(way), pose[1] + span * math.sin(way)
+            bearing, span = pose[2] + angle, min(length, reach)
+            end = pose[0] + span * math.cos(bearing), pose[1] + span * math.sin(bearing)
             line = shapely.LineString([pose[:2], end])
             cut = shapely.length(shapely.intersection(squares, line)) > 0.0
             last = shapely.contains(squares, shapely.Point(end))

@@ -164,16 +164,16 @@ def test_a_missing_or_damaged_chunk_is_named(tmp_path, change):
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("told", [FORMAT + 1, 99])
-def test_a_map_of_a_newer_format_is_refused(tmp_path, told):
+@pytest.mark.parametrize("version", [FORMAT + 1, 99])
+def test_a_map_of_a_newer_format_is_refused(tmp_path, version):
     path = tmp_path / "a.zarr"
     AmbiguityMap(synthetic.dataset()).save(path)
     root = json.loads((path / "zarr.json").read_text())
-    root["attributes"] |= {FORMAT_ATTR: told, "ambinav_version": "7.8.9"}
+    root["attributes"] |= {FORMAT_ATTR: version, "ambinav_version": "7.8.9"}
     (path / "zarr.json").write_text(json.dumps(root))
     with pytest.raises(InputError) as caught:
         AmbiguityMap.open(path)
-    words = (f"format {told} (of ambinav 7.8.9)", f"up to {FORMAT}", "install a newer ambinav")
+    words = (f"format {version} (of ambinav 7.8.9)", f"up to {FORMAT}", "install a newer ambinav")
     assert all(word in str(caught.value) for word in words)
 
 
@@ -186,20 +186,20 @@ def test_a_map_of_an_older_format_is_read(tmp_path):
     assert FORMAT_ATTR not in amap.dataset.attrs
 
 
-@pytest.mark.parametrize("told", ["new", 0, None, 1.5])
-def test_a_format_that_is_none(tmp_path, told):
+@pytest.mark.parametrize("version", ["new", 0, None, 1.5])
+def test_a_format_that_is_none(tmp_path, version):
     path = tmp_path / "a.zarr"
     AmbiguityMap(synthetic.dataset()).save(path)
     root = json.loads((path / "zarr.json").read_text())
-    root["attributes"][FORMAT_ATTR] = told
+    root["attributes"][FORMAT_ATTR] = version
     (path / "zarr.json").write_text(json.dumps(root))
     with pytest.raises(InputError, match="map_format is"):
         AmbiguityMap.open(path)
 
 
 def test_parameters_must_be_json(tmp_path):
-    for told in ("{", "[]", 7):
-        dataset = synthetic.dataset().assign_attrs(parameters=told)
+    for parameters in ("{", "[]", 7):
+        dataset = synthetic.dataset().assign_attrs(parameters=parameters)
         with pytest.raises(InputError, match=r"attribute parameters is .*, not a JSON object"):
             AmbiguityMap(dataset)
 

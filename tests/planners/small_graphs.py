@@ -78,18 +78,18 @@ def odometry(
     return OdometryNoise(**alphas, scale=1.0, distance=1.0, angle=1.0)
 
 
-def information_of(told: NDArray[np.float64], spacing: float) -> Information:
+def information_of(matrices: NDArray[np.float64], spacing: float) -> Information:
     """Information matrices, shape (rows, columns, 3, 3), of a map without headings."""
-    position = told[..., :2, :2] - _shadow(told)
-    parts = [told[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
+    position = matrices[..., :2, :2] - _shadow(matrices)
+    parts = [matrices[..., i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
     parts.append(np.linalg.eigvalsh(position)[..., 0].clip(0.0))
     fields = [np.ascontiguousarray(v[..., np.newaxis], dtype=np.float32) for v in parts]
     return Information(*fields, (0.0, 0.0), spacing)
 
 
-def _shadow(told: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shadow(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """What of the information about the position is lost if the heading is unknown."""
-    shift, turn = told[..., :2, 2], told[..., 2, 2][..., np.newaxis, np.newaxis]
+    shift, turn = matrices[..., :2, 2], matrices[..., 2, 2][..., np.newaxis, np.newaxis]
     both = shift[..., :, np.newaxis] * shift[..., np.newaxis, :]
     return np.divide(both, turn, out=np.zeros_like(both), where=turn > 0.0)
 
@@ -97,23 +97,23 @@ def _shadow(told: NDArray[np.float64]) -> NDArray[np.float64]:
 def random_information(rng: np.random.Generator, most: float = 50.0) -> Information:
     """Positive semidefinite information over a square of 4 m, nothing in places."""
     root = rng.normal(size=(9, 9, 3, 3)) * (rng.random((9, 9, 1, 1)) < 0.6)
-    told = root @ root.transpose(0, 1, 3, 2)
-    return information_of(told * most / max(float(told.max()), 1e-9), 0.5)
+    matrices = root @ root.transpose(0, 1, 3, 2)
+    return information_of(matrices * most / max(float(matrices.max()), 1e-9), 0.5)
 
 
-def even_information(told: float) -> Information:
+def even_information(value: float) -> Information:
     """The same in every direction and place, nothing about the heading."""
-    return information_of(np.broadcast_to(np.diag([told, told, 0.0]), (2, 2, 3, 3)), 1.0)
+    return information_of(np.broadcast_to(np.diag([value, value, 0.0]), (2, 2, 3, 3)), 1.0)
 
 
-def landmarks(told: float) -> Information:
+def landmarks(value: float) -> Information:
     """Over 4 m x 2 m: as much in every direction above y = 0.75, nothing below."""
     out = np.zeros((9, 17, 3, 3))
-    out[3:, :, 0, 0] = out[3:, :, 1, 1] = told
+    out[3:, :, 0, 0] = out[3:, :, 1, 1] = value
     return information_of(out, 0.25)
 
 
-def ways_up_to(graph: MotionGraph, start: int, goal: int, longest: float) -> Iterator[list[int]]:
+def paths_up_to(graph: MotionGraph, start: int, goal: int, longest: float) -> Iterator[list[int]]:
     """Motions of every path of at most that many metres, nodes passed any number of times."""
     ahead = dijkstra(graph.matrix(graph.length).T, indices=goal)
 

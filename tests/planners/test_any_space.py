@@ -145,11 +145,11 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
 
     setup.setStatePropagator(drive)
     si.setPropagationStepSize(0.2)
-    asked = []
+    calls = []
 
     class Counting(AmbiguityObjective):
         def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802
-            asked.append(1)
+            calls.append(1)
             return super().motionCost(a, b)
 
     objective = Counting(si, demo)
@@ -159,7 +159,7 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
     )
     setup.setPlanner(oc.RRT(si))
     setup.solve(20.0)
-    assert not asked, "control planners ask for costs now: docs/planning.md may promise more"
+    assert not calls, "control planners ask for costs now: docs/planning.md may promise more"
     path = setup.getSolutionPath()
     path.interpolate()
     states = path.getStates()
@@ -167,10 +167,10 @@ def test_control_planners_ignore_every_objective(demo: AmbiguityService) -> None
     assert objective.cost_of(states) == pytest.approx(demo.route_cost(poses, Steering("se2")))
 
 
-@pytest.mark.parametrize("told", [None, (1.0,), (1.0, math.nan), ("a", "b"), 3.0])
-def test_poses_that_are_none(demo: AmbiguityService, told: object) -> None:
+@pytest.mark.parametrize("pose", [None, (1.0,), (1.0, math.nan), ("a", "b"), 3.0])
+def test_poses_that_are_none(demo: AmbiguityService, pose: object) -> None:
     si = information(Steering())
-    objective = AmbiguityObjective(si, demo, pose=lambda state: told)  # type: ignore[arg-type,return-value]
+    objective = AmbiguityObjective(si, demo, pose=lambda state: pose)  # type: ignore[arg-type,return-value]
     a = new_state(si, (3.0, 3.0, 0.0), False)
     with pytest.raises(InputError, match=r"pose gives .* for a state; let it return x and y in"):
         objective.motionCost(a, a)

@@ -27,8 +27,8 @@ from tests.planners.small_graphs import (
     graphs,
     landmarks,
     odometry,
+    paths_up_to,
     random_information,
-    ways_up_to,
 )
 
 Matrix = NDArray[np.float64]
@@ -290,7 +290,7 @@ def best_of_all(
     roadmap: BeliefRoadmap, goal: int, weight: float, measure: str, most: float, longest: float
 ) -> float:
     best = math.inf
-    for motions in ways_up_to(roadmap.graph, 0, goal, longest):
+    for motions in paths_up_to(roadmap.graph, 0, goal, longest):
         along = deviation(roadmap.along(np.array(motions, dtype=np.intp), START), measure)
         if along.max() <= most:
             length = float(roadmap.graph.length[motions].sum())

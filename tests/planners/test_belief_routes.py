@@ -28,12 +28,12 @@ ODOMETRY = odometry(along=0.2, drift=0.03)
 def service() -> AmbiguityService:
     """The hall with landmarks along its lower side: the scan tells all below y = 3."""
     data = synthetic.dataset()
-    told = (data["x"] > 16.0) & (data["y"] < 3.0) & data["free"]
+    informative = (data["x"] > 16.0) & (data["y"] < 3.0) & data["free"]
     for name, value in (
         ("major", 0.1), ("minor", 0.1), ("major_radius", 0.025), ("minor_radius", 0.025),
         ("level", 0.1), ("zone", LOCALIZABLE),
     ):  # fmt: skip
-        data[name] = data[name].where(~told, value).astype(data[name].dtype)
+        data[name] = data[name].where(~informative, value).astype(data[name].dtype)
     return AmbiguityService(AmbiguityMap(data), weight=20.0)
 
 

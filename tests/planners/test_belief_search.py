@@ -26,8 +26,8 @@ from tests.planners.small_graphs import (
     graphs,
     landmarks,
     odometry,
+    paths_up_to,
     random_information,
-    ways_up_to,
 )
 
 UNSURE = BeliefModel(start_std=(0.2, 0.2, 0.0), scan_distance=0.5, weight=2.0, reference=0.5)
@@ -68,7 +68,7 @@ def test_least_cost_of_all_ways(
     goal = len(graph.poses) - 1
     longest = 6.0
     least = math.inf
-    for motions in ways_up_to(graph, 0, goal, longest):
+    for motions in paths_up_to(graph, 0, goal, longest):
         cost, most, last = priced(graph, growth, model, motions)
         if most <= max_std and last <= max_goal_std:
             least = min(least, cost)
@@ -93,8 +93,8 @@ def test_without_growth_and_scans_it_is_the_shortest_way(
     graph: MotionGraph, seed: int, std: float
 ) -> None:
     model = replace(UNSURE, start_std=(std, std, 0.0))
-    told = even_information(0.0) if std else random_information(np.random.default_rng(seed))
-    growth = Growth.of(graph, told, model, odometry())
+    information = even_information(0.0) if std else random_information(np.random.default_rng(seed))
+    growth = Growth.of(graph, information, model, odometry())
     goal = len(graph.poses) - 1
     found = belief_search(graph, growth, model, 0, goal)
     nodes = graph.cheapest(0, goal, 0.0)
@@ -152,7 +152,7 @@ def test_rate_is_the_limit_of_scans_one_by_one() -> None:
     assert std_along(growth, np.array([0]), model.std)[-1] == pytest.approx(math.sqrt(p), rel=0.02)
 
 
-def two_ways() -> tuple[MotionGraph, Information]:
+def two_paths() -> tuple[MotionGraph, Information]:
     """4 m straight on where nothing tells, or 6 m along landmarks above y = 0.75."""
     poses = np.array([[0, 0, 0], [4, 0, 0], [0, 1, 0], [4, 1, 0]], dtype=float)
     graph = graph_of(poses, [(0, 1), (0, 2), (2, 3), (3, 1)])
@@ -160,7 +160,7 @@ def two_ways() -> tuple[MotionGraph, Information]:
 
 
 def test_the_way_by_the_landmarks() -> None:
-    graph, information = two_ways()
+    graph, information = two_paths()
     for weight, nodes in ((0.0, [0, 1]), (5.0, [0, 2, 3, 1])):
         model = BeliefModel(
             start_std=(0.2, 0.2, 0.0), scan_distance=1.0, weight=weight, reference=0.3
@@ -174,7 +174,7 @@ def test_the_way_by_the_landmarks() -> None:
 
 @pytest.mark.parametrize("limit", ["max_std", "max_goal_std"])
 def test_limits_force_the_way_by_the_landmarks(limit: str) -> None:
-    graph, information = two_ways()
+    graph, information = two_paths()
     model = BeliefModel(start_std=(0.2, 0.2, 0.0), scan_distance=1.0, weight=0.0)
     growth = Growth.of(graph, information, model, odometry(along=0.3))
     found = belief_search(graph, growth, replace(model, **{limit: 0.4}), 0, 1)

@@ -44,23 +44,23 @@ class Counting(ob.PathLengthOptimizationObjective):
 
     def __init__(self, si: ob.SpaceInformation) -> None:
         super().__init__(si)
-        self.asked = 0
-        self.asked_symmetric = 0
+        self.calls = 0
+        self.symmetric_calls = 0
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802
-        self.asked += 1
+        self.calls += 1
         return ob.Cost(math.hypot(b[0] - a[0], b[1] - a[1]))
 
     def isSymmetric(self) -> bool:  # noqa: N802
-        self.asked_symmetric += 1
+        self.symmetric_calls += 1
         return False
 
 
 class CountingAmbiguity(AmbiguityObjective):
-    asked = 0
+    calls = 0
 
     def motionCost(self, a: Any, b: Any) -> ob.Cost:  # noqa: N802
-        self.asked += 1
+        self.calls += 1
         return super().motionCost(a, b)
 
 
@@ -114,8 +114,8 @@ def test_planners_call_the_objective(robot: RoutePlanner, name: str) -> None:
     assert make is not None
     setup.simple.setPlanner(make(setup.si))
     watch = Watch(Budget(0.2))
-    setup.simple.solve(ob.PlannerTerminationCondition(lambda: objective.asked > 50 or watch.over))
-    assert objective.asked > 50
+    setup.simple.solve(ob.PlannerTerminationCondition(lambda: objective.calls > 50 or watch.over))
+    assert objective.calls > 50
 
 
 def test_aorrtc_never_calls_the_objective() -> None:
@@ -125,7 +125,7 @@ def test_aorrtc_never_calls_the_objective() -> None:
     simple.setPlanner(og.AORRTC(simple.getSpaceInformation()))
     until = time.perf_counter() + 0.1
     simple.solve(ob.PlannerTerminationCondition(lambda: time.perf_counter() > until))
-    assert objective.asked == 0, "AORRTC asks for costs now: it might be offered"
+    assert objective.calls == 0, "AORRTC asks for costs now: it might be offered"
 
 
 @pytest.mark.parametrize("name", sorted(n for n, p in planners().items() if p.make))
@@ -167,8 +167,8 @@ def test_is_symmetric_cannot_be_overridden() -> None:
     planner = og.RRTstar(simple.getSpaceInformation())
     simple.setPlanner(planner)
     simple.solve(ob.PlannerTerminationCondition(lambda: planner.numIterations() >= 100))
-    assert objective.asked > 100
-    assert objective.asked_symmetric == 0, (
+    assert objective.calls > 100
+    assert objective.symmetric_calls == 0, (
         "OMPL asks Python whether costs are symmetric: with an answer, RRT* could plan in r2 on "
         "maps with headings"
     )
@@ -196,7 +196,7 @@ def test_the_rewire_factor_sets_how_many_costs_rrtstar_asks_for(factor: float) -
     count = np.arange(1, iterations + 1)
     neighbours = factor * 2.0**3 * math.e * 1.5 * np.log(count + 1)
     expected = np.minimum(np.ceil(neighbours), count).sum()
-    assert objective.asked == pytest.approx(expected, rel=0.15)
+    assert objective.calls == pytest.approx(expected, rel=0.15)
 
 
 def test_a_roadmap_grows_until_the_condition() -> None:

@@ -56,8 +56,8 @@ except KeyboardInterrupt:
         assert process.poll() is None
     time.sleep(0.3)
     process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=10.0)
-    assert "interrupted" in said
+    output, _ = process.communicate(timeout=10.0)
+    assert "interrupted" in output
 
 
 def test_prm_deadlocks_with_an_objective_in_python() -> None:
@@ -86,5 +86,5 @@ first = ou.RNG().uniform01()
 ou.RNG.setSeed(6)
 print("seed", ou.RNG.getSeed(), ou.RNG().uniform01() != first)
 """)
-    said, _ = process.communicate(timeout=30.0)
-    assert "seed 5 True" in said
+    output, _ = process.communicate(timeout=30.0)
+    assert "seed 5 True" in output

@@ -35,13 +35,13 @@ def costs_to_go(
         goal.setState(end)
         goal.setThreshold(1e-6)
     state = si.allocState()
-    told = []
+    costs = []
     poses = np.random.default_rng(4).uniform([1.0, 1.0, -3.1], [44.0, 27.0, 3.1], (STATES, 3))
     for pose in poses.tolist():
         state = new_state(si, tuple(pose), with_heading)
         cost = objective.motionCost(state, end).value()
-        told.append((objective.costToGo(state, goal).value(), cost))
-    least, cost = np.array(told).T
+        costs.append((objective.costToGo(state, goal).value(), cost))
+    least, cost = np.array(costs).T
     return least, cost
 
 
@@ -72,8 +72,8 @@ def test_the_planners_of_se2_are_given_the_bound(demo: AmbiguityService) -> None
     robot = RoutePlanner(demo, space="se2")
     setup = prepare(robot.problem((3.0, 3.0, 0.0), (12.0, 6.0, 1.0)))
     state = new_state(setup.si, (12.0, 10.0, -2.0), True)
-    told = setup.objective.costToGo(state, setup.simple.getGoal()).value()
-    assert told == pytest.approx(4.0, abs=1e-5)
+    bound = setup.objective.costToGo(state, setup.simple.getGoal()).value()
+    assert bound == pytest.approx(4.0, abs=1e-5)
 
 
 def test_the_heading_is_part_of_the_goal() -> None:

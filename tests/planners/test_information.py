@@ -54,11 +54,11 @@ def of_position(found: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def test_prior_and_information_make_the_posterior() -> None:
     """Gaussians fused: posterior^-1 = prior^-1 + information, whatever the direction."""
-    told = np.array([[90.0, 25.0], [25.0, 40.0]])
+    added = np.array([[90.0, 25.0], [25.0, 40.0]])
     prior = 0.0625 * np.eye(2)  # a round neighbourhood of 0.5 m
-    posterior = np.linalg.inv(np.linalg.inv(prior) + told)
+    posterior = np.linalg.inv(np.linalg.inv(prior) + added)
     found = Information.of(with_tensor(posterior, prior)).at(np.array([IN_ROOM]))
-    np.testing.assert_allclose(of_position(found)[0], told, rtol=1e-3, atol=0.05)
+    np.testing.assert_allclose(of_position(found)[0], added, rtol=1e-3, atol=0.05)
 
 
 def test_a_scan_that_changes_nothing_tells_nothing_of_the_position() -> None:
@@ -73,8 +73,8 @@ def test_a_scan_that_changes_nothing_tells_nothing_of_the_position() -> None:
 def test_a_fine_scan_is_not_capped(radius: float) -> None:
     """Cells are 0.1 m apart; a scan may fix the position far better than that."""
     found = Information.of(with_tensor(radius**2 * np.eye(2), 0.0625 * np.eye(2)))
-    told = 1.0 / radius**2 - 16.0
-    assert found.weak[20, 20, 0] == pytest.approx(told, rel=1e-4)
+    expected = 1.0 / radius**2 - 16.0
+    assert found.weak[20, 20, 0] == pytest.approx(expected, rel=1e-4)
 
 
 def by_differences(
@@ -90,8 +90,8 @@ def by_differences(
         low, high = (sensor.scan(environment, *end) for end in ends)
         seen = np.isfinite(low) & np.isfinite(high)
         gradients.append(np.subtract(high, low, out=np.zeros(len(low)), where=seen) / (2 * step))
-    told = np.array(gradients)
-    return np.asarray(told @ told.T / std**2)
+    jacobian = np.array(gradients)
+    return np.asarray(jacobian @ jacobian.T / std**2)
 
 
 @pytest.mark.parametrize("beams", [60, 241])
@@ -112,10 +112,10 @@ def test_heading_and_coupling_against_differences_of_scans(
     for row, column, k in chosen:
         pose = np.array([float(data[name].values[i])
                          for name, i in (("x", column), ("y", row), ("theta", k))])  # fmt: skip
-        told = by_differences(environment, laser, pose, std)
+        fisher = by_differences(environment, laser, pose, std)
         found = information.at(pose[None])[0]
-        turn = told[2, 2] / (2.0 * independent_tau(laser))
-        shift = told[:2, 2] / told[2, 2]
+        turn = fisher[2, 2] / (2.0 * independent_tau(laser))
+        shift = fisher[:2, 2] / fisher[2, 2]
         # The map's own tau is of every second beam, whose aperture is a little less.
         near = np.isclose(found[2, 2], turn, rtol=0.03)
         near &= np.allclose(found[:2, 2] / found[2, 2], shift, rtol=5e-3, atol=2e-3)
@@ -141,11 +141,11 @@ def test_few_beams_beside_many_count_as_the_map_counts_them() -> None:
     for row, column, k in chosen:
         pose = np.array([float(data[name].values[i])
                          for name, i in (("x", column), ("y", row), ("theta", k))])  # fmt: skip
-        told = by_differences(environment, few, pose, 0.01)
-        told = told + kept / 331 * by_differences(environment, many, pose, 0.05)
+        fisher = by_differences(environment, few, pose, 0.01)
+        fisher = fisher + kept / 331 * by_differences(environment, many, pose, 0.05)
         found = information.at(pose[None])[0]
-        near = np.isclose(found[2, 2], told[2, 2] / (2.0 * parameters["tau"]), rtol=0.03)
-        near &= np.allclose(found[:2, 2] / found[2, 2], told[:2, 2] / told[2, 2], atol=1e-2)
+        near = np.isclose(found[2, 2], fisher[2, 2] / (2.0 * parameters["tau"]), rtol=0.03)
+        near &= np.allclose(found[:2, 2] / found[2, 2], fisher[:2, 2] / fisher[2, 2], atol=1e-2)
         agreed += bool(near)
     assert agreed >= 0.7 * len(chosen)
 
@@ -221,10 +221,12 @@ def test_the_heading_is_no_better_known_than_by_the_map(radius: float) -> None:
         full = np.where(data["free"].values, value, np.nan).astype(np.float32)
         data[name] = xr.DataArray(full, dims=("y", "x"))
     found = Information.of(AmbiguityMap(data)).at(np.array([IN_ROOM]))
-    told = min(plain[0, 2, 2], 1.0 / radius**2 - 1.0 / 1.8**2)
-    assert found[0, 2, 2] == pytest.approx(told, rel=1e-5)
+    expected = min(plain[0, 2, 2], 1.0 / radius**2 - 1.0 / 1.8**2)
+    assert found[0, 2, 2] == pytest.approx(expected, rel=1e-5)
     # A turn looks like the same shift, and the position is known as before.
-    np.testing.assert_allclose(found[0, :2, 2] / told, plain[0, :2, 2] / plain[0, 2, 2], atol=1e-6)
+    np.testing.assert_allclose(
+        found[0, :2, 2] / expected, plain[0, :2, 2] / plain[0, 2, 2], atol=1e-6
+    )
     np.testing.assert_allclose(of_position(found), of_position(plain), rtol=1e-4, atol=0.05)
 
 

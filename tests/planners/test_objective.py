@@ -102,10 +102,10 @@ def test_the_cost_that_ompl_reports_is_the_integral(
 ) -> None:
     robot = RoutePlanner(demo, space=steering.space, turning_radius=steering.radius)
     setup, path, _ = found(robot, "bitstar")
-    told = path.cost(setup.objective).value()
-    assert told == pytest.approx(summed(setup, path), rel=1e-3)
+    cost = path.cost(setup.objective).value()
+    assert cost == pytest.approx(summed(setup, path), rel=1e-3)
     path = np.array([pose_reader(steering.space != "r2")(state) for state in path.getStates()])
-    assert demo.route_cost(path, steering) == pytest.approx(told, rel=1e-9)
+    assert demo.route_cost(path, steering) == pytest.approx(cost, rel=1e-9)
 
 
 @steerings

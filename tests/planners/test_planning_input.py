@@ -49,10 +49,10 @@ def two_rooms() -> AmbiguityMap:
 def test_refused_planners(robot: RoutePlanner, name: str, reason: str) -> None:
     with pytest.raises(InputError) as caught:
         robot.plan(START, GOAL, planner_name=name)
-    told = str(caught.value)
-    assert told.startswith(f"planner {name!r} is refused: ")
-    assert reason in told
-    assert all(other in told for other in planners())
+    message = str(caught.value)
+    assert message.startswith(f"planner {name!r} is refused: ")
+    assert reason in message
+    assert all(other in message for other in planners())
 
 
 def test_unknown_planners(robot: RoutePlanner) -> None:
@@ -139,9 +139,11 @@ def test_ends_in_walls_and_behind_them(two_rooms: AmbiguityMap) -> None:
 def test_the_nearest_free_point_is_named_in_round_numbers(two_rooms: AmbiguityMap) -> None:
     # The nearest place stands a robot's radius from both walls, and so does no rounded one.
     robot = RoutePlanner(two_rooms, footprint=0.2 + 1e-9)
-    with pytest.raises(InputError, match=r"the nearest free point is \(0\.2\d, 0\.2\d\),") as told:
+    with pytest.raises(
+        InputError, match=r"the nearest free point is \(0\.2\d, 0\.2\d\),"
+    ) as caught:
         robot.plan((0.0, 0.0), (3.0, 3.0))
-    found = re.search(r"point is \(([\d.]+), ([\d.]+)\)", str(told.value))
+    found = re.search(r"point is \(([\d.]+), ([\d.]+)\)", str(caught.value))
     assert found is not None
     assert robot.plan((float(found[1]), float(found[2])), (3.0, 3.0), planner_name="reference")
 

@@ -85,16 +85,16 @@ def test_costs_are_those_of_the_service(graph: Any, demo_map: AmbiguityMap) -> N
     _, edges = graph
     service = AmbiguityService(demo_map, weight=3.0)
     for edge in list(edges.values())[::40]:
-        told = edge["metadata"]
+        metadata = edge["metadata"]
         (x0, y0), (x1, y1) = edge["line"]
         theta = float(np.arctan2(y1 - y0, x1 - x0))
         cost = service.motion_cost(x0, y0, x1, y1, theta, theta)
         assert edge["cost"] == pytest.approx(cost, rel=2e-3)
-        assert told["length"] == pytest.approx(np.hypot(x1 - x0, y1 - y0), abs=1e-3)
-        assert edge["cost"] == pytest.approx(told["length"] + told["penalty"], abs=2e-4)
-        assert told["penalty"] == pytest.approx(3.0 * told["exposure"], abs=1e-3)
+        assert metadata["length"] == pytest.approx(np.hypot(x1 - x0, y1 - y0), abs=1e-3)
+        assert edge["cost"] == pytest.approx(metadata["length"] + metadata["penalty"], abs=2e-4)
+        assert metadata["penalty"] == pytest.approx(3.0 * metadata["exposure"], abs=1e-3)
         assert edge["overridable"] is False
-        assert all(isinstance(value, float) for value in told.values())
+        assert all(isinstance(value, float) for value in metadata.values())
 
 
 def test_a_seed_gives_the_same_graph_and_parts_left_out_are_said(

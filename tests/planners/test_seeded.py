@@ -35,10 +35,10 @@ def main(source, jobs):
         print(json.dumps([name, seed, route.poses.tolist()]))
 main(*sys.argv[1:])
 """
-Told = dict[tuple[str, int], list[list[float]]]
+PosesByJob = dict[tuple[str, int], list[list[float]]]
 
 
-def in_a_fresh_process(source: Path, jobs: list[tuple[str, int, int | None]]) -> Told:
+def in_a_fresh_process(source: Path, jobs: list[tuple[str, int, int | None]]) -> PosesByJob:
     """Poses of the routes by planner and seed."""
     run = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(source), json.dumps(jobs)],

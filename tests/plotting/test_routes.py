@@ -32,10 +32,10 @@ def amap() -> AmbiguityMap:
     return AmbiguityMap(synthetic.dataset())
 
 
-def route_through(amap, *places, steering=None, **told):
+def route_through(amap, *places, steering=None, **options):
     poses = [(x, y, 0.0) for x, y in places]
-    service = AmbiguityService(amap, weight=told.pop("weight", 5.0))
-    return evaluate_route(service, poses, steering or Steering(), planner="by hand", **told)
+    service = AmbiguityService(amap, weight=options.pop("weight", 5.0))
+    return evaluate_route(service, poses, steering or Steering(), planner="by hand", **options)
 
 
 @pytest.fixture(scope="module")
@@ -82,10 +82,10 @@ def test_routes_run_through_their_poses_and_keep_apart(amap, routes):
 
 
 def test_legend_tells_length_cost_and_metres_in_each_bad_zone(amap, routes):
-    told = texts(plot_routes(amap, routes))
-    assert told[:5] == ["localizable", "transition", "corridor", "open", "unknown"]
+    legend = texts(plot_routes(amap, routes))
+    assert legend[:5] == ["localizable", "transition", "corridor", "open", "unknown"]
     route = routes["shortest"]
-    assert told[5] == (
+    assert legend[5] == (
         f"shortest\n{route.length:.1f} m, cost {route.cost:.1f} (weight 5)\n"
         f"corridor {route.corridor_metres:.1f} ({route.longest_corridor:.1f}) m, "
         f"open {route.open_metres:.1f} ({route.longest_open:.1f}) m"
@@ -101,8 +101,8 @@ def test_a_kind_of_route_has_one_colour(amap, routes):
         lines = dict(zip(named, cased(plot_routes(amap, named).axes[0]), strict=True))
         assert lines["a"].get_color() == style.route_style("ambiguity").colour
         assert lines["b"].get_color() == style.route_style("shortest").colour
-    told = plot_routes(amap, named, kinds={"a": "policy", "b": "planner"}).axes[0]
-    assert [line.get_color() for line in cased(told)] == [
+    axes = plot_routes(amap, named, kinds={"a": "policy", "b": "planner"}).axes[0]
+    assert [line.get_color() for line in cased(axes)] == [
         style.route_style("shortest").colour, style.route_style("policy").colour
     ]  # fmt: skip
 
@@ -114,9 +114,9 @@ def test_start_and_goal_are_marked_once(amap, routes):
 
 
 def test_the_same_way_is_one_line(amap):
-    ways = {f"weight {w}": route_through(amap, (1, 2), (9, 2), weight=w) for w in (1, 3)}
-    ways["other"] = route_through(amap, (1, 2), (9, 2.5))
-    figure = plot_routes(amap, ways)
+    drawn = {f"weight {w}": route_through(amap, (1, 2), (9, 2), weight=w) for w in (1, 3)}
+    drawn["other"] = route_through(amap, (1, 2), (9, 2.5))
+    figure = plot_routes(amap, drawn)
     assert len(cased(figure.axes[0])) == 2
     assert texts(figure)[5].startswith("weight 1, weight 3\n8.0 m\n")
 
@@ -160,8 +160,8 @@ def test_ellipses_are_two_standard_deviations(amap):
 @pytest.mark.parametrize("count", [1, 5])
 def test_nothing_overlaps(amap, part, count):
     building = AmbiguityMap(amap.dataset.isel(x=part))
-    ways = {f"route {i}": route_through(amap, (17, 2), (18, 3 + i)) for i in range(count)}
-    figure = plot_routes(building, ways)
+    drawn = {f"route {i}": route_through(amap, (17, 2), (18, 3 + i)) for i in range(count)}
+    figure = plot_routes(building, drawn)
     figure.canvas.draw()
     axes = figure.axes[0]
     renderer = figure.canvas.get_renderer()

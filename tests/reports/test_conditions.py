@@ -42,7 +42,7 @@ def test_a_condition_is_read_however_it_is_written(text, meant):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("", "at position 1 it ends where the name of a figure is expected"),
         ("> 2 %", "at position 1 stands '> 2 %' where the name of a figure"),
@@ -67,11 +67,11 @@ def test_a_condition_is_read_however_it_is_written(text, meant):
         ("places > 2 m", 'places is a number without a unit, not in m; write "places > 2"'),
     ],
 )
-def test_what_cannot_be_read_is_refused_in_one_sentence(text, told):
+def test_what_cannot_be_read_is_refused_in_one_sentence(text, expected):
     with pytest.raises(InputError) as caught:
         parse_condition(text, QUANTITIES)
     message = str(caught.value)
-    assert told in message
+    assert expected in message
     assert message.startswith(f"--fail-if: {text!r}: ")
     assert "\n" not in message and message.endswith(".")
 

@@ -68,11 +68,11 @@ def test_of_a_large_lattice_the_worst_cell_stands_for_its_block(monkeypatch, mos
 @pytest.mark.parametrize("headings", [0, 4])
 def test_the_map_is_told_in_the_form_of_the_service(headings):
     amap = AmbiguityMap(synthetic.dataset(headings=headings))
-    told = map_data(amap, _scanner())
-    assert json.loads(json.dumps(told, allow_nan=False)) is not None
-    about = told["map"]
+    data = map_data(amap, _scanner())
+    assert json.loads(json.dumps(data, allow_nan=False)) is not None
+    about = data["map"]
     assert about["headings"] == (headings or None)
-    raster = told["rasters"]["level"]
+    raster = data["rasters"]["level"]
     values, codes = decoded(raster["png"], raster["low"], raster["high"])
     assert values.shape == tuple(about["shape"])
     left, _, _, top = about["bounds"]
@@ -90,9 +90,9 @@ def _scanner():
 
 def test_every_parameter_has_a_sentence(plan_map):
     amap = AmbiguityMap.open(plan_map)
-    told = map_parameters(json.loads(amap.dataset.attrs["parameters"]) | {"cost_layer": "level"})
-    assert [one.name for one in told if not one.text] == []
-    assert next(one for one in told if one.name == "spacing").unit == "m"
+    listed = map_parameters(json.loads(amap.dataset.attrs["parameters"]) | {"cost_layer": "level"})
+    assert [one.name for one in listed if not one.text] == []
+    assert next(one for one in listed if one.name == "spacing").unit == "m"
     pairs = [{"name": "p", "start": [0, 0], "goal": [1, 1]}]
     scenario = Scenario(name="n", environment="e", scanner="s", pairs=pairs, routes=["shortest"])
     parameters = scenario_parameters(_parameters(scenario))
@@ -101,14 +101,14 @@ def test_every_parameter_has_a_sentence(plan_map):
 
 
 def test_one_file_holds_every_module_and_text_cannot_end_a_script():
-    told = page_parts({"map": {"name": "</script><b>"}})
-    found = re.search(r'<script type="importmap">(.*?)</script>', told.scripts)
+    parts = page_parts({"map": {"name": "</script><b>"}})
+    found = re.search(r'<script type="importmap">(.*?)</script>', parts.scripts)
     assert found
     imports = json.loads(found[1])["imports"]
     assert {f"page/{name}" for name in modules("report.js")} == set(imports)
     for address in imports.values():
         text = base64.b64decode(address.partition(",")[2]).decode()
         assert not re.search(r'from "\./', text)
-    assert told.scripts.count("</script>") == 4
-    data = re.search(r'id="ambinav-data">(.*?)</script>', told.scripts)
+    assert parts.scripts.count("</script>") == 4
+    data = re.search(r'id="ambinav-data">(.*?)</script>', parts.scripts)
     assert data and json.loads(data[1])["map"]["name"] == "</script><b>"

@@ -121,7 +121,7 @@ def node_module(monkeypatch):
          try_shutdown=lambda: None)  # fmt: skip
     stub("rclpy.node", Node=StubNode)
     stub("rclpy.qos", DurabilityPolicy=policy, ReliabilityPolicy=policy,
-         QoSProfile=lambda **told: told, qos_profile_sensor_data="sensor data")  # fmt: skip
+         QoSProfile=lambda **settings: settings, qos_profile_sensor_data="sensor data")  # fmt: skip
     stub("rclpy.time", Time=Moment)
     stub("ambinav_interfaces")
     service = type("GetAmbiguity", (), {"Request": Message, "Response": Message})

@@ -68,11 +68,11 @@ def test_the_grid_begins_at_the_smallest_y(headings):
         column = int((x - grid.origin[0]) / grid.resolution)
         row = int((y - grid.origin[1]) / grid.resolution)
         level = amap.sample("level", x, y)
-        told = grid.data[row * grid.width + column]
+        value = grid.data[row * grid.width + column]
         if math.isnan(level):
-            assert told == conversions.UNKNOWN
+            assert value == conversions.UNKNOWN
         else:
-            assert told == pytest.approx(100 * level, abs=0.51)
+            assert value == pytest.approx(100 * level, abs=0.51)
     assert grid.data.min() == -1 and grid.data.max() <= 100
 
 

@@ -22,9 +22,9 @@ def seen(along: float = 0.01, explained: float = 1.0) -> Localizability:
     return Localizability(along, 0.01, 0.0, explained, 60)
 
 
-def states(values, **told) -> list[str]:
+def states(values, **changes) -> list[str]:
     monitor = Monitor(USUAL)
-    return [monitor.update(seen(**{**told, "along": value})).name for value in values]
+    return [monitor.update(seen(**{**changes, "along": value})).name for value in values]
 
 
 def test_states_are_entered_at_their_thresholds():

@@ -79,12 +79,12 @@ def test_diagnostics_say_how_localizable_it_is(node, clockwise):
     levels = {}
     for name, pose in {"room": (2.0, 2.0, 0.4), "corridor": (10.0, 2.0, 2.0)}.items():
         node.on_scan(scan_at(node, *pose, clockwise=clockwise))
-        told = status(node)
-        levels[name] = told.level
-        values = {one.key: one.value for one in told.values}
+        diagnostic = status(node)
+        levels[name] = diagnostic.level
+        values = {one.key: one.value for one in diagnostic.values}
         assert float(values["explained"]) > 0.8
     assert levels == {"room": b"\x00", "corridor": b"\x02"}
-    assert "along 0 degrees" in told.message or "along 180 degrees" in told.message
+    assert "along 0 degrees" in diagnostic.message or "along 180 degrees" in diagnostic.message
 
 
 def test_no_pose_and_old_scans_are_stale(node):
@@ -123,8 +123,8 @@ def test_a_node_without_a_map_says_so(node_module, monkeypatch):
 
 
 def test_parameters_of_node_and_file_are_the_same(node_module):
-    told = yaml.safe_load((PACKAGE / "config" / "ambinav.yaml").read_text())
-    assert told["ambinav"]["ros__parameters"] == node_module.PARAMETERS
+    document = yaml.safe_load((PACKAGE / "config" / "ambinav.yaml").read_text())
+    assert document["ambinav"]["ros__parameters"] == node_module.PARAMETERS
 
 
 def test_only_the_node_and_the_launch_file_import_ros():
@@ -140,8 +140,8 @@ def test_only_the_node_and_the_launch_file_import_ros():
 
 
 def test_packages_declare_what_they_import():
-    told = ElementTree.parse(PACKAGE / "package.xml").getroot()
-    depends = {one.text for one in told if one.tag.endswith("depend")}
+    package = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    depends = {one.text for one in package if one.tag.endswith("depend")}
     text = (PACKAGE / "ambinav_ros" / "node.py").read_text()
     imported = set(re.findall(r"^from (\w+)\.(?:msg|srv) import", text, re.MULTILINE))
     assert imported | {"rclpy", "tf2_ros"} <= depends

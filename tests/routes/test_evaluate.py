@@ -34,8 +34,8 @@ def turning() -> AmbiguityService:
 R2 = Steering("r2")
 
 
-def measure(service, poses, steering=R2, **told):
-    return evaluate_route(service, poses, steering, planner="by hand", **told)
+def measure(service, poses, steering=R2, **options):
+    return evaluate_route(service, poses, steering, planner="by hand", **options)
 
 
 def test_metres_in_zones(service):
@@ -151,7 +151,7 @@ def test_what_the_planner_knows_is_kept(service):
 
 
 @pytest.mark.parametrize(
-    ("poses", "told", "message"),
+    ("poses", "options", "message"),
     [
         ([(1.0, 1.0, 0.0)], {}, "start and a goal"),
         ([(1.0, 1.0), (2.0, 2.0)], {}, r"shape \(2, 2\)"),
@@ -162,6 +162,6 @@ def test_what_the_planner_knows_is_kept(service):
         (THROUGH, {"covariances": np.triu(np.ones((2, 3, 3)))}, "not symmetric"),
     ],
 )
-def test_unusable_input(service, poses, told, message):
+def test_unusable_input(service, poses, options, message):
     with pytest.raises(InputError, match=message):
-        measure(service, poses, **told)
+        measure(service, poses, **options)

@@ -197,8 +197,8 @@ def test_bad_csv_is_named_by_line_and_value(service, tmp_path, old, new, message
     path.write_text(text.replace(old, new))
     with pytest.raises(InputError, match=message) as caught:
         load_route(path)
-    said = str(caught.value)
-    assert said.startswith(str(path)) and said.endswith(".") and "\n" not in said
+    sentence = str(caught.value)
+    assert sentence.startswith(str(path)) and sentence.endswith(".") and "\n" not in sentence
 
 
 @pytest.mark.parametrize(

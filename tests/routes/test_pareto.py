@@ -115,8 +115,8 @@ def test_picture_labels_every_weight_and_joins_equal_points():
     for axes in figure.axes:
         assert "%" in axes.get_xlabel()
         assert "(m)" in axes.get_ylabel()
-    told = [label.get_text() for label in labels(figure.axes[0])]
-    assert told == ["0", "1", "2 – 5", "8"]  # noqa: RUF001 (a range is written with a dash)
+    shown = [label.get_text() for label in labels(figure.axes[0])]
+    assert shown == ["0", "1", "2 – 5", "8"]  # noqa: RUF001 (a range is written with a dash)
     solid, hollow = figure.axes[0].lines
     assert solid.get_xdata().tolist() == pytest.approx([0, 4, 10, 10, 10])
     assert hollow.get_xdata().tolist() == pytest.approx([20])

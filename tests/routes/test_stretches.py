@@ -121,7 +121,7 @@ def random_poses(seed: int) -> np.ndarray:
     return rng.uniform(low, high, (rng.integers(2, 6), 3))
 
 
-def same_way(steering: Steering, poses: np.ndarray, fine: np.ndarray, metres: np.ndarray) -> bool:
+def same_path(steering: Steering, poses: np.ndarray, fine: np.ndarray, metres: np.ndarray) -> bool:
     """Whether OMPL takes the same of two curves that are equally short, as Reeds-Shepp's may be."""
     ours, _, along = steering.dense(poses, FINE)
     at = np.cumsum(metres) - 0.5 * metres
@@ -140,7 +140,7 @@ def test_stretches_of_any_motion_are_those_of_fine_sampling(seed, steering, wher
     route = evaluate_route(service, poses, steering, planner="random")
     fine, metres = oracle_poses(poses, steering)
     assert metres.sum() == pytest.approx(route.length, rel=1e-6)
-    assume(same_way(steering, poses, fine, metres))
+    assume(same_path(steering, poses, fine, metres))
     zones = oracle_zones(service.map, fine)
     crossings = 2 + np.count_nonzero(np.diff(zones))
     figures = (

@@ -168,11 +168,11 @@ def test_the_page_of_scanners_is_that_of_the_presets() -> None:
         near, far = (float(v) for v in re.findall(r"[\d.]+", reach))
         assert (near, far) == pytest.approx((sensor.min_range, scanner.max_range), abs=0.006)
         assert float(width.split()[0]) == pytest.approx(sensor.resolution * 1000)
-        told = [float(v) / 1000 for v in re.findall(r"([\d.]+)(?= |$)", std.split(" mm")[0])]
+        stated = [float(v) / 1000 for v in re.findall(r"([\d.]+)(?= |$)", std.split(" mm")[0])]
         d = np.linspace(sensor.min_range, sensor.max_range, 5000)
         least, most = sensor.std_at(d).min(), sensor.std_at(d).max()
-        assert told[0] == pytest.approx(least, abs=6e-4), name
-        assert told[-1] == pytest.approx(most, rel=0.02), name
+        assert stated[0] == pytest.approx(least, abs=6e-4), name
+        assert stated[-1] == pytest.approx(most, rel=0.02), name
         if step.endswith("°"):
             gaps = np.degrees(np.diff(np.unwrap(scanner.mounts[:, 2])))
             assert float(step.rstrip("°")) == pytest.approx(np.median(gaps), abs=0.006), name

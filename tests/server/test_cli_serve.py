@@ -76,12 +76,12 @@ def test_a_port_in_use_is_said_before_maps_are_read(runner: CliRunner, tmp_path:
 
 def test_what_is_no_map_is_said_in_a_sentence(runner: CliRunner, plan_folder: Path) -> None:
     newer = plan_folder / "map.zarr" / "zarr.json"
-    for name, told in (
+    for name, message in (
         ("none.zarr", "there is no such map"),
         ("notes.txt", "not an ambiguity map"),
     ):
         result = runner.invoke(app, ["serve", name, "--port", "0"])
-        assert (result.exit_code, told in result.stderr) == (2, True), result.stderr
+        assert (result.exit_code, message in result.stderr) == (2, True), result.stderr
     root = json.loads(newer.read_text())
     root["attributes"]["map_format"] = 99
     newer.write_text(json.dumps(root))
@@ -93,7 +93,7 @@ def test_what_is_no_map_is_said_in_a_sentence(runner: CliRunner, plan_folder: Pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--port", "70000"), "--port: 70000 is no port"),
         (("--host", "no such host"), "--host: 'no such host' is no address"),
@@ -103,11 +103,11 @@ def test_what_is_no_map_is_said_in_a_sentence(runner: CliRunner, plan_folder: Pa
     ],
 )
 def test_options_that_cannot_be_are_named(
-    runner: CliRunner, plan_folder: Path, arguments: tuple[str, ...], told: str
+    runner: CliRunner, plan_folder: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     result = runner.invoke(app, ["serve", "map.zarr", "--port", "0", *arguments])
     assert result.exit_code == 2
-    assert told in result.stderr
+    assert message in result.stderr
 
 
 def test_without_the_extra_it_says_what_to_install(

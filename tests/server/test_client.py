@@ -132,7 +132,7 @@ def test_a_client_goes_to_another_process(client: an.Client) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (lambda url: an.Client(url), "map, narrow-room; name one of them"),
         (lambda url: an.Client(url, "mop"), "has no map 'mop'"),
@@ -145,9 +145,9 @@ def test_a_client_goes_to_another_process(client: an.Client) -> None:
     ],
 )
 def test_what_cannot_be_is_said_in_a_sentence(
-    live: Live, make: Callable[[str], object], told: str
+    live: Live, make: Callable[[str], object], message: str
 ) -> None:
-    with pytest.raises(an.InputError, match=told):
+    with pytest.raises(an.InputError, match=message):
         make(live.url)
 
 

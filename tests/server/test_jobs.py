@@ -58,7 +58,7 @@ def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "told"),
+    ("body", "message"),
     [
         (ENDS | {"goal": [14, 1]}, "no path leads"),
         (ENDS | {"start": [-5, 1]}, "outside"),
@@ -72,10 +72,10 @@ def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
         ({"start": [1, 1]}, "goal"),
     ],
 )
-def test_a_plan_that_cannot_be_is_a_problem(live: Live, body: Any, told: str) -> None:
+def test_a_plan_that_cannot_be_is_a_problem(live: Live, body: Any, message: str) -> None:
     answer = live.http.post("/v1/maps/map/plan", json=body)
     assert answer.status_code == 422, answer.text
-    assert told in answer.json()["detail"]
+    assert message in answer.json()["detail"]
 
 
 def test_closing_the_connection_ends_the_plan_and_frees_its_worker(
@@ -186,7 +186,7 @@ def test_no_name_of_an_upload_is_opened(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("files", "told"),
+    ("files", "message"),
     [
         ([("map.yaml", b"image: /etc/passwd\n")], "image of the map_server file is missing"),
         ([("map.yaml", b"- 1\n"), ("a.png", b"")], "no map_server file"),
@@ -200,9 +200,9 @@ def test_no_name_of_an_upload_is_opened(tmp_path: Path) -> None:
     ],
 )
 def test_an_upload_that_is_no_map_is_refused(
-    tmp_path: Path, files: list[tuple[str, bytes]], told: str
+    tmp_path: Path, files: list[tuple[str, bytes]], message: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         store([Sent(*one) for one in files], tmp_path)  # type: ignore[arg-type]
 
 
@@ -236,12 +236,12 @@ def test_an_upload_is_audited_and_then_served(serve: Any, corridor: an.Ambiguity
     answer = live.http.post("/v1/audits", files=files, data=form)
     assert answer.status_code == 202, answer.text
     place = answer.headers["location"]
-    told = events(live.http.get(f"{place}/events").text)
-    assert {name for name, _ in told} == {"progress", "done"}, told
-    assert {data["stage"] for name, data in told if name == "progress"} <= {
+    received = events(live.http.get(f"{place}/events").text)
+    assert {name for name, _ in received} == {"progress", "done"}, received
+    assert {data["stage"] for name, data in received if name == "progress"} <= {
         "waiting", "read", "map", "report",
     }  # fmt: skip
-    done = told[-1][1]
+    done = received[-1][1]
     assert done["map"] == "hall"
     report = live.http.get(done["report"])
     assert report.headers["content-type"].startswith("text/html")
@@ -261,14 +261,14 @@ def test_an_audit_that_fails_says_why_and_names_no_folder(
 ) -> None:
     live: Live = serve([corridor], limits=Limits(audit_cells=10))
     plan = b'{"type": "Polygon", "coordinates": [[[0,0],[9,0],[9,9],[0,9],[0,0]]]}'
-    for content, told in ((plan, "this server takes 10"), (b"{}", "plan.geojson")):
+    for content, message in ((plan, "this server takes 10"), (b"{}", "plan.geojson")):
         answer = live.http.post(
             "/v1/audits",
             files=[("files", ("a.geojson", content))],
             data={"scanner": "sick-lms200"},
         )
         name, data = events(live.http.get(f"{answer.headers['location']}/events").text)[-1]
-        assert name == "failed" and told in data["detail"]
+        assert name == "failed" and message in data["detail"]
         assert "/tmp" not in data["detail"]
         assert live.http.get(f"{answer.headers['location']}/report").status_code == 409
 
@@ -308,7 +308,7 @@ def test_a_plan_that_is_given_up_while_its_worker_begins_leaves_no_process() -> 
 
 
 @pytest.mark.parametrize(
-    ("scanner", "told"),
+    ("scanner", "message"),
     [
         ("name: many\n" + "# remark\n" * 20_000, "at most 100000"),
         (
@@ -321,11 +321,11 @@ def test_a_plan_that_is_given_up_while_its_worker_begins_leaves_no_process() -> 
         ),
     ],
 )
-def test_a_scanner_that_is_too_much_is_refused(live: Live, scanner: str, told: str) -> None:
+def test_a_scanner_that_is_too_much_is_refused(live: Live, scanner: str, message: str) -> None:
     files = [("files", ("hall.wkt", b"POLYGON ((0 0, 5 0, 5 5, 0 5, 0 0))"))]
     answer = live.http.post("/v1/audits", files=files, data={"scanner": scanner})
     assert answer.status_code == 422
-    assert told in answer.json()["detail"]
+    assert message in answer.json()["detail"]
 
 
 def test_headings_that_the_scanner_decides_count_as_cells() -> None:
@@ -373,7 +373,7 @@ def test_audits_that_come_at_once_find_no_more_places_than_there_are(
 
 
 def test_a_job_ends_with_the_server_and_says_so() -> None:
-    async def asked() -> None:
+    async def stopped() -> None:
         begun, ended = asyncio.Event(), asyncio.Event()
 
         async def work() -> None:
@@ -396,4 +396,4 @@ def test_a_job_ends_with_the_server_and_says_so() -> None:
         async with asyncio.timeout(10.0):
             await ended.wait()
 
-    asyncio.run(asked())
+    asyncio.run(stopped())

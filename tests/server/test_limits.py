@@ -54,10 +54,10 @@ def test_pages_of_other_sites_are_refused(guarded: Live) -> None:
     assert guarded.http.get("/v1/maps", headers={"host": "localhost:9"}).status_code == 200
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_body_that_is_too_large_is_refused(guarded: Live, told: bool) -> None:
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_body_that_is_too_large_is_refused(guarded: Live, declared: bool) -> None:
     body = b"0" * 1001
-    content: Any = body if told else iter([body[:600], body[600:]])  # chunks tell no length
+    content: Any = body if declared else iter([body[:600], body[600:]])  # chunks tell no length
     answer = guarded.http.post(COST, content=content)
     assert answer.status_code == 413
     assert answer.json()["detail"].startswith("The body is larger than 1000 bytes")

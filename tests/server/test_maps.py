@@ -55,10 +55,10 @@ def test_values_are_those_that_the_map_samples(live: Live, turning: an.Ambiguity
         found = live.get("/v1/maps/narrow-room/values", x=x, y=y, theta=theta)
         for layer in turning.layers:
             value = turning.sample(layer, x, y, theta)
-            told = found["values"][layer]
+            served = found["values"][layer]
             if layer.startswith("zone") and not value < len(ZONES):
                 value = math.nan
-            assert told is None if math.isnan(value) else told == pytest.approx(value, abs=1e-6)
+            assert served is None if math.isnan(value) else served == pytest.approx(value, abs=1e-6)
         cost = service.cost(x, y, theta)
         assert found["cost"] == pytest.approx(cost) if math.isfinite(cost) else not found["cost"]
 

@@ -26,10 +26,10 @@ def visit(chromium: Any, url: str, **options: Any) -> Any:
     context = chromium.new_context(**{"viewport": {"width": 1280, "height": 800}, **options})
     context.set_default_timeout(WAIT)
     page = context.new_page()
-    page.asked, page.faults = [], []
-    page.on("request", lambda request: page.asked.append(request.url))
+    page.urls, page.faults = [], []
+    page.on("request", lambda request: page.urls.append(request.url))
     page.on("pageerror", lambda error: page.faults.append(str(error)))
-    page.on("console", lambda said: said.type == "error" and page.faults.append(said.text))
+    page.on("console", lambda message: message.type == "error" and page.faults.append(message.text))
     page.goto(url)
     page.wait_for_selector(".map[data-shown]")
     page.wait_for_selector(".stage:not([aria-busy])")
@@ -83,9 +83,9 @@ def test_the_page_names_no_address_and_each_module_is_short():
 
 def test_colours_are_those_of_the_table(live):
     module = live.http.get("/style.js").text
-    told = json.loads(module.removeprefix("export default ").rstrip().rstrip(";"))
-    assert tuple(zone["colour"] for zone in told["zones"]) == style.ZONE_COLOURS
-    assert told["routes"]["ambiguity"][0] == style.route_style("ambiguity")._asdict() | {
+    table = json.loads(module.removeprefix("export default ").rstrip().rstrip(";"))
+    assert tuple(zone["colour"] for zone in table["zones"]) == style.ZONE_COLOURS
+    assert table["routes"]["ambiguity"][0] == style.route_style("ambiguity")._asdict() | {
         "dashes": []
     }
     drawn = " ".join((FOLDER / name).read_text() for name in FILES if name != "icon.svg").lower()
@@ -101,8 +101,8 @@ def test_all_modules_are_reached_from_the_pages():
 @pytest.mark.slow
 def test_it_opens_and_asks_nobody_else(page, live):
     assert page.faults == []
-    assert page.asked
-    assert all(url.startswith((live.url, "blob:", "data:")) for url in page.asked)
+    assert page.urls
+    assert all(url.startswith((live.url, "blob:", "data:")) for url in page.urls)
     assert page.locator("#map-name select").input_value() == "map"
     assert page.locator(".legend li").count() == 4
     assert page.locator(".leaflet-control-scale-line").inner_text().endswith("m")
@@ -113,7 +113,7 @@ def test_layers_switch_and_the_legend_follows(page):
     page.get_by_text("Ambiguity level").first.click()
     page.wait_for_selector(".map[data-shown=level]")
     assert "Ambiguity level, mean of major and minor" in page.locator(".legend").inner_text()
-    assert any("/layers/level/tiles/" in url for url in page.asked)
+    assert any("/layers/level/tiles/" in url for url in page.urls)
     page.get_by_text(re.compile(r"\d more layers")).click()
     page.locator("input[value=clearance]").check()
     page.wait_for_selector(".map[data-shown=clearance]")
@@ -128,17 +128,17 @@ def test_values_at_the_pointer_are_those_of_the_service(page, live):
     for x, y in ((1.3, 1.7), (7.0, 1.8), (14.0, 1.5)):
         page.mouse.move(*at(page, x, y))
         page.wait_for_timeout(500)
-        told = page.locator(".readout[data-x]")
-        told.locator("dd[data-layer=level]").wait_for()
-        px, py = (float(told.get_attribute(f"data-{axis}")) for axis in "xy")
+        readout = page.locator(".readout[data-x]")
+        readout.locator("dd[data-layer=level]").wait_for()
+        px, py = (float(readout.get_attribute(f"data-{axis}")) for axis in "xy")
         assert (px, py) == pytest.approx((x, y), abs=0.15)  # whole pixels
         found = live.get("/v1/maps/map/values", x=f"{px:.4f}", y=f"{py:.4f}")
         for name in ("level", "major_radius", "minor_radius", "clearance"):
-            shown = float(told.locator(f"dd[data-layer={name}]").get_attribute("data-value"))
+            shown = float(readout.locator(f"dd[data-layer={name}]").get_attribute("data-value"))
             assert shown == pytest.approx(found["values"][name], abs=1e-9)
-        cost = float(told.locator("dd[data-layer=cost]").get_attribute("data-value"))
+        cost = float(readout.locator("dd[data-layer=cost]").get_attribute("data-value"))
         assert cost == pytest.approx(found["cost"])
-        assert found["zone"] in told.inner_text().lower()
+        assert found["zone"] in readout.inner_text().lower()
 
 
 @pytest.mark.slow

@@ -125,7 +125,7 @@ def test_curves_are_rewarded_as_the_service_does(live: Live, corridor: an.Ambigu
 
 
 @pytest.mark.parametrize(
-    ("what", "body", "status", "told"),
+    ("what", "body", "status", "message"),
     [
         ("cost", "{", 400, "no JSON"),
         ("cost", "[]", 422, "body"),
@@ -144,18 +144,18 @@ def test_curves_are_rewarded_as_the_service_does(live: Live, corridor: an.Ambigu
     ],
 )
 def test_a_body_that_cannot_be_used_is_a_problem(
-    live: Live, what: str, body: str, status: int, told: str
+    live: Live, what: str, body: str, status: int, message: str
 ) -> None:
     answer = live.http.post(
         f"/v1/maps/map/{what}", content=body, headers={"content-type": "application/json"}
     )
     assert answer.status_code == status, answer.text
     assert answer.headers["content-type"] == "application/problem+json"
-    assert told in answer.json()["detail"]
+    assert message in answer.json()["detail"]
 
 
 @pytest.mark.parametrize(
-    ("body", "columns", "told"),
+    ("body", "columns", "message"),
     [
         (b"1234567", "x,y", "7 bytes"),
         (b"", "x,z", "columns is"),
@@ -164,13 +164,13 @@ def test_a_body_that_cannot_be_used_is_a_problem(
     ],
 )
 def test_binary_columns_that_cannot_be_used_are_a_problem(
-    live: Live, body: bytes, columns: str, told: str
+    live: Live, body: bytes, columns: str, message: str
 ) -> None:
     answer = live.http.post(
         "/v1/maps/map/cost", content=body, params={"columns": columns}, headers=OCTETS
     )
     assert answer.status_code == 422
-    assert told in answer.json()["detail"]
+    assert message in answer.json()["detail"]
 
 
 def test_a_heading_that_is_missing_and_a_foreign_type_are_problems(live: Live) -> None:

@@ -168,11 +168,15 @@ def test_a_damaged_entry_is_set_aside_and_built_again(store, computes, place) ->
     else:
         content[int(place * len(whole)) if isinstance(place, float) else place] ^= 1
     path.write_bytes(content)
-    with pytest.warns(an.InputWarning) as told:
+    with pytest.warns(an.InputWarning) as caught:
         again = build(store)
-    (said,) = [str(one.message) for one in told]
-    assert "damaged" in said and f"set aside as {path.stem}.damaged" in said and "\n" not in said
-    assert str(path) in said and said.endswith("computed again.")
+    (message,) = [str(one.message) for one in caught]
+    assert (
+        "damaged" in message
+        and f"set aside as {path.stem}.damaged" in message
+        and "\n" not in message
+    )
+    assert str(path) in message and message.endswith("computed again.")
     assert len(computes) == 2 and same(again, built)
     assert path.with_suffix(".damaged").read_bytes() == bytes(content)
     assert same(build(store), built) and len(computes) == 2
@@ -263,11 +267,11 @@ from pathlib import Path
 from ambinav.store.map_store import MapStore
 from tests.store.scenes import build
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-with warnings.catch_warnings(record=True) as told:
+with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
     amap = build(MapStore(Path(sys.argv[1])))
 print(amap.dataset["level"].values.tobytes().hex())
-print([str(one.message) for one in told])
+print([str(one.message) for one in caught])
 """
 
 
@@ -276,9 +280,9 @@ def test_a_full_disk_costs_no_map(store) -> None:
     process = python(FULL, str(store.place))
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
-    level, told = out.splitlines()
+    level, messages = out.splitlines()
     assert level == build(False).dataset["level"].values.tobytes().hex()
-    assert told.count("cannot be kept") == 1 and "File too large" in told
+    assert messages.count("cannot be kept") == 1 and "File too large" in messages
     assert names(store) == []
 
 
@@ -291,10 +295,10 @@ def test_a_folder_that_cannot_be_written(tmp_path, obstacle) -> None:
         place = Path("/proc/ambinav")
     else:
         place.mkdir(mode=0o500)
-    with pytest.warns(an.InputWarning, match="cannot be kept here") as told:
+    with pytest.warns(an.InputWarning, match="cannot be kept here") as caught:
         assert same(build(MapStore(place / "maps")), build(False))
-    (said,) = told
-    assert "\n" not in str(said.message) and "AMBINAV_CACHE" in str(said.message)
+    (warning,) = caught
+    assert "\n" not in str(warning.message) and "AMBINAV_CACHE" in str(warning.message)
 
 
 def test_what_the_build_raises_is_raised_and_nothing_stays(store) -> None:

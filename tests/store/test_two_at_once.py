@@ -23,7 +23,7 @@ def store(tmp_path: Path) -> MapStore:
 
 
 def test_two_threads_build_one_map_once(store) -> None:
-    inside, go_on, told = threading.Event(), threading.Event(), threading.Event()
+    inside, go_on, notified = threading.Event(), threading.Event(), threading.Event()
     found: dict[str, tuple[an.AmbiguityMap, bool]] = {}
 
     def slow(alive):
@@ -34,13 +34,13 @@ def test_two_threads_build_one_map_once(store) -> None:
     def take(name, place, make):
         found[name] = place.opened_or_built("a" * 32, make)
 
-    waiting = MapStore(store.folder, tell=lambda text: told.set())
+    waiting = MapStore(store.folder, notify=lambda text: notified.set())
     first = threading.Thread(target=take, args=("first", store, slow))
     second = threading.Thread(target=take, args=("second", waiting, pytest.fail))
     first.start()
     assert inside.wait(60)
     second.start()
-    assert told.wait(60) and second.is_alive()  # "waiting for it"
+    assert notified.wait(60) and second.is_alive()  # "waiting for it"
     go_on.set()
     for one in (first, second):
         one.join(60)

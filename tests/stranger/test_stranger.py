@@ -72,7 +72,7 @@ CASES = [
     (stranger_observation.PART, "function", ["train", "training.yaml", "-o", "untrained"]),
     (stranger_observation.PART, "size", ["train", "training.yaml", "-o", "untrained"]),
 ]
-said = []
+rows = []
 for entry, field, command in CASES:
     # None is what these two may give.
     for function in (fails,) if field in ("why_not", "detail") else (fails, empty):
@@ -80,9 +80,9 @@ for entry, field, command in CASES:
         object.__setattr__(entry, field, function)
         shutil.rmtree("untrained", ignore_errors=True)
         done = CliRunner().invoke(app, command)
-        said.append([type(entry).__name__, field, function.__name__, done.exit_code, done.output])
+        rows.append([type(entry).__name__, field, function.__name__, done.exit_code, done.output])
         object.__setattr__(entry, field, whole)
-print(json.dumps(said))
+print(json.dumps(rows))
 """
 TRAIN = """\
 algorithm: ppo
@@ -185,8 +185,8 @@ def test_a_planner_and_an_exporter(folder: Path, amap: Path) -> None:
     )  # fmt: skip
     assert (folder / "route.wkt").read_text() == "LINESTRING (1.5 1.5, 10 1.5)\n"
     across = ("--start", "1.5", "1.5", "--goal", "10", "3.5", "--planner", "straight")
-    told = ambinav(folder, "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
-    assert "planner 'straight' found no" in told
+    message = ambinav(folder, "plan", "floor.zarr", *across, "-o", "route.wkt", status=2)
+    assert "planner 'straight' found no" in message
 
 
 @pytest.mark.slow
@@ -202,8 +202,8 @@ def test_a_sensor_model(folder: Path) -> None:
     )
     assert stored.sensors[0].std_at(2.0) == pytest.approx(2.0**2 * 0.1 / (400 * 0.05))
     (folder / "wrong.yaml").write_text(STEREO.replace("baseline: 0.05", "baseline: -1"))
-    said = ambinav(folder, "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
-    assert "wrong.yaml: parts[0].sensor: baseline is -1" in said
+    message = ambinav(folder, "map", "floor.txt", "-s", "wrong.yaml", "-o", "none.zarr", status=2)
+    assert "wrong.yaml: parts[0].sensor: baseline is -1" in message
 
 
 @pytest.mark.slow
@@ -241,22 +241,22 @@ def test_what_fails_within_a_plug_in_is_named(folder: Path, amap: Path) -> None:
     )
     (folder / "given.wkt").write_text("LINESTRING (1.5 1.5, 10 1.5)")
     (folder / "training.yaml").write_text(TRAIN)
-    for kind, field, function, status, said in json.loads(run(folder, "-c", BROKEN)):
-        case = (kind, field, function, said)
+    for kind, field, function, status, message in json.loads(run(folder, "-c", BROKEN)):
+        case = (kind, field, function, message)
         assert status == 2, case
-        assert "of the plug-in stranger" in said, case
-        assert said.strip().endswith("; fix it, or uninstall stranger."), case
+        assert "of the plug-in stranger" in message, case
+        assert message.strip().endswith("; fix it, or uninstall stranger."), case
         if function == "fails":
-            assert "fails failed (IndexError: list index out of range" in said, case
+            assert "fails failed (IndexError: list index out of range" in message, case
 
 
 def test_a_broken_plug_in_is_named(folder: Path) -> None:
     code = (
         "import stranger_layer; stranger_layer.LAYER = None; from ambinav.cli import main; main()"
     )
-    told = run(
+    message = run(
         folder, "-c", code, "map", "floor.txt", "-s", "stranger-lidar", "--layers", "seen_range",
         "-o", "none.zarr", status=2,
     )  # fmt: skip
-    assert "layer 'seen_range' of the plug-in stranger cannot be used" in told
-    assert told.strip().endswith("fix or uninstall stranger.")
+    assert "layer 'seen_range' of the plug-in stranger cannot be used" in message
+    assert message.strip().endswith("fix or uninstall stranger.")

@@ -63,22 +63,24 @@ def chosen_level(where: str, names: Sequence[str], level: str | int | None) -> s
                 "other; choose one with --level NAME."
             )
         return names[0] if names else None
-    asked = str(level).strip()
+    requested = str(level).strip()
     if not names:
         raise InputError(
-            f"{where}: no feature has the property level, but level {asked!r} is asked for; leave "
-            "it out."
+            f"{where}: no feature has the property level, but level {requested!r} is asked for; "
+            "leave it out."
         )
-    folded = [name for name in names if name.casefold() == asked.casefold()]
-    if asked in names:
-        return asked
+    folded = [name for name in names if name.casefold() == requested.casefold()]
+    if requested in names:
+        return requested
     if len(folded) == 1:
         return folded[0]
-    if asked.isdecimal() and int(asked) < len(names):
-        return names[int(asked)]
-    near = difflib.get_close_matches(asked, names, n=1, cutoff=0.5)
+    if requested.isdecimal() and int(requested) < len(names):
+        return names[int(requested)]
+    near = difflib.get_close_matches(requested, names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}? It has {known}" if near else f"choose from {known}"
-    raise InputError(f"{where}: there is no level {asked!r}; {hint.replace('? It has', ', of')}.")
+    raise InputError(
+        f"{where}: there is no level {requested!r}; {hint.replace('? It has', ', of')}."
+    )
 
 
 def _listed(names: Sequence[str], most: int = 20) -> str:

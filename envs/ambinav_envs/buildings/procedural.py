@@ -114,35 +114,35 @@ def procedural_building(
         parameters: What it is like.
         name: What it is called.
     """
-    asked = ProceduralParameters() if parameters is None else parameters
+    chosen = ProceduralParameters() if parameters is None else parameters
     sampler = PlanSampler(rng)
     for _ in range(_DRAWINGS):
-        plan = _draw(sampler, asked)
+        plan = _draw(sampler, chosen)
         if plan is not None:
             building = plan.environment(name)
             if shapely.get_num_geometries(building.free.buffer(-ROBOT, quad_segs=4)) == 1:
                 return building
-    raise InputError(f"{name}: no building can be drawn with {asked}; allow larger rooms.")
+    raise InputError(f"{name}: no building can be drawn with {chosen}; allow larger rooms.")
 
 
-def _draw(sampler: PlanSampler, asked: ProceduralParameters) -> Plan | None:
+def _draw(sampler: PlanSampler, parameters: ProceduralParameters) -> Plan | None:
     """One attempt; None if its rooms cannot be joined."""
-    width, height = sampler.between(*asked.size), sampler.between(*asked.size)
+    width, height = sampler.between(*parameters.size), sampler.between(*parameters.size)
     floors = [np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])]
     halls: list[Ring] = []
-    if sampler.happens(asked.great_halls):
-        floors, halls = _with_hall(sampler, asked, floors[0])
+    if sampler.happens(parameters.great_halls):
+        floors, halls = _with_hall(sampler, parameters, floors[0])
     corridors: list[Ring] = []
-    for _ in range(sampler.count(*asked.corridors)):
-        floors, found = _with_corridor(sampler, asked, floors)
+    for _ in range(sampler.count(*parameters.corridors)):
+        floors, found = _with_corridor(sampler, parameters, floors)
         corridors += found
-    cells = halls + [part for floor in floors for part in _parted(sampler, asked, floor)]
+    cells = halls + [part for floor in floors for part in _parted(sampler, parameters, floor)]
     # Half a wall off every room: what two rooms share becomes a wall of full thickness.
     inner = [
         shapely.buffer(shapely.Polygon(ring), -0.5 * WALL, join_style="mitre", mitre_limit=100.0)
         for ring in (*corridors, *cells)
     ]
-    chosen = _doors(sampler, asked, inner)
+    chosen = _doors(sampler, parameters, inner)
     reached = {0} | {room for doorway in chosen for room in doorway.rooms}
     plan = Plan()
     for k in sorted(reached):
@@ -152,19 +152,19 @@ def _draw(sampler: PlanSampler, asked: ProceduralParameters) -> Plan | None:
     if sum(room.area for room in plan.rooms) < 0.75 * width * height:
         return None
     for k in sorted(reached - set(range(len(corridors)))):
-        _furnish(plan, sampler, asked, inner[k])
+        _furnish(plan, sampler, parameters, inner[k])
     return plan
 
 
-def _angle(sampler: PlanSampler, asked: ProceduralParameters, degrees: float) -> float:
+def _angle(sampler: PlanSampler, parameters: ProceduralParameters, degrees: float) -> float:
     """This angle, or an odd one about it."""
-    if not sampler.happens(asked.tilted):
+    if not sampler.happens(parameters.tilted):
         return degrees
-    return degrees + sampler.one_of((-1.0, 1.0)) * sampler.between(*asked.tilt)
+    return degrees + sampler.one_of((-1.0, 1.0)) * sampler.between(*parameters.tilt)
 
 
 def _with_hall(
-    sampler: PlanSampler, asked: ProceduralParameters, floor: Ring
+    sampler: PlanSampler, parameters: ProceduralParameters, floor: Ring
 ) -> tuple[list[Ring], list[Ring]]:
     """Part a great hall from a corner of the floor: what is left of the floor, and the hall."""
     left: list[Ring] = []
@@ -174,7 +174,7 @@ def _with_hall(
         across = math.radians(degrees + 90.0)
         normal = np.array([math.cos(across), math.sin(across)])
         inwards = normal if (floor.mean(axis=0) - corner) @ normal > 0.0 else -normal
-        x, y = corner + sampler.between(*asked.hall_width) * inwards
+        x, y = corner + sampler.between(*parameters.hall_width) * inwards
         parts = cut(hall, (float(x), float(y)), degrees)
         near, far = parts if inwards is not normal else parts[::-1]
         if is_roomy(far, *ROOM):
@@ -183,14 +183,14 @@ def _with_hall(
 
 
 def _with_corridor(
-    sampler: PlanSampler, asked: ProceduralParameters, floors: list[Ring]
+    sampler: PlanSampler, parameters: ProceduralParameters, floors: list[Ring]
 ) -> tuple[list[Ring], list[Ring]]:
     """Lay a corridor across the largest floor: what is left of the floors, and the corridor."""
     floors = sorted(floors, key=lambda ring: -float(shapely.Polygon(ring).area))
     for _ in range(_TRIES):
-        degrees = _angle(sampler, asked, long_axis(floors[0]))
+        degrees = _angle(sampler, parameters, long_axis(floors[0]))
         middle = _inside(sampler, floors[0], 0.3, 0.7)
-        width = sampler.between(*asked.corridor_width) + WALL
+        width = sampler.between(*parameters.corridor_width) + WALL
         offset = math.radians(degrees + 90.0)
         other = middle[0] + width * math.cos(offset), middle[1] + width * math.sin(offset)
         above, below = cut(floors[0], middle, degrees)
@@ -202,16 +202,18 @@ def _with_corridor(
     return floors, []
 
 
-def _parted(sampler: PlanSampler, asked: ProceduralParameters, ring: Ring) -> list[Ring]:
+def _parted(sampler: PlanSampler, parameters: ProceduralParameters, ring: Ring) -> list[Ring]:
     """A floor cut into rooms."""
-    limit = sampler.between(*asked.room_area) * (5.0 if sampler.happens(asked.halls) else 1.0)
+    limit = sampler.between(*parameters.room_area) * (
+        5.0 if sampler.happens(parameters.halls) else 1.0
+    )
     if shapely.Polygon(ring).area <= limit:
         return [ring]
     for _ in range(_TRIES):
-        degrees = _angle(sampler, asked, long_axis(ring) + 90.0)
+        degrees = _angle(sampler, parameters, long_axis(ring) + 90.0)
         parts = cut(ring, _inside(sampler, ring, 0.3, 0.7), degrees)
         if all(is_roomy(part, *ROOM) for part in parts):
-            return [room for part in parts for room in _parted(sampler, asked, part)]
+            return [room for part in parts for room in _parted(sampler, parameters, part)]
     return [ring]
 
 
@@ -223,7 +225,7 @@ def _inside(sampler: PlanSampler, ring: Ring, low: float, high: float) -> tuple[
 
 
 def _doors(
-    sampler: PlanSampler, asked: ProceduralParameters, rooms: list[shapely.Polygon]
+    sampler: PlanSampler, parameters: ProceduralParameters, rooms: list[shapely.Polygon]
 ) -> list[Doorway]:
     """Doorways that join all rooms that can be joined to the first one, and some more."""
     possible = sampler.shuffled(doorways(rooms, WALL, DOOR + POSTS))
@@ -231,21 +233,21 @@ def _doors(
     chosen = []
     for doorway in possible:
         first, second = (group[room] for room in doorway.rooms)
-        if first != second or sampler.happens(asked.more_doors):
+        if first != second or sampler.happens(parameters.more_doors):
             chosen.append(doorway)
             group = [first if label == second else label for label in group]
     return [doorway for doorway in chosen if group[doorway.rooms[0]] == group[0]]
 
 
 def _furnish(
-    plan: Plan, sampler: PlanSampler, asked: ProceduralParameters, room: shapely.Polygon
+    plan: Plan, sampler: PlanSampler, parameters: ProceduralParameters, room: shapely.Polygon
 ) -> None:
     """Let things stand in a room, as it suits its size."""
-    if asked.furniture == 0.0:
+    if parameters.furniture == 0.0:
         return
     if room.area < HALL:
         if sampler.happens(0.85):
-            along_walls(plan, sampler, room, asked.furniture)
+            along_walls(plan, sampler, room, parameters.furniture)
             freestanding(plan, sampler, room, sampler.count(0, 1 + int(room.area / 15.0)))
     elif sampler.happens(0.5):
         racks(
@@ -254,5 +256,5 @@ def _furnish(
         )  # fmt: skip
     else:
         some = sampler.shuffled(range(len(sides(room))))[: sampler.count(1, 2)]
-        along_walls(plan, sampler, room, asked.furniture, walls=tuple(some))
+        along_walls(plan, sampler, room, parameters.furniture, walls=tuple(some))
         freestanding(plan, sampler, room, sampler.count(0, 3), sizes=(0.4, 0.6), round_share=0.5)

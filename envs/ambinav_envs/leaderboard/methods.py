@@ -137,19 +137,19 @@ def follower_method(ambiguity_weight: float) -> Method:
     )  # fmt: skip
 
 
-def planner_methods(asked: Sequence[str]) -> list[Method]:
+def planner_methods(names: Sequence[str]) -> list[Method]:
     """The planners that are named NAME or NAME:WEIGHT; the shortest ways are always among them.
 
     Args:
-        asked: None of them: `PLANNERS`.
+        names: None of them: `PLANNERS`.
 
     Raises:
         InputError: a planner is unknown, or a weight is no number from 0 on.
     """
-    if not asked:
+    if not names:
         return [planner_method(name, choice) for name, choice in PLANNERS.items()]
     methods = [planner_method(SHORTEST, PLANNERS[SHORTEST])]
-    for name_and_weight in asked:
+    for name_and_weight in names:
         name, colon, number = name_and_weight.partition(":")
         try:
             weight = float(number) if colon else 5.0

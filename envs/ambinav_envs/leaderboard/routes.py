@@ -114,16 +114,16 @@ class Routes:
         from ambinav_planners.seeded import call_seeded
 
         robots: dict[str, RoutePlanner] = {}
-        asked: dict[str, _Asked | None] = {}
+        requests: dict[str, _PathRequest | None] = {}
         for key, (building, task) in todo.items():
             if building.key not in robots:
                 robots[building.key] = self._robot(building, margin)
-            asked[key] = _asked(building, task, robots[building.key])
-        found: dict[str, Floats | None] = dict.fromkeys(asked)
-        keys = [key for key, item in asked.items() if item is not None]
+            requests[key] = _path_request(building, task, robots[building.key])
+        found: dict[str, Floats | None] = dict.fromkeys(requests)
+        keys = [key for key, item in requests.items() if item is not None]
         for low in range(0, len(keys), GROUP):
             group = keys[low : low + GROUP]
-            chosen = [item for key in group if (item := asked[key]) is not None]
+            chosen = [item for key in group if (item := requests[key]) is not None]
             seed = self.choice.seed if self._planner.uses_ompl else None
             problems = [item.problem for item in chosen]
             paths = call_seeded(seed, plan_all, self.choice, problems)
@@ -159,7 +159,7 @@ def _key(building: Building, task: Task) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _PathRequest:
     """A problem between the points nearest to start and goal where there is room to plan.
 
     Attributes:
@@ -177,7 +177,7 @@ class _Asked:
         return np.vstack([self.start, path, self.goal])
 
 
-def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None:
+def _path_request(building: Building, task: Task, robot: RoutePlanner) -> _PathRequest | None:
     """What to plan for a task, or None if there is no room for the margin at one of its ends."""
     start, goal = np.asarray(task.start), np.append(task.goal, 0.0)
     ends = []
@@ -190,7 +190,7 @@ def _asked(building: Building, task: Task, robot: RoutePlanner) -> _Asked | None
         if near[3] > 0.0 and not building.checker.motions_free(pose[None], end[None])[0]:
             return None
         ends.append(end.tolist())
-    return _Asked(robot.problem(*ends), start, goal)
+    return _PathRequest(robot.problem(*ends), start, goal)
 
 
 def plan_all(choice: PlannerChoice, problems: Sequence[Problem]) -> list[Floats | None]:

@@ -146,8 +146,8 @@ def _model(path: Path, algorithm: str) -> Any:
             )  # fmt: skip
     except Exception as error:
         # What is inside is pickled by somebody else, and may fail in any way.
-        said = " ".join(str(error).split())[:200]
+        message = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{path}: the model cannot be loaded ({type(error).__name__}: {said}); copy or train "
-            "it again."
+            f"{path}: the model cannot be loaded ({type(error).__name__}: {message}); copy or "
+            "train it again."
         ) from error

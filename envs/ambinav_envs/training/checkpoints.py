@@ -94,9 +94,9 @@ def load_checkpoint(path: Path, config: Training) -> Restored:
         raise
     except Exception as error:
         # What is inside was pickled, and may fail in any way.
-        said = " ".join(str(error).split())[:200]
+        message = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{path}: the checkpoint is damaged ({type(error).__name__}: {said}); "
+            f"{path}: the checkpoint is damaged ({type(error).__name__}: {message}); "
             f"{_remedy(path, config)}."
         ) from error
     random.setstate(python)

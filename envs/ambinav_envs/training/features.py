@@ -90,9 +90,9 @@ def looks_around(scanner: RangeScanner) -> bool:
     if len(yaw) < 2:
         return False
     turns = np.remainder(np.diff(np.append(yaw, yaw[0])), 2.0 * math.pi)
-    way = turns if turns.sum() < 2.0 * math.pi * 1.5 else 2.0 * math.pi - turns
-    once = math.isclose(float(way.sum()), 2.0 * math.pi, rel_tol=1e-6)
-    return bool(once and way.max() <= _GAP * way.mean())
+    steps = turns if turns.sum() < 2.0 * math.pi * 1.5 else 2.0 * math.pi - turns
+    once = math.isclose(float(steps.sum()), 2.0 * math.pi, rel_tol=1e-6)
+    return bool(once and steps.max() <= _GAP * steps.mean())
 
 
 def check_layers(kind: str, where: str) -> str:

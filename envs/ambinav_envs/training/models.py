@@ -62,8 +62,8 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
     except (AssertionError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        said = " ".join(str(error).split())
-        raise InputError(f"{config.algorithm} refuses its hyperparameters: {said}.") from error
+        message = " ".join(str(error).split())
+        raise InputError(f"{config.algorithm} refuses its hyperparameters: {message}.") from error
 
 
 def load_model(config: Training, envs: VecEnv, path: Path) -> BaseAlgorithm:

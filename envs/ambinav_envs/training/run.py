@@ -61,7 +61,7 @@ class TrainingStatus:
     preparing: bool = False
 
 
-Tell = Callable[[TrainingStatus], None]
+StatusCallback = Callable[[TrainingStatus], None]
 
 
 class Run:
@@ -72,13 +72,18 @@ class Run:
         folder: Where it is written to.
         resume: Whether to go on from the latest checkpoint.
         command: See `train`.
-        tell: Likewise.
+        callback: Likewise.
     """
 
     def __init__(
-        self, config: Training, folder: Path, resume: bool, command: Sequence[str], tell: Tell
+        self,
+        config: Training,
+        folder: Path,
+        resume: bool,
+        command: Sequence[str],
+        callback: StatusCallback,
     ) -> None:
-        self.config, self.folder, self._tell = config, folder, tell
+        self.config, self.folder, self._callback = config, folder, callback
         there = checkpoints(folder / files.CHECKPOINTS) if resume else []
         counters: dict[str, Any] = {}
         self.model: Any
@@ -183,7 +188,7 @@ class Run:
         ]
         for done, (source, number) in enumerate(wanted):
             steps = int(self.model.num_timesteps)
-            self._tell(
+            self._callback(
                 TrainingStatus(done / len(wanted), steps, math.nan, None, None, preparing=True)
             )
             source.get(number).amap  # noqa: B018 - made when it is asked for
@@ -217,7 +222,7 @@ class Run:
         if steps >= self._next["checkpoint"]:
             self._pass("checkpoint")
             self._checkpoint()
-        self._tell(TrainingStatus(share, steps, rate, self._last, judged))
+        self._callback(TrainingStatus(share, steps, rate, self._last, judged))
 
     def _pass(self, what: str) -> None:
         """Set when something is due for the next time."""
@@ -302,7 +307,7 @@ class Run:
         if not judged or judged[-1]["steps"] != steps or self.best is None:
             figures = self._evaluate()
             self._row(math.nan, figures)
-            self._tell(TrainingStatus(1.0, steps, math.nan, self._last, figures))
+            self._callback(TrainingStatus(1.0, steps, math.nan, self._last, figures))
             judged = self.progress.evaluations()
         last = {
             name.removeprefix("eval_"): value

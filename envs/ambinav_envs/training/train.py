@@ -15,7 +15,7 @@ from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import difference, load_config
 from ambinav_envs.training.progress import read_rows
-from ambinav_envs.training.run import Run, Tell
+from ambinav_envs.training.run import Run, StatusCallback
 
 
 def train(
@@ -24,7 +24,7 @@ def train(
     *,
     resume: bool = False,
     command: Sequence[str] = (),
-    tell: Tell | None = None,
+    callback: StatusCallback | None = None,
 ) -> dict[str, Any]:
     """Train a policy, and write everything about it to a folder.
 
@@ -36,7 +36,7 @@ def train(
         folder: Where; see docs/training.md for what lies in it then.
         resume: Go on from the latest checkpoint there.
         command: By which it was called, for the record.
-        tell: Called after every round.
+        callback: Called after every round.
 
     Returns:
         Figures of the training as plain values.
@@ -52,7 +52,7 @@ def train(
     numba.set_num_threads(config.threads)
     try:
         with files.FOLDER.hold(folder):
-            run = Run(config, folder, resume, command, tell or (lambda status: None))
+            run = Run(config, folder, resume, command, callback or (lambda status: None))
             return run.go()
     finally:
         torch.set_num_threads(threads[0])

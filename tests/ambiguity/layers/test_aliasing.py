@@ -137,8 +137,8 @@ def test_pairs_are_compared_as_the_reference_does():
                 other = beams(q, k * step)
                 _, offset, _ = reference.compare(one, other, limit, cap, scans.tau, cell)
                 z = np.minimum(one[0], 4.0) - np.minimum(other[0] + other[1] @ offset, 4.0)
-                told = z * z / (2 * (one[2] + other[2]))
-                apart = np.sum(told / np.sqrt(1 + (told / cap) ** 2)) / scans.tau
+                evidence = z * z / (2 * (one[2] + other[2]))
+                apart = np.sum(evidence / np.sqrt(1 + (evidence / cap) ** 2)) / scans.tau
                 at = (x[q] + offset[0], y[q] + offset[1], k * step + offset[2])
                 there.append((*at, math.exp(-apart)))
         off = np.abs(np.array(there) - (px, py, turn, likeness)).max(axis=1)
@@ -257,8 +257,8 @@ def test_layer_on_the_lattice():
         assert np.isnan(values[~here.free]).all()
     share = layer["aliasing"][here.free]
     assert ((share >= 0.0) & (share <= 1.0)).all()
-    told = np.isfinite(layer["aliasing_x"])
-    assert (layer["aliasing_distance"][told] > here.radius - 2 * here.spacing).all()
+    aliased = np.isfinite(layer["aliasing_x"])
+    assert (layer["aliasing_distance"][aliased] > here.radius - 2 * here.spacing).all()
 
 
 @pytest.mark.parametrize("least", [0.0, 1.0, -0.1, math.nan])

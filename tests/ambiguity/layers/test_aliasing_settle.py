@@ -68,8 +68,8 @@ def test_likeness_is_that_of_two_scans():
             for pose in ((x[p], y[p], 0.0), (px, py, turn))
         )
         z = np.minimum(one[0], limit) - np.minimum(other[0], limit)
-        told = z * z / (2 * (one[2] + other[2]))
-        apart = np.sum(told / np.sqrt(1 + (told / cap) ** 2)) / here.model.tau
+        evidence = z * z / (2 * (one[2] + other[2]))
+        apart = np.sum(evidence / np.sqrt(1 + (evidence / cap) ** 2)) / here.model.tau
         # Cast at the nearest of some headings, and turned from there.
         assert likeness == pytest.approx(math.exp(-apart), abs=0.03)
 

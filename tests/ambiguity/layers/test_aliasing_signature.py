@@ -56,9 +56,9 @@ def phi(p: np.ndarray, q: np.ndarray, offset: np.ndarray, sensor: np.ndarray) ->
     limit, cap = LIMIT[sensor], CAP[sensor]
     moved = np.minimum(q[0] + offset @ q[1:4], limit)
     z = (np.minimum(p[0], limit) - moved) / np.sqrt(p[4] + q[4])
-    told = np.array([float(evidence(a, b)) for a, b in zip(z, WIDTH[sensor], strict=True)])
+    per_beam = np.array([float(evidence(a, b)) for a, b in zip(z, WIDTH[sensor], strict=True)])
     prior = offset[:2] @ offset[:2] / CELL[0] + offset[2] ** 2 / CELL[1]
-    return float(np.sum(told / np.sqrt(1 + (told / cap) ** 2)) / TAU + prior / 2)
+    return float(np.sum(per_beam / np.sqrt(1 + (per_beam / cap) ** 2)) / TAU + prior / 2)
 
 
 def sifted(both: Scans, sig: Signatures, bundle: list[int]) -> int:
@@ -100,8 +100,8 @@ def test_no_pair_that_is_alike_is_left_out(seed, shape, threshold, odd, pull):
     p[0] = np.maximum(p[0], 0.0)
     q[4, rng.random(beams) < 0.1] = BLIND
     p[4, rng.random(beams) < 0.1] = BLIND
-    told = phi(p, q, offset, sensor)
-    assume(told <= threshold)
+    exact = phi(p, q, offset, sensor)
+    assume(exact <= threshold)
     # q stands turned: its orbits are shifted back, and the turn that fits is k.
     k = int(rng.integers(turns))
     stored = np.roll(q.reshape(5, orbits, turns), k, axis=2).reshape(5, beams)

@@ -129,8 +129,8 @@ def sampled(
         reads = np.where(np.isnan(here), np.nan, reads)
         seen = rng.random(beams) < np.exp(-people * np.where(np.isnan(here), 0.0, here))
         fits = np.exp(-0.5 * ((reads - there) / std) ** 2)
-        told = -np.log((1.0 - odd) * np.where(np.isnan(fits), 1.0, fits) + odd)
-        likely = np.exp(-(told * seen).sum(axis=-1) / model.tau)
+        evidence = -np.log((1.0 - odd) * np.where(np.isnan(fits), 1.0, fits) + odd)
+        likely = np.exp(-(evidence * seen).sum(axis=-1) / model.tau)
         b = np.where(stands, likely, 0.0).sum(axis=1) / stands.sum(axis=1)
         b = b[b > 0.0] / b.sum()
         found.append(-(b * np.log2(b)).sum())
@@ -206,13 +206,15 @@ def test_against_brute_force(
                 env, scanner, context.model, 0.1, (x, y, heading), rng, poses=64, scans=60
             )
             found.append((float(value), expected))
-    told, expected = np.array(found).T
-    off, rank = np.abs(told - expected), spearmanr(told, expected).statistic
-    print(f"{which} {scanner.name}: n {len(told)}, off by {np.median(off):.2f} at the median")
-    print(f"{off.max():.2f} at most, {np.mean(told - expected):.2f} in the mean, rank {rank:.2f}")
+    entropy, expected = np.array(found).T
+    off, rank = np.abs(entropy - expected), spearmanr(entropy, expected).statistic
+    print(f"{which} {scanner.name}: n {len(entropy)}, off by {np.median(off):.2f} at the median")
+    print(
+        f"{off.max():.2f} at most, {np.mean(entropy - expected):.2f} in the mean, rank {rank:.2f}"
+    )
     assert np.median(off) < 0.2
     assert off.max() < 0.7
-    assert abs(np.mean(told - expected)) < 0.2
+    assert abs(np.mean(entropy - expected)) < 0.2
     assert rank > 0.75
 
 
@@ -337,12 +339,14 @@ def test_what_a_beam_tells_is_the_mean_over_its_noise(odd: float) -> None:
     noise = np.random.default_rng(1).normal(size=200_000)
     noise = np.concatenate([noise, -noise])
 
-    def told(z: Floats) -> Floats:
+    def evidence(z: Floats) -> Floats:
         return np.asarray(-np.log((1.0 - odd) * np.exp(-0.5 * z**2) + odd))
 
     small, most = expected_evidence(odd)
-    mean = (told(noise + 0.3) - told(noise)).mean()
+    mean = (evidence(noise + 0.3) - evidence(noise)).mean()
     assert small == pytest.approx((1.0 - odd) * mean / (0.5 * 0.3**2), rel=0.06, abs=1e-4)
-    assert most == pytest.approx((1.0 - odd) * (told(noise + 60.0) - told(noise)).mean(), rel=0.02)
+    assert most == pytest.approx(
+        (1.0 - odd) * (evidence(noise + 60.0) - evidence(noise)).mean(), rel=0.02
+    )
     assert 0.0 < small < 1.0
     assert 0.0 < most < -math.log(odd)

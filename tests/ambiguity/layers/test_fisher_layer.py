@@ -58,11 +58,11 @@ def test_each_ray_against_finite_differences(mount: tuple[float, float, float]) 
     scanner = fan(mount)
     found = ray_information(ROOM, scanner, POSES, 0.02)
     for pose, rays in zip(POSES, found, strict=True):
-        told = np.isfinite(scanner.scan(ROOM, *pose))
+        hits = np.isfinite(scanner.scan(ROOM, *pose))
         g = differences(scanner, pose)
-        expected = g[:, :, None] * g[:, None, :] / VARIANCE * told[:, None, None]
+        expected = g[:, :, None] * g[:, None, :] / VARIANCE * hits[:, None, None]
         np.testing.assert_allclose(rays, expected, rtol=1e-4, atol=1e-3)
-        assert 0 < told.sum() < len(told)
+        assert 0 < hits.sum() < len(hits)
 
 
 def censi(pose: np.ndarray, *, incidence: bool) -> np.ndarray:
@@ -105,13 +105,13 @@ def test_the_layer_is_the_marginal_covariance(incidence: bool) -> None:
         covariance = np.linalg.inv(censi(pose, incidence=incidence) + prior)[:2, :2]
         values, vectors = np.linalg.eigh(covariance)
         at = {"x": x[k], "y": y[k]}
-        told = {n: float(found.dataset[n].sel(at, method="nearest")) for n in found.layers}
+        layers = {n: float(found.dataset[n].sel(at, method="nearest")) for n in found.layers}
         if np.abs(differences(fan(), pose)).max() > 15.0:
             continue  # a beam grazes: the layer holds 1 / cos b
-        assert told["fisher"] == pytest.approx(math.sqrt(values[1]), rel=1e-4)
-        assert told["fisher_minor"] == pytest.approx(math.sqrt(values[0]), rel=1e-4)
+        assert layers["fisher"] == pytest.approx(math.sqrt(values[1]), rel=1e-4)
+        assert layers["fisher_minor"] == pytest.approx(math.sqrt(values[0]), rel=1e-4)
         axis = math.atan2(vectors[1, 1], vectors[0, 1])
-        off = math.remainder(told["fisher_direction"] - axis, math.pi)
+        off = math.remainder(layers["fisher_direction"] - axis, math.pi)
         assert abs(off) * (values[1] / values[0] - 1.0) < 1e-3
 
 
@@ -159,10 +159,10 @@ def test_beams_that_share_evidence_tell_less() -> None:
         with_layers(amap, "fisher", fisher={"tau": tau, "odometry_std": 1e3, "heading_std": 1e3})
         for tau in (1.0, 4.0)
     )
-    told = one.dataset["fisher"].values < 1.0
-    assert told.sum() > 50
+    mask = one.dataset["fisher"].values < 1.0
+    assert mask.sum() > 50
     np.testing.assert_allclose(
-        four.dataset["fisher"].values[told], 2 * one.dataset["fisher"].values[told], rtol=1e-3
+        four.dataset["fisher"].values[mask], 2 * one.dataset["fisher"].values[mask], rtol=1e-3
     )
     with pytest.raises(InputError, match=r"tau is 0\.5"):
         with_layers(amap, "fisher", fisher={"tau": 0.5})
@@ -191,8 +191,8 @@ def test_the_layer_is_the_covariance_to_expect(
     np.testing.assert_allclose(layers[0], np.sqrt(values[:, 1]), rtol=1e-5)
     np.testing.assert_allclose(layers[1], np.sqrt(values[:, 0]), rtol=1e-5)
     before = np.broadcast_to(np.linalg.inv(prior), (len(poses), 3, 3))
-    told = before + scan_information(ROOM, scanner.centred, poses, 0.05)
-    np.testing.assert_allclose(np.linalg.inv(told), expected, rtol=1e-9, atol=1e-15)
+    information = before + scan_information(ROOM, scanner.centred, poses, 0.05)
+    np.testing.assert_allclose(np.linalg.inv(information), expected, rtol=1e-9, atol=1e-15)
     gain = information_gain(amap, scanner.centred, poses[3], prior, unit="nats")
     half = 0.5 * (np.linalg.slogdet(prior)[1] - np.linalg.slogdet(expected[3])[1])
     assert gain.total == pytest.approx(half, rel=1e-9)
@@ -278,9 +278,9 @@ def test_against_brute_force(
     off = []
     for p, h in oracle_cases.some(context, 40, 7):
         heading = float(context.headings[h])
-        told = brute_information(context, np.array([x[p], y[p]]), scanner, heading)
+        information = brute_information(context, np.array([x[p], y[p]]), scanner, heading)
         prior = np.diag([0.25**-2, 0.25**-2, context.model.sigma_theta**-2])
-        values = np.linalg.eigvalsh(np.linalg.inv(told + prior)[:2, :2])
+        values = np.linalg.eigvalsh(np.linalg.inv(information + prior)[:2, :2])
         at = (rows[p], columns[p], h) if context.has_theta else (rows[p], columns[p])
         layer = [float(found[name][at]) for name in ("fisher", "fisher_minor")]
         off.append(np.abs(np.log(layer) - 0.5 * np.log(values[::-1])).max())

@@ -41,8 +41,8 @@ def test_it_is_of_the_map(tmp_path: Path) -> None:
     amap = build_map(ROOM, fan(200), 0.2, 0.4, headings=3, map_std=0.01)
     amap.save(tmp_path / "m.zarr")
     context = LayerContext.of(AmbiguityMap.open(tmp_path / "m.zarr"))
-    told = json.loads(amap.dataset.attrs["parameters"])
-    assert context.scanner.beams == told["beams_used"] < 200
+    parameters = json.loads(amap.dataset.attrs["parameters"])
+    assert context.scanner.beams == parameters["beams_used"] < 200
     np.testing.assert_array_equal(context.free, amap.dataset["free"].values)
     assert (context.radius, context.map_std, context.spacing) == (0.4, 0.01, pytest.approx(0.2))
     assert len(context.headings) == 3
@@ -71,8 +71,8 @@ def test_the_beams_are_those_of_the_map(beams: int, sonars: int, sonar: RangeSca
 
 def test_a_map_that_does_not_say_how_it_was_made_is_refused(laser: RangeScanner) -> None:
     dataset = build_map(scenes.room(1.0, 1.0), laser, 0.5).dataset
-    told = {k: v for k, v in json.loads(dataset.attrs["parameters"]).items() if k != "radius"}
-    poor = dataset.assign_attrs(parameters=json.dumps(told))
+    parameters = {k: v for k, v in json.loads(dataset.attrs["parameters"]).items() if k != "radius"}
+    poor = dataset.assign_attrs(parameters=json.dumps(parameters))
     with pytest.raises(InputError, match=r"old\.zarr: its parameters lack radius"):
         LayerContext.of(AmbiguityMap(poor, source="old.zarr"))
     anonymous = dataset.copy()

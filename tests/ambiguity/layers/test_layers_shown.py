@@ -121,8 +121,8 @@ def test_audit_command(folder: Path) -> None:
         result = CliRunner().invoke(app, arguments)
         assert result.exit_code == 0, result.output
     assert (folder / "out/floor-layer-fisher.png").stat().st_size > 1000
-    told = json.loads((folder / "out/report.json").read_text())
-    assert [layer["name"] for layer in told["layers"]] == ["fisher"]
+    report = json.loads((folder / "out/report.json").read_text())
+    assert [layer["name"] for layer in report["layers"]] == ["fisher"]
     for name in ("report.md", "report.html"):
         text = (folder / "out" / name).read_text()
         assert "Other measures" in text

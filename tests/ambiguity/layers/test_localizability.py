@@ -335,10 +335,10 @@ def brute_radius(
         wide = [np.broadcast_to(v[:, None], look.shape).ravel() for v in (x, y)]
         found = brute_ranges(grid, *wide, look.ravel(), limit).reshape(3, *look.shape)
         first = found[0].argmin(axis=1)
-        told = found[:, np.arange(len(first)), first]
-        told[0] = np.maximum(told[0], sensor.min_range)
-        told[1] = np.where(told[2] > 0.5, np.nan, told[1])
-        return np.asarray(told)
+        nearest = found[:, np.arange(len(first)), first]
+        nearest[0] = np.maximum(nearest[0], sensor.min_range)
+        nearest[1] = np.where(nearest[2] > 0.5, np.nan, nearest[1])
+        return np.asarray(nearest)
 
     change, spread = np.zeros((len(mounts), 3)), np.zeros(len(mounts))
     for axis, step in enumerate((0.05, 0.05, 0.02)):
@@ -348,10 +348,10 @@ def brute_radius(
             stands = oracle_cases.standing_poses(env, mounts, at[:1], at[1:2], at[2:])[0]
             ends.append((sign * step, at) if stands else (0.0, pose))
         (ahead, front), (behind, back) = ends
-        told = expected(front), expected(back)
-        spread += (told[0][1] + told[1][1]) / 6.0
+        readings = expected(front), expected(back)
+        spread += (readings[0][1] + readings[1][1]) / 6.0
         if ahead > behind:
-            change[:, axis] = (told[0][0] - told[1][0]) / (ahead - behind)
+            change[:, axis] = (readings[0][0] - readings[1][0]) / (ahead - behind)
     variance = sensor.std_at(0.0) ** 2 + sensor.resolution**2 / 12 + spread
     known = ~np.isnan(variance)
     matrix = (change[known].T / variance[known]) @ change[known]
@@ -371,14 +371,14 @@ def test_against_brute_force(
     found = localizability(context, cell=0.05)
     x, y = context.points
     rows, columns = np.nonzero(context.free)
-    told, grid = [], brute_grid(env, 0.05, 0.05)
+    compared, grid = [], brute_grid(env, 0.05, 0.05)
     for p, h in oracle_cases.some(context, 20, 3):
         pose = np.array([x[p], y[p], context.headings[h]])
         at = (rows[p], columns[p], h) if context.has_theta else (rows[p], columns[p])
         names = ("localizability", "localizability_determinant")
         layer = [float(found[name][at]) for name in names]
-        told.append((*layer, *brute_radius(env, grid, scanner, context.model, pose)))
-    radius, index, radius_by_brute, index_by_brute = np.array(told).T
+        compared.append((*layer, *brute_radius(env, grid, scanner, context.model, pose)))
+    radius, index, radius_by_brute, index_by_brute = np.array(compared).T
     off = np.abs(np.log(radius / radius_by_brute))
     powers = np.abs(np.log10((index + 1.0) / (index_by_brute + 1.0)))
     rank = spearmanr(radius, radius_by_brute).statistic

@@ -65,30 +65,30 @@ def values_at(context: LayerContext, layer: np.ndarray, which: np.ndarray) -> Fl
     return np.asarray(values[which[:, 0], which[:, 1]] if values.ndim == 2 else values[which[:, 0]])
 
 
-def matched(context: LayerContext, pose: Floats, way: Floats, size: float) -> Floats:
-    """x and y where the match from `pose` + `way` ends, less those of `pose`."""
+def matched(context: LayerContext, pose: Floats, offset: Floats, size: float) -> Floats:
+    """x and y where the match from `pose` + `offset` ends, less those of `pose`."""
     env, scanner, sigma = context.environment, context.scanner, context.model.sigma_theta
     kind, sensor = env.segments.kind, scanner.sensors[0]
     cap = -math.log(context.model.outlier_share + sensor.random_share + sensor.lost_share)
     variance = STD**2 + sensor.resolution**2 / 12 + context.map_std**2
     prior = np.array([size**-2, size**-2, sigma**-2])
     here = brute.scan(env, scanner, pose[None])
-    told = (here.segment[0] >= 0) & (kind[here.segment[0]] == brute.WALL)
+    on_wall = (here.segment[0] >= 0) & (kind[here.segment[0]] == brute.WALL)
 
     def stands(at: Floats) -> bool:
         return bool(brute.is_free(env, *brute.ray_starts(scanner, at[None])).all())
 
-    wall, _ = brute.cast(env, pose[0], pose[1], math.atan2(way[1], way[0]))
-    believed = pose + way
+    wall, _ = brute.cast(env, pose[0], pose[1], math.atan2(offset[1], offset[0]))
+    believed = pose + offset
     for k in range(7):
-        at = pose + way * (0.5**k if k < 6 else 0.0)
+        at = pose + offset * (0.5**k if k < 6 else 0.0)
         if k == 6 or (size * 0.5**k < wall[0] and stands(at)):
             break
     room = np.array([size**2, size**2, sigma**2])
     for _ in range(6):
         there = brute.scan(env, scanner, at[None], beyond=1.0)
         J = brute.slopes(env, scanner, at[None], there)[0]
-        use = told & (there.segment[0] >= 0) & (kind[there.segment[0]] == brute.WALL)
+        use = on_wall & (there.segment[0] >= 0) & (kind[there.segment[0]] == brute.WALL)
         r, J = here.distance[0][use] - there.distance[0][use], J[use]
         u = r**2 / (2 * (variance + J**2 @ room))
         W = 1 / variance / (1 + u / cap) ** 2
@@ -114,10 +114,10 @@ def test_perturbation(building: Environment, scanner: RangeScanner) -> None:
     found = perturbation(context)
     which, poses = chosen(context)
     size = context.radius / 2
-    ways = size * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    offsets = size * np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     expected = []
     for pose in poses:
-        errors = np.array([matched(context, pose, way, size) for way in ways])
+        errors = np.array([matched(context, pose, offset, size) for offset in offsets])
         expected.append(np.linalg.svd(errors, compute_uv=False) / math.sqrt(2))
     for name, values in zip(("perturbation", "perturbation_minor"), np.transpose(expected),
                             strict=True):  # fmt: skip

@@ -157,7 +157,7 @@ def radius_about(context: LayerContext, x: float, y: float) -> float:
     near = dx**2 + dy**2 <= context.radius**2 * (1 + 1e-9)
     dx, dy = dx[near], dy[near]
     reached = connected(context.environment, x, y, dx, dy)
-    told = []
+    information = []
     for heading in context.headings:
         stands = reached & free_sensors(context, x + dx, y + dy, float(heading))
         M, F = moments(context, x, y, dx[stands], dy[stands], float(heading))
@@ -165,8 +165,8 @@ def radius_about(context: LayerContext, x: float, y: float) -> float:
             return math.sqrt(np.trace(M))
         values, axes = np.linalg.eigh(M)
         share = np.minimum(values / np.einsum("ik,ij,jk->k", axes, F, axes), 1.0)
-        told.append((axes * ((2.0 * (1.0 - share) + share) / values)) @ axes.T)
-    return math.sqrt(np.trace(np.linalg.inv(np.mean(told, axis=0))))
+        information.append((axes * ((2.0 * (1.0 - share) + share) / values)) @ axes.T)
+    return math.sqrt(np.trace(np.linalg.inv(np.mean(information, axis=0))))
 
 
 def connected(env: Environment, x: float, y: float, dx: Floats, dy: Floats) -> NDArray[np.bool_]:

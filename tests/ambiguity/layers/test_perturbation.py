@@ -109,8 +109,8 @@ def test_one_step_is_the_regularised_least_squares_step() -> None:
     x, y = 1.55, 1.35
     here = beams(context.environment, context.scanner, context.model, x, y, 0.0)
     errors = []
-    for way in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-        step = SIZE * np.array(way)
+    for axis in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+        step = SIZE * np.array(axis)
         there = beams(
             context.environment, context.scanner, context.model, x + step[0], y + step[1], 0
         )

@@ -67,9 +67,9 @@ def test_what_is_written(tmp_path: Path) -> None:
         key = "timeout" if row.method == "plug.py:spinner" else "arrived"
         if row.setting == "room, as mapped":
             assert row[key].value.value == 100.0
-    told = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert len(told["rows"]) == 6 and told["episodes"] == 4 and told["baseline"] == "shortest"
-    assert told["rows"][0]["figures"]["arrived"]["value"] == 100.0
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert len(report["rows"]) == 6 and report["episodes"] == 4 and report["baseline"] == "shortest"
+    assert report["rows"][0]["figures"]["arrived"]["value"] == 100.0
     text = (tmp_path / "out" / "report.md").read_text()
     assert "## Room, disturbed" in text and "obstacles 6, people 3" in text
     lines = text.splitlines()
@@ -197,11 +197,11 @@ deep.environment = {"layer": "fisher"}
 
 def test_who_does_not_fit(tmp_path: Path) -> None:
     (tmp_path / "picky.py").write_text(PICKY)
-    asked = policy_method("picky.py:picky", tmp_path)
-    board = small(room(), methods=[*planner_methods([])[:1], asked])
+    picky = policy_method("picky.py:picky", tmp_path)
+    board = small(room(), methods=[*planner_methods([])[:1], picky])
     with pytest.raises(InputError, match="it sees nothing"):
         fitting(board)
-    kept = small(room(), methods=[board.methods[0], replace(asked, shipped=True)])
+    kept = small(room(), methods=[board.methods[0], replace(picky, shipped=True)])
     with pytest.warns(InputWarning, match="left out: it sees nothing"):
         assert [method.name for method in fitting(kept).methods] == ["shortest"]
     deep = policy_method("picky.py:deep", tmp_path)
@@ -210,7 +210,7 @@ def test_who_does_not_fit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("planners", "policies", "said"),
+    ("planners", "policies", "message"),
     [
         (["prmstr"], [], "prmstar"),
         (["reference:x"], [], "weight in 'reference:x' is none"),
@@ -219,8 +219,8 @@ def test_who_does_not_fit(tmp_path: Path) -> None:
         (["reference:2", "reference:2.0"], [], "two methods are called 'reference 2'"),
     ],
 )
-def test_bad_methods(planners: list[str], policies: list[str], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bad_methods(planners: list[str], policies: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         all_methods(planners, policies)
 
 

@@ -17,7 +17,7 @@ from ambinav_envs.leaderboard.report import criterion_text
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 
 
-def episodes(outcome: Any, lost: Any = False, way: Any = 10.0) -> Episodes:
+def episodes(outcome: Any, lost: Any = False, metres: Any = 10.0) -> Episodes:
     """Episodes with a shortest path of 10 m."""
     codes = np.asarray(outcome)
     count = len(codes)
@@ -27,13 +27,16 @@ def episodes(outcome: Any, lost: Any = False, way: Any = 10.0) -> Episodes:
 
     return Episodes(
         outcome=codes, was_lost=full(lost), error_max=full(0.5), error_mean=full(0.1),
-        exposure=0.2 * full(way), travelled=full(way), shortest=full(10.0), seconds=full(30.0),
-        reward=full(1.0), cost=full(0.0), building=full("a"), seed=np.arange(count),
+        exposure=0.2 * full(metres), travelled=full(metres), shortest=full(10.0),
+        seconds=full(30.0), reward=full(1.0), cost=full(0.0), building=full("a"),
+        seed=np.arange(count),
     )  # fmt: skip
 
 
 def test_shares_and_means() -> None:
-    found = episodes([ARRIVED, ARRIVED, MISSED, COLLIDED, TIMEOUT], way=[11.0, 13.0, 5.0, 0.1, 2.0])
+    found = episodes(
+        [ARRIVED, ARRIVED, MISSED, COLLIDED, TIMEOUT], metres=[11.0, 13.0, 5.0, 0.1, 2.0]
+    )
     (row,) = make_rows("here", {"one": found}, None, 1)
     wanted = {"arrived": 40.0, "missed": 20.0, "collided": 20.0, "timeout": 20.0, "length": 1.2}
     for key, value in wanted.items():
@@ -46,7 +49,7 @@ def test_shares_and_means() -> None:
 
 def test_exposure_per_metre_is_of_all_metres_as_in_the_summary() -> None:
     found = replace(
-        episodes([TIMEOUT] * 3, way=[9.0, 1.0, 0.0]), exposure=np.array([0.9, 0.5, 0.0])
+        episodes([TIMEOUT] * 3, metres=[9.0, 1.0, 0.0]), exposure=np.array([0.9, 0.5, 0.0])
     )
     (row,) = make_rows("here", {"one": found}, None, 1)
     wanted = found.summary()["exposure_per_metre"]
@@ -83,15 +86,15 @@ def test_draws_hold_as_many_buildings_and_episodes_of_each() -> None:
 
 
 def test_differences_are_paired() -> None:
-    way = np.linspace(10.0, 20.0, 40)
+    metres = np.linspace(10.0, 20.0, 40)
     both = {
-        "base": episodes([ARRIVED] * 40, way=way),
-        "other": episodes([ARRIVED] * 40, way=way + 1),
+        "base": episodes([ARRIVED] * 40, metres=metres),
+        "other": episodes([ARRIVED] * 40, metres=metres + 1),
     }
     base, other = make_rows("here", both, "base", 1)
     assert base["length"].difference is None
-    told = other["length"].difference
-    assert told is not None and told.low == pytest.approx(0.1) == pytest.approx(told.high)
+    apart = other["length"].difference
+    assert apart is not None and apart.low == pytest.approx(0.1) == pytest.approx(apart.high)
     assert difference_text(other["length"], bold=True) == "**+0.100 [+0.100, +0.100]**"
     assert difference_text(other["error"], bold=True) == "+0.000 [+0.000, +0.000]"
     assert value_text(other["arrived"], brief=True) == "100 [100, 100]"
@@ -114,7 +117,7 @@ def test_csv() -> None:
 
 
 @pytest.mark.parametrize(
-    ("base", "other", "way", "said"),
+    ("base", "other", "metres", "text"),
     [
         (0, 0, 10.0, "nobody lost to begin with"),
         (0, 20, 10.0, "lost more often"),
@@ -126,12 +129,12 @@ def test_csv() -> None:
         (5, 4, 10.0, "no difference shown"),
     ],
 )
-def test_the_goal(base: int, other: int, way: float, said: str) -> None:
+def test_the_goal(base: int, other: int, metres: float, text: str) -> None:
     number = np.arange(40)
     both = {
         "base": episodes([ARRIVED] * 40, lost=number < base),
-        "other": episodes([ARRIVED] * 40, lost=number < other, way=way),
+        "other": episodes([ARRIVED] * 40, lost=number < other, metres=metres),
     }
     first, second = make_rows("here", both, "base", 1)
     assert criterion_text(first, first) == ""
-    assert criterion_text(second, first) == said
+    assert criterion_text(second, first) == text

@@ -54,12 +54,12 @@ def test_planners_know_what_the_localizer_knows(monkeypatch: pytest.MonkeyPatch)
         return robots[-1]
 
     monkeypatch.setattr(Routes, "_robot", kept)
-    told = {
+    options = {
         "odometry": OdometryNoise(scale=0.4),
         "odometry_scale": 2.0,
         "start_std": (0.2, 0.1, 0.03),
     }
-    source, parameters = scenario(None, room(), None, 0, None, {**OPTIONS, **told})
+    source, parameters = scenario(None, room(), None, 0, None, {**OPTIONS, **options})
     follower = planner_method("belief 5", PlannerChoice("belief")).make(parameters)
     assert isinstance(follower, RouteFollower)
     evaluate(follower, source, parameters, 1, seed=1, chunk=8)

@@ -77,9 +77,9 @@ def test_racks_are_rows_along_the_longest_side() -> None:
     racks(plan, PlanSampler(None), room, depth=1.0, aisle=1.8, border=1.6)
     rows = sorted(solid.bounds for solid in plan.solids)
     np.testing.assert_allclose(rows, [(1.6, 2.6, 10.4, 3.6), (1.6, 5.4, 10.4, 6.4)], atol=1e-5)
-    with_ways = Plan()
-    racks(with_ways, PlanSampler(None), room, depth=1.0, aisle=1.8, border=1.6, gaps=1.0)
-    assert len(with_ways.solids) == 4
+    with_gaps = Plan()
+    racks(with_gaps, PlanSampler(None), room, depth=1.0, aisle=1.8, border=1.6, gaps=1.0)
+    assert len(with_gaps.solids) == 4
     small = Plan()
     racks(small, PlanSampler(None), small.box(0.0, 0.0, 3.0, 3.0), border=1.6)
     assert not small.solids

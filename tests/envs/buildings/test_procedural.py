@@ -41,9 +41,11 @@ def test_walls_at_odd_angles_and_along_the_axes() -> None:
 
 
 def test_parameters_are_followed() -> None:
-    asked = ProceduralParameters(size=(10.0, 11.0), corridors=(0, 0), tilted=0.0, furniture=0.0)
+    parameters = ProceduralParameters(
+        size=(10.0, 11.0), corridors=(0, 0), tilted=0.0, furniture=0.0
+    )
     for seed in range(5):
-        building = procedural_building(np.random.default_rng(seed), asked, name="small")
+        building = procedural_building(np.random.default_rng(seed), parameters, name="small")
         xmin, ymin, xmax, ymax = building.bounds
         assert 9.5 < xmax - xmin < 11.0 and 9.5 < ymax - ymin < 11.0
         along = np.diff(building.segments.xy.reshape(-1, 2, 2), axis=1)[:, 0]

@@ -40,6 +40,8 @@ def model(envs: Any, **options: Any) -> PPO:
 def saved(path: Path, **options: Any) -> Path:
     """A policy file of such a model."""
     envs = normalized(**options)
-    told = {**OPTIONS, **options, "id": NAME}
-    save_policy(model(envs), path, environment=told, normalization=envs, notes={"note": "a test"})
+    environment = {**OPTIONS, **options, "id": NAME}
+    save_policy(
+        model(envs), path, environment=environment, normalization=envs, notes={"note": "a test"}
+    )
     return path

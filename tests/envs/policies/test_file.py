@@ -90,9 +90,14 @@ def test_stable_baselines_reads_it_whole_and_slim(tmp_path: Path) -> None:
 
 def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
     scanner = RangeScanner.from_preset("rplidar-a1").thinned(60)
-    told = {"robot": Robot(radius=0.3), "scanner": scanner, "buildings": 7, "first_building": 1}
+    environment = {
+        "robot": Robot(radius=0.3),
+        "scanner": scanner,
+        "buildings": 7,
+        "first_building": 1,
+    }
     path = tmp_path / "p.zip"
-    save_policy(model(normalized()), path, environment=told)
+    save_policy(model(normalized()), path, environment=environment)
     arguments = arguments_of(read_card(path))
     assert set(arguments) == {"robot", "scanner", *SEEN}
     assert Robot(**arguments["robot"]) == Robot(radius=0.3)
@@ -103,8 +108,8 @@ def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: 
     def older(name: str, content: bytes) -> bytes:
         if name != CARD:
             return content
-        told = {**json.loads(content), "environment": {"id": NAME, "window_cells": 4}}
-        return json.dumps(told).encode()
+        document = {**json.loads(content), "environment": {"id": NAME, "window_cells": 4}}
+        return json.dumps(document).encode()
 
     for path in (file, rewritten(file, tmp_path / "old.zip", older)):
         assert load_policy(path).seeing == {
@@ -112,8 +117,8 @@ def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: 
         }
     # With the robot that it was trained with, since speeds go by its highest.
     quick = {"robot": {"max_speed": 2.0}, "min_speed": -1.0, "window_spacing": 0.2}
-    told = plain_environment(quick)
-    assert (told["min_speed"], told["window_spacing"]) == (-1.0, 0.2)
+    environment = plain_environment(quick)
+    assert (environment["min_speed"], environment["window_spacing"]) == (-1.0, 0.2)
 
 
 def test_what_is_no_plain_value_is_refused(tmp_path: Path) -> None:
@@ -176,7 +181,7 @@ def with_bad_moments(file: Path, out: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (broken, "damaged|no policy file|cannot be loaded"),
         (cut, "no policy file"),
@@ -188,9 +193,9 @@ def with_bad_moments(file: Path, out: Path) -> Path:
         (with_bad_moments, "normalisation cannot be read"),
     ],
 )
-def test_bad_files(spoil: Any, said: str, file: Path, tmp_path: Path) -> None:
+def test_bad_files(spoil: Any, message: str, file: Path, tmp_path: Path) -> None:
     path = spoil(file, tmp_path / "bad.zip")
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load_policy(path)
     assert "bad.zip" in str(caught.value) and str(caught.value).endswith(".")
     assert "\n" not in str(caught.value)

@@ -48,7 +48,7 @@ def policy() -> ModelPolicy:
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [
         ({"scanner": scanner(beams=32)}, "beams 60, here 32"),
         ({"scanner": scanner(aperture=180.0)}, "aperture 360 degrees, here 180 degrees"),
@@ -68,16 +68,16 @@ def policy() -> ModelPolicy:
         ({"robot": Robot(acceleration=1.0)}, "acceleration 2.5 m/s2, here 1 m/s2"),
     ],
 )
-def test_each_difference_is_named(policy: ModelPolicy, changed: Any, said: str) -> None:
+def test_each_difference_is_named(policy: ModelPolicy, changed: Any, message: str) -> None:
     parameters = NavigationParameters(**changed)
     found = differences(policy, parameters)
     assert list(found) == list(changed)
-    assert said in difference_text(found) and len(found[next(iter(found))]) == 1
+    assert message in difference_text(found) and len(found[next(iter(found))]) == 1
     with pytest.raises(
         InputError, match="policy 'ppo-ambiguity' was trained with another"
-    ) as said_:
+    ) as caught:
         check_fit(policy, parameters, False)
-    assert str(said_.value).count(". ") == 0 and "--force" in str(said_.value)
+    assert str(caught.value).count(". ") == 0 and "--force" in str(caught.value)
     with pytest.warns(InputWarning, match="it drives all the same"):
         assert check_fit(policy, parameters, True) == found
 
@@ -139,8 +139,8 @@ def test_the_shipped_ones_say_what_they_were_trained_with(name: str, tmp_path: P
     assert sha256(tmp_path / "policy.pth") == WEIGHTS[name]
     card = read_card(path)
     # As configs/ppo.yaml, which names neither: the environments' defaults, see the card's text.
-    told = RangeScanner.from_yaml_text(card.environment["scanner"]["yaml"])
-    assert told.parts == scanner().parts and Robot(**card.environment["robot"]) == Robot(
+    trained_with = RangeScanner.from_yaml_text(card.environment["scanner"]["yaml"])
+    assert trained_with.parts == scanner().parts and Robot(**card.environment["robot"]) == Robot(
         radius=0.22, max_speed=0.5, max_turn_rate=2.0, acceleration=2.5, turn_acceleration=3.2
     )
     assert "60 beams of 4 m" in path.with_suffix(".md").read_text()
@@ -199,18 +199,18 @@ def refused(done: Result) -> bool:
 
 
 def test_evaluate(folder: Path) -> None:
-    for changed, said in (
+    for changed, message in (
         ("scanner=half.yaml", "aperture 360 degrees, here 180 degrees; range 4 m, here 12 m"),
         ("robot={radius: 0.4}", "robot (radius 0.22 m, here 0.4 m)"),
     ):
         done = run("evaluate", "ppo-ambiguity", *SHORT, changed)
-        assert refused(done) and said in done.stderr, done.output
+        assert refused(done) and message in done.stderr, done.output
         assert not (folder / "out").exists()
     done = run("evaluate", "ppo-ambiguity", *SHORT, "robot={radius: 0.4}", "--force", "-o", "out")
     assert done.exit_code == 0 and "not the robot it was trained with" in done.stdout, done.output
     assert "note: policy 'ppo-ambiguity' was trained with another robot" in done.stderr
-    told = json.loads((folder / "out" / "evaluation.json").read_text())
-    assert told["differs"] == {"robot": ["radius 0.22 m, here 0.4 m"]}
+    evaluation = json.loads((folder / "out" / "evaluation.json").read_text())
+    assert evaluation["differs"] == {"robot": ["radius 0.22 m, here 0.4 m"]}
     done = run("evaluate", "ppo-ambiguity", *SHORT, "--json")
     assert done.exit_code == 0 and not done.stderr and json.loads(done.stdout)["differs"] == {}
 

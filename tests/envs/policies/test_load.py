@@ -83,7 +83,7 @@ def test_a_callable(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "said"),
+    ("name", "message"),
     [
         ("plug.py:empty", "without act"),
         ("plug.py:failing", r"failed \(RuntimeError: no weights, plug.py line 2\d\)"),
@@ -95,9 +95,9 @@ def test_a_callable(folder: Path) -> None:
         ("gone", "neither a file nor a baseline"),
     ],
 )
-def test_bad_names(told: str, said: str, folder: Path) -> None:
-    with pytest.raises(InputError, match=said):
-        load_policy(told, folder).prepare(*spaces_of())
+def test_bad_names(name: str, message: str, folder: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        load_policy(name, folder).prepare(*spaces_of())
 
 
 def test_checksums_of_callables(folder: Path) -> None:
@@ -137,7 +137,7 @@ def test_more_than_it_wants_is_no_harm(file: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"window": False}, "wants the part 'window', and the environment has goal, scan"),
         ({"window_cells": 5}, "'window' has 50 numbers and the policy wants 32"),
@@ -145,8 +145,8 @@ def test_more_than_it_wants_is_no_harm(file: Path) -> None:
         ({"window_cells": 4, "discrete": True}, "gives 2 numbers .* takes one of 9 actions"),
     ],
 )
-def test_what_does_not_fit_is_named(options: dict[str, Any], said: str, file: Path) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_does_not_fit_is_named(options: dict[str, Any], message: str, file: Path) -> None:
+    with pytest.raises(InputError, match=message):
         load_policy(file).prepare(*spaces_of(**options))
 
 
@@ -212,8 +212,8 @@ def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
     assert (BASELINES / f"{name}.md").read_text(encoding="utf-8").startswith(f"# {name}\n")
     policy = load_policy(name)
     # One building is enough to see that it arrives.
-    told = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0}
-    told.pop("suite")
-    source, parameters = scenario("corridor", None, 1, 0, None, told)
+    options = {**policy.environment, "obstacles": 0, "odometry_scale": 1.0}
+    options.pop("suite")
+    source, parameters = scenario("corridor", None, 1, 0, None, options)
     episodes = evaluate(policy, source, parameters, 20, 1)
     assert episodes.ended(ARRIVED).mean() >= 0.8

@@ -46,19 +46,19 @@ def test_written_out_and_read_again(tmp_path: Path) -> None:
 def test_a_batch_that_nobody_asked_for_divides_the_rollout(
     envs: int, n_steps: int, batch: int
 ) -> None:
-    told = {"steps": 9, "envs": envs, "environment": {"id": "ambinav/Hall-v0"}}
-    config = parse_config(told | {"hyperparameters": {"n_steps": n_steps}}, "here")
+    settings = {"steps": 9, "envs": envs, "environment": {"id": "ambinav/Hall-v0"}}
+    config = parse_config(settings | {"hyperparameters": {"n_steps": n_steps}}, "here")
     assert config.hyperparameters["batch_size"] == batch
     assert envs * n_steps % batch == 0
 
 
 def test_judged_in_other_buildings_whatever_else_differs(tmp_path: Path) -> None:
-    told = {"steps": 9, "environment": {"id": "ambinav/Hall-v0", "buildings": 40}}
-    config = parse_config(told | {"evaluation": {"environment": {"people": 2}}}, "here")
+    settings = {"steps": 9, "environment": {"id": "ambinav/Hall-v0", "buildings": 40}}
+    config = parse_config(settings | {"evaluation": {"environment": {"people": 2}}}, "here")
     assert config.judged == {
         "suite": "hall", "buildings": 100, "first_building": 500_000, "people": 2
     }  # fmt: skip
-    same = parse_config(told | {"evaluation": {"environment": {"buildings": 40}}}, "here")
+    same = parse_config(settings | {"evaluation": {"environment": {"buildings": 40}}}, "here")
     assert (same.judged["buildings"], same.judged["first_building"]) == (40, 500_000)
     for one in (config, same):
         write_config(one, tmp_path / "config.yaml")
@@ -131,12 +131,12 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("other", "said"), WRONG, ids=lambda value: str(value)[:40])
-def test_what_is_wrong_is_named(other: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said) as caught:
+@pytest.mark.parametrize(("other", "expected"), WRONG, ids=lambda value: str(value)[:40])
+def test_what_is_wrong_is_named(other: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=expected) as caught:
         parse_config(TINY | other, "here.yaml")
-    told = str(caught.value)
-    assert told.startswith("here.yaml") and told.endswith(".") and "\n" not in told
+    message = str(caught.value)
+    assert message.startswith("here.yaml") and message.endswith(".") and "\n" not in message
 
 
 @pytest.mark.parametrize("text", ["", "just words", "- 1", "{steps: [}"])

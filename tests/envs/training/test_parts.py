@@ -36,10 +36,10 @@ def test_figures_of_training_and_evaluation_mean_the_same() -> None:
     nothing = np.zeros(2)
     codes = np.array([OUTCOMES.index(name) for name in known.pop("outcome")])
     rewards = known.pop("r")
-    told = {"error_max": nothing, "error_mean": nothing, "seconds": nothing, "cost": nothing}
+    others = {"error_max": nothing, "error_mean": nothing, "seconds": nothing, "cost": nothing}
     keys, seeds = np.array(["a", "b"]), np.arange(2)
     both = Episodes(
-        outcome=codes, reward=rewards, building=keys, seed=seeds, **known, **told
+        outcome=codes, reward=rewards, building=keys, seed=seeds, **known, **others
     )  # fmt: skip
     wanted = {
         "episodes": 2.0, "arrived": 0.5, "missed": 0.0, "collided": 0.5, "timeout": 0.0,

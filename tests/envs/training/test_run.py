@@ -54,11 +54,11 @@ def figures(folder: Path) -> list[dict[str, str]]:
 
 
 def interrupted_at(steps: int) -> Any:
-    def tell(told: TrainingStatus) -> None:
-        if told.steps >= steps:
+    def callback(status: TrainingStatus) -> None:
+        if status.steps >= steps:
             raise KeyboardInterrupt
 
-    return tell
+    return callback
 
 
 @pytest.fixture(scope="module")
@@ -77,10 +77,10 @@ def test_writes_all_that_it_says(whole: Path) -> None:
     wanted = {"config.yaml", "run.json", "progress.csv", "best.zip", "final.zip", "curve.png"}
     assert wanted | {"report.md", "checkpoints"} <= there
     assert load_config(whole / "config.yaml") == tiny()
-    told = json.loads((whole / "run.json").read_text())
-    assert told["seed"] == 3 and told["buildings"]["hashed"] == 2
-    assert told["buildings"]["sha256"] != told["judged_in"]["sha256"]
-    (session,) = told["sessions"]
+    record = json.loads((whole / "run.json").read_text())
+    assert record["seed"] == 3 and record["buildings"]["hashed"] == 2
+    assert record["buildings"]["sha256"] != record["judged_in"]["sha256"]
+    (session,) = record["sessions"]
     assert session["command"][-1] == "run here" and "torch" in session["versions"]
     assert [row["steps"] for row in rows(whole)] == ["256", "512"]
     assert all(row["eval_episodes"] == "4" for row in rows(whole))
@@ -118,7 +118,7 @@ def test_resumed_is_as_if_never_interrupted(
     straight, broken = tmp_path / "straight", tmp_path / "broken"
     train(config, straight)
     with pytest.raises(KeyboardInterrupt):
-        train(config, broken, tell=interrupted_at(256))
+        train(config, broken, callback=interrupted_at(256))
     (kept,) = checkpoints(broken / "checkpoints")
     assert kept.name == "000000000256"
     assert not (broken / "final.zip").exists()
@@ -135,7 +135,7 @@ def test_resumed_is_as_if_never_interrupted(
 
 def test_interrupted_before_it_begins(whole: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        train(tiny(), tmp_path / "out", tell=interrupted_at(0))
+        train(tiny(), tmp_path / "out", callback=interrupted_at(0))
     train(tiny(), tmp_path / "out", resume=True)
     assert same(whole / "final.zip", tmp_path / "out" / "final.zip")
 
@@ -217,9 +217,9 @@ def test_the_best_one_is_that_of_the_file(whole: Path, tmp_path: Path) -> None:
     assert best["steps"] == card.steps and best["reward"] == card.notes["evaluation"]["reward"]
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        train(tiny(), out, tell=interrupted_at(0))
+        train(tiny(), out, callback=interrupted_at(0))
     shutil.copy(whole / "best.zip", out)
-    run = Run(tiny(), out, True, (), lambda told: None)
+    run = Run(tiny(), out, True, (), lambda status: None)
     assert run.best == best
     run.envs.close()
 
