@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
-QUICK = {"02", "04"}
+QUICK = {"02"}
 LEAVES = {
     "01": "out/01-audit/report.html",
     "02": "out/02-level.png",
