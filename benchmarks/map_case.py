@@ -137,7 +137,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     path = environment_path(args.environment)
     plain = args.scanner == "plain"
     scanner = plain_scanner() if plain else RangeScanner.from_preset(args.scanner)
-    build_map(small_room(), scanner, SPACING, RADIUS, args.headings)
+    build_map(small_room(), scanner, SPACING, RADIUS, args.headings, store=False)
     said: dict[str, Any] = {"memory_before": peak_memory(), "load": [], "prepare": [], "build": []}
     parts: dict[str, list[float]] = {name: [] for name in PARTS}
     for _ in range(args.repeats):
@@ -148,7 +148,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         _ = env.grid, env.border_lines
         prepared = time.perf_counter()
         with timed_parts() as seconds:
-            built = build_map(env, scanner, SPACING, RADIUS, args.headings)
+            built = build_map(env, scanner, SPACING, RADIUS, args.headings, store=False)
         said["build"].append(time.perf_counter() - prepared)
         said["load"].append(loaded - start)
         said["prepare"].append(prepared - loaded)

@@ -69,11 +69,12 @@ class MapStore:
         folder = cache_folder()
         if folder is None:
             return cls(None, tell=tell, before_build=before_build)
-        if VARIABLE in os.environ and folder.exists() and not folder.is_dir():
-            raise InputError(
-                f"{VARIABLE} is {str(folder)!r}, where no map can be kept, for it is a file; name "
-                "a folder, or leave it empty to keep none."
-            )
+        with contextlib.suppress(OSError):  # which is reported when the map cannot be kept
+            if VARIABLE in os.environ and folder.exists() and not folder.is_dir():
+                raise InputError(
+                    f"{VARIABLE} is {str(folder)!r}, where no map can be kept, for it is a file; "
+                    "name a folder, or leave it empty to keep none."
+                )
         return cls(folder / MAPS, size_limit(), tell, before_build)
 
     def path(self, key: str) -> Path:
@@ -132,7 +133,8 @@ class MapStore:
             if found is not None:
                 return found, True
             if alive is not None:
-                self._remove_leftovers(key)
+                with contextlib.suppress(OSError):  # one may write here, but not list
+                    self._remove_leftovers(key)
             amap = self._built(build, alive)
             self._keep(key, amap)
         return amap, False
@@ -191,16 +193,16 @@ class MapStore:
         with contextlib.suppress(OSError, entry.NewerFormatError):
             if entry.read_format(path) > entry.FORMAT:
                 return
-        parts = entry.pack(amap.dataset, key)
-        size = sum(map(len, parts))
-        if size > self.limit:
-            return self._not_kept(
-                f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
-                f"raise {LIMIT_VARIABLE}",
-            )
-        # Before, not after: whoever is killed in between leaves less than the limit, not more.
-        self.make_room(self.limit - size)
         try:
+            parts = entry.pack(amap.dataset, key)
+            size = sum(map(len, parts))
+            if size > self.limit:
+                return self._not_kept(
+                    f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
+                    f"raise {LIMIT_VARIABLE}",
+                )
+            # Before, not after: whoever is killed in between leaves less than the limit, not more.
+            self.make_room(self.limit - size)
             with replacing(path) as fresh, fresh.open("xb") as file:
                 file.writelines(parts)
         except (InputError, OSError) as error:
@@ -208,6 +210,8 @@ class MapStore:
                 getattr(error.__cause__ or error, "strerror", None) or str(error).rstrip("."),
                 f"set {VARIABLE} to a folder with room that is writable, or leave it empty",
             )
+        except MemoryError:
+            return self._not_kept("no memory is left to pack it", f"leave {VARIABLE} empty")
 
     def _not_kept(self, reason: str, remedy: str) -> None:
         warnings.warn(
@@ -228,12 +232,11 @@ class MapStore:
 
         That is what was set aside, then what was not used for longest.
         """
-        times = {}
-        for path in self._all():
-            if path.suffix in (ENTRY, DAMAGED):
-                with contextlib.suppress(FileNotFoundError):
-                    times[path] = (path.suffix == ENTRY, path.stat().st_mtime_ns)
-        return sorted(times, key=times.__getitem__)
+        found = [
+            (item.name.endswith(ENTRY), status.st_mtime_ns, item.path)
+            for item, status in self._entries()
+        ]
+        return [Path(path) for _, _, path in sorted(found)]
 
     def make_room(self, limit: int) -> list[Path]:
         """Remove left-overs, and the first of `files` until the rest takes at most `limit` bytes.
@@ -244,6 +247,9 @@ class MapStore:
             The entries that are gone.
         """
         self._remove_leftovers()
+        # Sizes first: to look into each file as well takes several times as long.
+        if sum(status.st_size for _, status in self._entries()) <= limit:
+            return []
         sizes: dict[Path, int] = {}
         for path in self.files():
             with contextlib.suppress(OSError):
@@ -266,12 +272,12 @@ class MapStore:
             own: The key whose lock is held here, to look after that alone; None: look after all
                 whose lock nobody holds.
         """
-        left: dict[str, list[Path]] = {}
-        for path in self._all():
-            if path.suffix == LOCK:
-                left.setdefault(path.stem, [])
-            elif path.name.startswith("."):
-                left.setdefault(path.name[1:].partition(".")[0], []).append(path)
+        left: dict[str, list[str]] = {}
+        for item in self._all():
+            if item.name.endswith(LOCK):
+                left.setdefault(item.name.removesuffix(LOCK), [])
+            elif item.name.startswith("."):
+                left.setdefault(item.name[1:].partition(".")[0], []).append(item.path)
         for key in left if own is None else left.keys() & {own}:
             lock = None if own else try_lock(self.place / f"{key}{LOCK}")
             if own or lock is not None:
@@ -279,11 +285,18 @@ class MapStore:
                     for path in left[key]:
                         shutil.rmtree(path, ignore_errors=True)
 
-    def _all(self) -> Iterator[Path]:
+    def _entries(self) -> Iterator[tuple[os.DirEntry[str], os.stat_result]]:
+        for item in self._all():
+            if item.name.endswith((ENTRY, DAMAGED)):
+                with contextlib.suppress(OSError):  # another process removed it
+                    yield item, item.stat()
+
+    def _all(self) -> list[os.DirEntry[str]]:
         try:
-            yield from list(self.place.iterdir())
+            with os.scandir(self.place) as items:
+                return list(items)
         except (FileNotFoundError, NotADirectoryError):
-            return
+            return []
 
 
 def _nobody() -> None:

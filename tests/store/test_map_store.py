@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.ambiguity import build as build_module
 from ambinav.ambiguity.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.store import build_lock, entry
@@ -20,25 +19,6 @@ from ambinav.store.map_store import MapStore
 from ambinav.store.settings import LIMIT
 from tests.maps import synthetic
 from tests.store.scenes import build, laser, names, python, room, same
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> MapStore:
-    return MapStore(tmp_path / "maps")
-
-
-@pytest.fixture
-def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Counts the maps that are computed."""
-    calls: list[int] = []
-    compute = build_module._compute
-
-    def counted(*arguments):
-        calls.append(1)
-        return compute(*arguments)
-
-    monkeypatch.setattr(build_module, "_compute", counted)
-    return calls
 
 
 def the_map(store: MapStore) -> Path:
@@ -62,20 +42,6 @@ def test_what_was_built_is_opened(store, computes, options) -> None:
     assert opened.environment.free.equals(built.environment.free)
     np.testing.assert_array_equal(opened.segments.xy, built.segments.xy)
     assert names(store) == [the_map(store).name]
-
-
-def test_a_library_function_computes_unless_told(computes, tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "mine"))
-    for _ in range(2):
-        an.build_map(room(), laser(), 0.25)
-    assert len(computes) == 2 and not (tmp_path / "mine").exists()
-    for _ in range(2):
-        build(True)
-    assert len(computes) == 3 and len(list((tmp_path / "mine" / "maps").glob("*.map"))) == 1
-    monkeypatch.setenv("AMBINAV_CACHE", "")
-    for _ in range(2):
-        build(True)
-    assert len(computes) == 5
 
 
 def test_every_input_counts(store, computes) -> None:
@@ -295,6 +261,38 @@ def test_a_folder_that_cannot_be_written(tmp_path, obstacle) -> None:
         assert same(build(MapStore(place / "maps")), build(False))
     (said,) = told
     assert "\n" not in str(said.message) and "AMBINAV_CACHE" in str(said.message)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "said"),
+    [
+        ("ambinav.store.entry.pack", MemoryError(), "no memory is left"),
+        ("os.scandir", PermissionError(13, "Permission denied"), "Permission denied"),
+    ],
+)
+def test_no_memory_and_a_folder_that_cannot_be_listed(
+    store, monkeypatch, name, error, said
+) -> None:
+    def failing(*arguments):
+        raise error
+
+    plain = build(False)
+    monkeypatch.setattr(name, failing)
+    with pytest.warns(an.InputWarning, match=f"cannot be kept here .*{said}") as told:
+        assert same(build(store), plain)
+    assert len(told) == 1
+    monkeypatch.undo()
+    assert names(store) == []
+
+
+def test_where_there_is_room_no_file_is_looked_into(store, monkeypatch) -> None:
+    """What keeping a map costs beside thousands of others."""
+    _, size = fill(store, 3)
+    looked: list[Path] = []
+    read = entry.read_format
+    monkeypatch.setattr(entry, "read_format", lambda path: looked.append(path) or read(path))
+    assert store.make_room(3 * size) == [] and looked == []
+    assert len(store.make_room(2 * size)) == 1 and len(looked) == 3
 
 
 def test_what_the_build_raises_is_raised_and_nothing_stays(store) -> None:
