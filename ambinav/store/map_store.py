@@ -30,6 +30,9 @@ MAPS: Final = "maps"
 ENTRY, DAMAGED, LOCK = ".map", ".damaged", ".lock"
 """Suffixes of kept maps, of those that were set aside, and of the locks of those being made."""
 
+# The folder is looked through about so many times until as much as the limit has been added.
+_LOOKS: Final = 1000
+
 Alive = Callable[[], None]
 
 
@@ -38,7 +41,9 @@ class MapStore:
     """Maps kept in a folder, each under the digest of all that it depends on.
 
     Any number of processes may use one folder. Reading takes no lock; an entry appears and goes as
-    a whole. What a killed process left is removed by the next that keeps a map.
+    a whole. What a killed process left is removed when the folder is looked through. That is done
+    in keeping a map, about once for each thousandth of the limit that is added: with every large
+    one, and seldom with small ones, for which it would take longer than to compute them.
 
     Attributes:
         folder: Where; it need not exist. None: nothing is kept, and every map is computed.
@@ -132,11 +137,8 @@ class MapStore:
             found = self._open(key, set_aside=True)
             if found is not None:
                 return found, True
-            if alive is not None:
-                with contextlib.suppress(OSError):  # one may write here, but not list
-                    self._remove_leftovers(key)
             amap = self._built(build, alive)
-            self._keep(key, amap)
+            self._keep(key, amap, is_locked=alive is not None)
         return amap, False
 
     def _built(self, build: Callable[[Alive], AmbiguityMap], alive: Alive | None) -> AmbiguityMap:
@@ -188,7 +190,7 @@ class MapStore:
             self.path(key).replace(aside)
         return aside
 
-    def _keep(self, key: str, amap: AmbiguityMap) -> None:
+    def _keep(self, key: str, amap: AmbiguityMap, *, is_locked: bool) -> None:
         path = self.path(key)
         with contextlib.suppress(OSError, entry.NewerFormatError):
             if entry.read_format(path) > entry.FORMAT:
@@ -202,7 +204,10 @@ class MapStore:
                     f"raise {LIMIT_VARIABLE}",
                 )
             # Before, not after: whoever is killed in between leaves less than the limit, not more.
-            self.make_room(self.limit - size)
+            if self._is_due(key, size):
+                self._remove_leftovers(key if is_locked else None)
+                # A hundredth is left for what is added until the next time.
+                self._evict(self.limit - self.limit // 100 - size)
             with replacing(path) as fresh, fresh.open("xb") as file:
                 file.writelines(parts)
         except (InputError, OSError) as error:
@@ -220,6 +225,14 @@ class MapStore:
             InputWarning,
             stacklevel=5,
         )
+
+    def _is_due(self, key: str, size: int) -> bool:
+        """Whether the folder is looked through before a map of this size is added.
+
+        Its key decides: as digests are evenly distributed, it happens as often as it should,
+        whichever processes add maps.
+        """
+        return int(key[:8], 16) / 16**8 * self.limit < _LOOKS * size
 
     def _waiting(self) -> None:
         if self.tell is not None:
@@ -247,6 +260,9 @@ class MapStore:
             The entries that are gone.
         """
         self._remove_leftovers()
+        return self._evict(limit)
+
+    def _evict(self, limit: int) -> list[Path]:
         # Sizes first: to look into each file as well takes several times as long.
         if sum(status.st_size for _, status in self._entries()) <= limit:
             return []
@@ -269,8 +285,7 @@ class MapStore:
         """Remove what processes that were killed were writing, and their locks.
 
         Args:
-            own: The key whose lock is held here, to look after that alone; None: look after all
-                whose lock nobody holds.
+            own: The key whose lock is held here; of others it is done where nobody holds theirs.
         """
         left: dict[str, list[str]] = {}
         for item in self._all():
@@ -278,11 +293,11 @@ class MapStore:
                 left.setdefault(item.name.removesuffix(LOCK), [])
             elif item.name.startswith("."):
                 left.setdefault(item.name[1:].partition(".")[0], []).append(item.path)
-        for key in left if own is None else left.keys() & {own}:
-            lock = None if own else try_lock(self.place / f"{key}{LOCK}")
-            if own or lock is not None:
-                with lock or contextlib.nullcontext():
-                    for path in left[key]:
+        for key, paths in left.items():
+            held = None if key == own else try_lock(self.place / f"{key}{LOCK}")
+            if key == own or held is not None:
+                with held or contextlib.nullcontext():
+                    for path in paths:
                         shutil.rmtree(path, ignore_errors=True)
 
     def _entries(self) -> Iterator[tuple[os.DirEntry[str], os.stat_result]]:

@@ -20,6 +20,9 @@ from ambinav.store.settings import LIMIT
 from tests.maps import synthetic
 from tests.store.scenes import build, laser, names, python, room, same
 
+SMALL = 1_000_000
+"""A limit of which each map is so large a part that the folder is looked through."""
+
 
 def the_map(store: MapStore) -> Path:
     (path,) = store.place.glob("*.map")
@@ -169,7 +172,8 @@ def test_an_entry_of_a_newer_format_is_left_alone(store, computes) -> None:
     assert store.make_room(-1) == [] and path.exists()
 
 
-def test_what_killed_ones_left_goes(store) -> None:
+def test_what_killed_ones_left_goes(tmp_path) -> None:
+    store = MapStore(tmp_path / "maps", SMALL)
     build(store)
     key, other = the_map(store).stem, "f" * 32
     for name in (key, other):
@@ -213,6 +217,21 @@ def test_least_recently_used_goes_first(tmp_path) -> None:
     store.set_aside(keys[0])
     store.make_room(int(2.5 * size))
     assert {path.stem for path in store.files()} == {keys[2], fresh}
+
+
+def test_the_folder_is_looked_through_often_enough() -> None:
+    """Of small maps about one for each thousandth of the limit; never is a hundredth added unseen.
+
+    That is how much is left free when it is looked through.
+    """
+    store = MapStore(Path("maps"))
+    rng = np.random.default_rng(4)
+    size, count = 50_000, 100_000
+    due = [store._is_due(rng.bytes(16).hex(), size) for _ in range(count)]
+    assert 0.9 < sum(due) / (1000 * size * count / LIMIT) < 1.1
+    assert np.diff(np.flatnonzero([True, *due, True])).max() * size < LIMIT / 100
+    assert all(store._is_due(rng.bytes(16).hex(), LIMIT // 1000) for _ in range(1000))
+    assert not any(store._is_due("f" * 32, one) for one in (0, size, LIMIT // 1001))
 
 
 def test_a_map_without_room_is_returned_and_not_kept(tmp_path, computes) -> None:
@@ -271,8 +290,10 @@ def test_a_folder_that_cannot_be_written(tmp_path, obstacle) -> None:
     ],
 )
 def test_no_memory_and_a_folder_that_cannot_be_listed(
-    store, monkeypatch, name, error, said
+    tmp_path, monkeypatch, name, error, said
 ) -> None:
+    store = MapStore(tmp_path / "maps", SMALL)
+
     def failing(*arguments):
         raise error
 

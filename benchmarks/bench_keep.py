@@ -1,0 +1,98 @@
+"""What the store costs on small maps: whether keeping one ever takes longer than computing it.
+
+*compute*: `build_map(store=False)`. *and keep*: the same map computed and kept, beside so many
+others in the folder. *open*: the same again. Rooms of the environments' procedural suite at their
+spacing, the demo building, and a bare room, for a laser of 60 beams and 5 m that looks all around;
+what is done once in a process (kernels loaded, the digest of the sources) is done before.
+
+    python benchmarks/bench_keep.py --out benchmarks/results/store-small.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+from pathlib import Path
+
+import shapely
+from harness import add_out, interleave, report, spread, table
+
+import ambinav as an
+from ambinav.demo import BUILDING
+from ambinav.store import entry
+from ambinav.store.map_store import MapStore
+from ambinav_envs.buildings.suites import suite
+
+OTHERS = (0, 1000, 10_000)
+"""Entries in the folder, each as small as the smallest."""
+REPEATS = 9
+BUILDINGS = 3
+TIMED = ("compute", "keep", "open")
+HEAD = ("map", "spacing, m", "cells", "kB", "others", "compute, ms", "and keep, ms", "open, ms")
+
+
+def cases() -> list[tuple[an.Environment, float]]:
+    """Buildings and the spacing of their maps, the smallest first."""
+    bare = an.environment_from_shapes([shapely.box(0, 0, 3, 2)], name="room of 3 x 2 m")
+    procedural = suite("procedural")
+    drawn = [procedural.building(k) for k in range(1, BUILDINGS + 1)]
+    demo = an.load_environment(BUILDING)
+    return [(bare, 0.25), (bare, 0.1), *((one, 0.5) for one in drawn), (demo, 0.5), (demo, 0.2)]
+
+
+def row(
+    env: an.Environment, scanner: an.RangeScanner, spacing: float, folder: Path, others: int
+) -> tuple[str, ...]:
+    """One map beside so many others."""
+    store = MapStore(folder)
+    before = {path.name for path in folder.iterdir()}
+
+    def own() -> list[Path]:
+        return [path for path in folder.iterdir() if path.name not in before]
+
+    def build(place: bool | MapStore) -> an.AmbiguityMap:
+        return an.build_map(env, scanner, spacing, radius=max(0.5, spacing), store=place)
+
+    def removed() -> None:
+        for path in own():
+            path.unlink()
+
+    contestants = {
+        "compute": lambda: build(False),
+        "removed": removed,
+        "keep": lambda: build(store),
+        "open": lambda: build(store),
+    }
+    found = interleave(contestants, REPEATS)
+    (file,) = own()
+    size = file.stat().st_size / 1e3
+    removed()
+    times = [spread([1e3 * t for t in found[name].seconds], 1) for name in TIMED]
+    cells = math.prod(build(False).possible.shape)
+    return (env.name, f"{spacing:g}", f"{cells:,}", f"{size:.0f}", f"{others:,}", *times)
+
+
+def main() -> None:
+    """Measure all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    add_out(parser)
+    args = parser.parse_args()
+    sensor = an.RangeSensor(max_range=5.0, std=0.03, resolution=0.001)
+    scanner = an.RangeScanner.planar(sensor, 60, math.tau, name="60 beams")
+    made = cases()
+    smallest, coarse = made[0]
+    amap = an.build_map(smallest, scanner, coarse, store=False)
+    content = b"".join(entry.pack(amap.dataset, "0" * 32))
+    rows = []
+    for others in OTHERS:
+        with tempfile.TemporaryDirectory() as name:
+            for k in range(others):
+                (Path(name) / f"{k:032x}.map").write_bytes(content)
+            rows += [row(env, scanner, spacing, Path(name), others) for env, spacing in made]
+    text = f"{str(__doc__).partition(chr(10) * 2 + '    python')[0]}\n\n{table(HEAD, rows)}"
+    report("The store on small maps", ("ambinav", "numba", "numpy", "numcodecs"), text, args.out)
+
+
+if __name__ == "__main__":
+    main()
