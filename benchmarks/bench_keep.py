@@ -3,7 +3,9 @@
 *compute*: `build_map(store=False)`. *and keep*: the same map computed and kept, beside so many
 others in the folder. *open*: the same again. Rooms of the environments' procedural suite at their
 spacing, the demo building, and a bare room, for a laser of 60 beams and 5 m that looks all around;
-what is done once in a process (kernels loaded, the digest of the sources) is done before.
+what is done once in a process (kernels loaded, the digest of the sources) is done before. The
+last table is for what comes with few small maps only: looking through the folder, for room and for
+what killed processes left.
 
     python benchmarks/bench_keep.py --out benchmarks/results/store-small.md
 """
@@ -13,6 +15,7 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import shapely
@@ -84,13 +87,17 @@ def main() -> None:
     smallest, coarse = made[0]
     amap = an.build_map(smallest, scanner, coarse, store=False)
     content = b"".join(entry.pack(amap.dataset, "0" * 32))
-    rows = []
+    rows, looks = [], []
     for others in OTHERS:
         with tempfile.TemporaryDirectory() as name:
             for k in range(others):
                 (Path(name) / f"{k:032x}.map").write_bytes(content)
             rows += [row(env, scanner, spacing, Path(name), others) for env, spacing in made]
-    text = f"{str(__doc__).partition(chr(10) * 2 + '    python')[0]}\n\n{table(HEAD, rows)}"
+            store = MapStore(Path(name))
+            timing = interleave({"look": partial(store.make_room, store.limit)}, REPEATS)["look"]
+        looks.append((f"{others:,}", spread([1e3 * seconds for seconds in timing.seconds], 1)))
+    said, _, _ = str(__doc__).partition("\n\n    python")
+    text = f"{said}\n\n{table(HEAD, rows)}\n\n{table(('others', 'look, ms'), looks)}"
     report("The store on small maps", ("ambinav", "numba", "numpy", "numcodecs"), text, args.out)
 
 
