@@ -211,8 +211,10 @@ class MapStore:
             with replacing(path) as fresh, fresh.open("xb") as file:
                 file.writelines(parts)
         except (InputError, OSError) as error:
+            # The sentence of an InputError without the file that it begins with, and its remedy.
+            reason = str(error).partition(": ")[2].partition(";")[0]
             return self._not_kept(
-                getattr(error.__cause__ or error, "strerror", None) or str(error).rstrip("."),
+                getattr(error.__cause__ or error, "strerror", None) or reason,
                 f"set {VARIABLE} to a folder with room that is writable, or leave it empty",
             )
         except MemoryError:

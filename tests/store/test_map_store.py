@@ -306,6 +306,15 @@ def test_no_memory_and_a_folder_that_cannot_be_listed(
     assert names(store) == []
 
 
+def test_a_folder_without_rights(store, monkeypatch) -> None:
+    """As it is said to one who is not root."""
+    monkeypatch.setattr(os, "access", lambda *arguments: False)
+    with pytest.warns(an.InputWarning) as told:
+        build(store)
+    (said,) = [str(one.message) for one in told]
+    assert f"(the folder {store.place} is not writable), so the next run computes" in said
+
+
 def test_where_there_is_room_no_file_is_looked_into(store, monkeypatch) -> None:
     """What keeping a map costs beside thousands of others."""
     _, size = fill(store, 3)
