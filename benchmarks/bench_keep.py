@@ -1,7 +1,7 @@
 """What the store costs on small maps: whether keeping one ever takes longer than computing it.
 
-*compute*: `build_map(store=False)`. *and keep*: the same map computed and kept, beside so many
-others in the folder. *open*: the same again. Rooms of the environments' procedural suite at their
+*compute*: `build_map(store=False)`. *keep*: what the store takes to keep that map beside so many
+others in its folder. *open*: `build_map` where it is kept. Rooms of the environments' procedural suite at their
 spacing, the demo building, and a bare room, for a laser of 60 beams and 5 m that looks all around;
 what is done once in a process (kernels loaded, the digest of the sources) is done before. The
 last table is for what comes with few small maps only: looking through the folder, for room and for
@@ -32,7 +32,7 @@ OTHERS = (0, 1000, 10_000)
 REPEATS = 9
 BUILDINGS = 3
 TIMED = ("compute", "keep", "open")
-HEAD = ("map", "spacing, m", "cells", "kB", "others", "compute, ms", "and keep, ms", "open, ms")
+HEAD = ("map", "spacing, m", "cells", "kB", "others", "compute, ms", "keep, ms", "open, ms")
 
 
 def cases() -> list[tuple[an.Environment, float]]:
@@ -49,30 +49,24 @@ def row(
 ) -> tuple[str, ...]:
     """One map beside so many others."""
     store = MapStore(folder)
-    before = {path.name for path in folder.iterdir()}
-
-    def own() -> list[Path]:
-        return [path for path in folder.iterdir() if path.name not in before]
+    before = set(folder.iterdir())
 
     def build(place: bool | MapStore) -> an.AmbiguityMap:
         return an.build_map(env, scanner, spacing, radius=max(0.5, spacing), store=place)
 
-    def removed() -> None:
-        for path in own():
-            path.unlink()
-
+    amap = build(store)
+    (file,) = set(folder.iterdir()) - before
+    size = file.stat().st_size / 1e3
     contestants = {
         "compute": lambda: build(False),
-        "removed": removed,
-        "keep": lambda: build(store),
+        "removed": file.unlink,
+        "keep": lambda: store.opened_or_built(file.stem, lambda alive: amap),
         "open": lambda: build(store),
     }
     found = interleave(contestants, REPEATS)
-    (file,) = own()
-    size = file.stat().st_size / 1e3
-    removed()
+    file.unlink()
     times = [spread([1e3 * t for t in found[name].seconds], 1) for name in TIMED]
-    cells = math.prod(build(False).possible.shape)
+    cells = math.prod(amap.possible.shape)
     return (env.name, f"{spacing:g}", f"{cells:,}", f"{size:.0f}", f"{others:,}", *times)
 
 

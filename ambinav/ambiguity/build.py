@@ -101,8 +101,8 @@ def build_map(
             $AMBINAV_CACHE_LIMIT is no size.
 
     Warns:
-        InputWarning: the map is computed, though kept, as its file is damaged or of a newer
-            ambinav; or it cannot be kept. See `MapStore.opened_or_built`.
+        InputWarning: a kept map is damaged or of a newer ambinav, so that it is computed again, or
+            the map cannot be kept (`MapStore.opened_or_built`).
     """
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)

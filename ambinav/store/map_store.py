@@ -204,12 +204,15 @@ class MapStore:
                     f"raise {LIMIT_VARIABLE}",
                 )
             # Before, not after: whoever is killed in between leaves less than the limit, not more.
-            if self._is_due(key, size):
+            is_due = self._is_due(key, size)
+            if is_due:
                 self._remove_leftovers(key if is_locked else None)
                 # A hundredth is left for what is added until the next time.
                 self._evict(self.limit - self.limit // 100 - size)
             with replacing(path) as fresh, fresh.open("xb") as file:
                 file.writelines(parts)
+            if is_due:
+                self._evict(self.limit)  # others may have added maps meanwhile
         except (InputError, OSError) as error:
             # The sentence of an InputError without the file that it begins with, and its remedy.
             reason = str(error).partition(": ")[2].partition(";")[0]

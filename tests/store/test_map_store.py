@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -14,7 +15,7 @@ import pytest
 import ambinav as an
 from ambinav.ambiguity.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.store import build_lock, entry
+from ambinav.store import build_lock, entry, map_store
 from ambinav.store.map_store import MapStore
 from ambinav.store.settings import LIMIT
 from tests.maps import synthetic
@@ -217,6 +218,26 @@ def test_least_recently_used_goes_first(tmp_path) -> None:
     store.set_aside(keys[0])
     store.make_room(int(2.5 * size))
     assert {path.stem for path in store.files()} == {keys[2], fresh}
+
+
+def test_what_others_added_meanwhile_counts(tmp_path) -> None:
+    """Two that make room at once, each for its own map."""
+    _, size = fill(MapStore(tmp_path / "one"), 1)
+    store = MapStore(tmp_path / "maps", limit=int(2.5 * size))
+    replacing = map_store.replacing
+
+    @contextlib.contextmanager
+    def slowly(path):
+        if path.stem == "b" * 32:
+            fill(store, 2)
+        with replacing(path) as fresh:
+            yield fresh
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(map_store, "replacing", slowly)
+        store.opened_or_built("b" * 32, lambda alive: an.AmbiguityMap(synthetic.dataset()))
+    assert sum(path.stat().st_size for path in store.files()) <= store.limit
+    assert store.path("b" * 32).exists()
 
 
 def test_the_folder_is_looked_through_often_enough() -> None:
