@@ -1,11 +1,11 @@
 """What the store costs on small maps: whether keeping one ever takes longer than computing it.
 
 *compute*: `build_map(store=False)`. *keep*: what the store takes to keep that map beside so many
-others in its folder. *open*: `build_map` where it is kept. Rooms of the environments' procedural suite at their
-spacing, the demo building, and a bare room, for a laser of 60 beams and 5 m that looks all around;
-what is done once in a process (kernels loaded, the digest of the sources) is done before. The
-last table is for what comes with few small maps only: looking through the folder, for room and for
-what killed processes left.
+others in its folder. *open*: `build_map` where it is kept. Buildings of the environments'
+procedural suite, the demo building, and a bare room, for a laser of 60 beams and 5 m that looks all
+around; what is done once in a process (kernels loaded, the digest of the sources) is done before.
+The last table is for what comes with few small maps only: looking through the folder, for room and
+for what killed processes left.
 
     python benchmarks/bench_keep.py --out benchmarks/results/store-small.md
 """
