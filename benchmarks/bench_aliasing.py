@@ -158,7 +158,7 @@ def pair(case: Repeated, folder: Path) -> tuple[str, ...]:
     sensor = an.RangeSensor(max_range=case.reach, std=0.03, resolution=0.001)
     scanner = an.RangeScanner.planar(sensor, 60, math.tau)
     amap = an.build_map(
-        case.environment, scanner, spacing=case.spacing, radius=max(0.5, case.spacing)
+        case.environment, scanner, spacing=case.spacing, radius=max(0.5, case.spacing), store=False
     )
     spacing = max(amap.spacing, SPACING)
     context = LayerContext.of(amap, case.environment)

@@ -109,7 +109,7 @@ def rows_of(name: str, args: argparse.Namespace) -> list[tuple[str, ...]]:
     """The rows of one map."""
     environment = load_environment(environment_path(name))
     scanner = RangeScanner.from_preset(SCANNER)
-    amap = build_map(environment, scanner)
+    amap = build_map(environment, scanner, store=False)
     planner = RoutePlanner(AmbiguityService(amap, weight=0.0), footprint=ROBOT.radius + MARGIN)
     routes = [
         planner.plan(start, goal, planner_name="reference")

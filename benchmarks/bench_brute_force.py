@@ -79,7 +79,8 @@ def differences(
 ) -> Floats:
     """Rows of kernel less brute force at both spacings, and the clearance, shape (N, 3)."""
     coarse, fine = (
-        an.build_map(env, scanner, spacing, sigma_theta=sigma_theta) for spacing in SPACINGS
+        an.build_map(env, scanner, spacing, sigma_theta=sigma_theta, store=False)
+        for spacing in SPACINGS
     )
     model = json.loads(coarse.dataset.attrs["parameters"])
     known = coarse.dataset["free"].values & (coarse.dataset["unknown"].values < 0.5)

@@ -60,7 +60,7 @@ def robots(environment: Environment, radius: float, cell: float) -> dict[str, Ro
     scanner = RangeScanner.planar(sensor=sensor, beams=36, aperture=2.0 * math.pi)
     fair = max(SPACING, math.sqrt(environment.free.area / MOST_CELLS))
     step = cell if cell > COARSE else fair
-    amap = build_map(environment, scanner, spacing=step, radius=2.0 * step)
+    amap = build_map(environment, scanner, spacing=step, radius=2.0 * step, store=False)
     made = {name: RoutePlanner(amap, footprint=radius) for name in ("before", "after")}
     footprint = made["before"].checker.footprint
     made["before"].checker = CollisionChecker(

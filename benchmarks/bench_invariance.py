@@ -50,17 +50,17 @@ def main() -> None:
     xmin, ymin, xmax, ymax = env.bounds
     xy = rng.uniform((xmin, ymin), (xmax, ymax), (4 * chosen.points, 2))
     at = xy[np.asarray(env.is_free(*xy.T, 0.05))][: chosen.points].T
-    plain = an.build_map(env, scanner)
+    plain = an.build_map(env, scanner, store=False)
     rows = []
     for degrees in DEGREES:
         angle = math.radians(degrees)
         c, s = math.cos(angle), math.sin(angle)
         there = np.array([[c, -s], [s, c]]) @ at + np.array(SHIFT)[:, None]
-        turned = an.build_map(env.transformed(angle, *SHIFT), scanner)
+        turned = an.build_map(env.transformed(angle, *SHIFT), scanner, store=False)
         name = f"turned by {degrees} degrees and shifted by (0.037, 0.061) m"
         rows.append(row(name, differences(plain, at, turned, there)))
     for spacing in (0.05, 0.2):
-        resampled = an.build_map(env, scanner, spacing=spacing)
+        resampled = an.build_map(env, scanner, spacing=spacing, store=False)
         rows.append(row(f"spacing {spacing} m", differences(plain, at, resampled, at)))
     body = (
         f"configs/demo.geojson, 60 beams over 360 degrees, 4 m, spacing 0.1 m, radius 0.5 m; "

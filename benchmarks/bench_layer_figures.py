@@ -102,7 +102,8 @@ def main() -> None:
 def shared_poses(env: Environment) -> Shared:
     """Maps of both spacings; the poses of the coarse one are among those of the fine one."""
     fine, coarse = (
-        LayerContext.of(build_map(env, plain_scanner(), s), env) for s in (FINE, COARSE)
+        LayerContext.of(build_map(env, plain_scanner(), s, store=False), env)
+        for s in (FINE, COARSE)
     )
     x, y = coarse.points
     column = np.rint((x - fine.lattice.x[0]) / FINE).astype(np.intp)
@@ -164,7 +165,7 @@ def of_program(env: Environment, rng: np.random.Generator) -> tuple[str, str, st
     cells = cells[np.sort(rng.permutation(len(cells))[:SAMPLE])]
     free = np.zeros_like(lattice.free)
     free[cells[:, 0], cells[:, 1]] = True
-    context = LayerContext.of(build_map(env, plain_scanner(), COARSE), env)
+    context = LayerContext.of(build_map(env, plain_scanner(), COARSE, store=False), env)
     context = replace(context, lattice=replace(lattice, free=free))
     ours = [
         np.bitwise_count(rank_masks(context, FARTHEST, step)) / DIRECTIONS for step in (STEP, CELL)

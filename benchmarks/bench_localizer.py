@@ -147,7 +147,7 @@ def rows_of_errors(env: Environment, field: LikelihoodField, runs: int) -> list[
 def rows_of_drives(env: Environment, runs: int, repeats: int) -> list[tuple[str, ...]]:
     """Seconds that whole drives take, and how they end."""
     scanner = scanner_of(60, 4.0)
-    planner = RoutePlanner(build_map(env, scanner), footprint=0.3)
+    planner = RoutePlanner(build_map(env, scanner, store=False), footprint=0.3)
     route = planner.plan((3.0, 3.0), (42.2, 20.0), weight=0.0)
     noise = OdometryNoise()
     alphas = alphas_of(noise)

@@ -55,7 +55,7 @@ def measure(
             level: NDArray[np.float32] | None = None
             rows: dict[str, list[float]] = {}
             for mount, (x, y) in MOUNTS.items():
-                amap = an.build_map(env, mounted(scanner, x, y), spacing=spacing)
+                amap = an.build_map(env, mounted(scanner, x, y), spacing=spacing, store=False)
                 now = amap.floor("level").values
                 if level is None:
                     level, clear = now, amap.dataset["clearance"].values >= CLEAR

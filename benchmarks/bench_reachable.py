@@ -47,7 +47,9 @@ def row(environment: Environment, radius: float) -> tuple[str, ...]:
     )
     sensor = RangeSensor(max_range=max(MAX_RANGE, 4.0 * spacing), std=0.03, resolution=0.001)
     scanner = RangeScanner.planar(sensor, 60, math.tau)
-    amap = build_map(environment, scanner, spacing=spacing, radius=max(0.5, 1.5 * spacing))
+    amap = build_map(
+        environment, scanner, spacing=spacing, radius=max(0.5, 1.5 * spacing), store=False
+    )
     parts = FloorParts.of(amap, reach)
     areas = (parts.counted, parts.unexplored, parts.cut_off, parts.beside_walls)
     rim = ("", "touched", "margin")[len(reach.notes)]

@@ -103,7 +103,9 @@ def in_room(rng: np.random.Generator, iterations: int) -> list[Row]:
         beams=36,
         aperture=math.tau,
     )
-    amap = an.build_map(drawn(rng, radius), scanner, spacing=float(rng.choice([0.1, 0.2, 0.4])))
+    amap = an.build_map(
+        drawn(rng, radius), scanner, spacing=float(rng.choice([0.1, 0.2, 0.4])), store=False
+    )
     level = amap.dataset["level"].values
     options: dict[str, dict[str, Any]] = {
         MODES[0]: {},

@@ -76,7 +76,7 @@ def levels(name: str, scanner_name: str, places: list[dict[str, float]]) -> dict
     x, y = (np.array([place[key] for place in places]) for key in ("x", "y"))
 
     def level(**changed: float) -> tuple[Floats, dict[str, float]]:
-        amap = an.build_map(env, scanner, **changed)
+        amap = an.build_map(env, scanner, **changed, store=False)
         layer = "level_mean" if amap.has_theta else "level"
         model = json.loads(amap.dataset.attrs["parameters"])
         return np.asarray(amap.sample(layer, x, y)), model

@@ -81,7 +81,8 @@ def make_map(path: Path, building: Path, spacing: float) -> Path:
             beams=60,
             aperture=2 * np.pi,
         )
-        an.build_map(an.load_environment(building), scanner, spacing=spacing).save(path)
+        environment = an.load_environment(building)
+        an.build_map(environment, scanner, spacing=spacing, store=False).save(path)
     return path
 
 

@@ -147,7 +147,7 @@ def driven(name: str, args: argparse.Namespace) -> list[dict[str, Any]]:
         return [row for row in known.values() if row["label"] in {*LOCALIZERS, *SETTINGS}]
     environment = load_environment(environment_path(name))
     scanner = RangeScanner.from_preset(PRESET)
-    amap = build_map(environment, scanner)
+    amap = build_map(environment, scanner, store=False)
     chosen = list(routes(amap, args))
     found = []
     with appended(path) as append:

@@ -38,7 +38,7 @@ def main() -> None:
     rows = []
     for change in CHANGES:
         options: dict[str, Any] = dict(change)
-        amap = an.build_map(env, scanner, **options)
+        amap = an.build_map(env, scanner, **options, store=False)
         model = json.loads(amap.dataset.attrs["parameters"])
         true = level(env, scanner, *PLACE, map_std=model["map_std"], tau=model["tau"], **change)
         kernel = float(np.asarray(amap.sample("level", *PLACE)))

@@ -106,7 +106,7 @@ def plan(
     append: RowWriter,
 ) -> None:
     """Plan between the pairs from number `done` on; tell both routes of each."""
-    service = AmbiguityService(build_map(environment, scanner), weight=5.0)
+    service = AmbiguityService(build_map(environment, scanner, store=False), weight=5.0)
     robot = RoutePlanner(service, footprint=ROBOT.radius + MARGIN)
     drawn = pairs(robot, args.drawn, args.seed)
     for number, (start, goal) in enumerate(drawn[done:], start=done):
@@ -175,7 +175,7 @@ def drive_all(
     if not pending:
         return
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
-    service = AmbiguityService(build_map(environment, scanner, spacing=0.5))
+    service = AmbiguityService(build_map(environment, scanner, spacing=0.5, store=False))
     for row, scale in pending:
         noise = OdometryNoise(scale=scale)
         record: Row = {"pair": row["pair"], "odometry": scale}

@@ -57,7 +57,7 @@ def examine(file: Path, folder: Path) -> str:
     spacing = max(0.1, round(math.sqrt(environment.free.area / CELLS), 2))
     sensor = an.RangeSensor(max_range=20 * spacing, std=0.03, resolution=0.01)
     scanner = an.RangeScanner.planar(sensor=sensor, beams=32, aperture=2 * math.pi)
-    amap = an.build_map(environment, scanner, spacing=spacing, radius=3 * spacing)
+    amap = an.build_map(environment, scanner, spacing=spacing, radius=3 * spacing, store=False)
     begun = time.perf_counter()
 
     before = load_map_server(file)

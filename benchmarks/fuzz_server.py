@@ -129,7 +129,7 @@ def main() -> None:
     scanner = an.RangeScanner.planar(
         sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=24, aperture=3.0
     )
-    amap = an.build_map(environment, scanner, spacing=0.25, headings=4)
+    amap = an.build_map(environment, scanner, spacing=0.25, headings=4, store=False)
     begun = time.monotonic()
     with serving_app([amap], limits=LIMITS) as url:
         counts = fuzz(url, options.cases, options.seed)

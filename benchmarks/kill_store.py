@@ -184,7 +184,7 @@ class Work:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.environments, self.scanner = scenes(), scanner()
-        plain = [build_map(env, self.scanner, SPACING) for env in self.environments]
+        plain = [build_map(env, self.scanner, SPACING, store=False) for env in self.environments]
         self.large = large_maps(plain[0])
         self.digests = [map_digest(amap) for amap in (*plain, *self.large)]
 

@@ -137,7 +137,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
     path = environment_path(args.environment)
     plain = args.scanner == "plain"
     scanner = plain_scanner() if plain else RangeScanner.from_preset(args.scanner)
-    build_map(small_room(), scanner, SPACING, RADIUS, args.headings)
+    build_map(small_room(), scanner, SPACING, RADIUS, args.headings, store=False)
     measured: dict[str, Any] = {
         "memory_before": peak_memory(),
         "load": [],
@@ -153,7 +153,7 @@ def measure(args: argparse.Namespace) -> dict[str, Any]:
         _ = env.grid, env.border_lines
         prepared = time.perf_counter()
         with timed_parts() as seconds:
-            built = build_map(env, scanner, SPACING, RADIUS, args.headings)
+            built = build_map(env, scanner, SPACING, RADIUS, args.headings, store=False)
         measured["build"].append(time.perf_counter() - prepared)
         measured["load"].append(loaded - start)
         measured["prepare"].append(prepared - loaded)

@@ -91,7 +91,7 @@ def service(name: str) -> AmbiguityService:
     """The cost of the environment for 60 beams of 4 m, every 0.1 m."""
     sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
     scanner = RangeScanner.planar(sensor=sensor, beams=60, aperture=2.0 * math.pi)
-    amap = build_map(load_environment(environment_path(name)), scanner)
+    amap = build_map(load_environment(environment_path(name)), scanner, store=False)
     return AmbiguityService(amap, weight=WEIGHT)
 
 

@@ -73,7 +73,7 @@ def medians(
     at: tuple[Floats, Floats] | None = None
     for cell in CELLS:
         env = environment_from_grid(raster(building, cell))
-        amap = build_map(env, scanner, spacing, map_std=cell if by_cell else None)
+        amap = build_map(env, scanner, spacing, map_std=cell if by_cell else None, store=False)
         if at is None:
             row, column = np.nonzero(amap.dataset["clearance"].values >= CLEAR)
             at = amap.dataset["x"].values[column], amap.dataset["y"].values[row]

@@ -77,7 +77,7 @@ def plan(
     append: RowWriter,
 ) -> None:
     """Plan between the pairs from number `done` on; tell the three routes of each."""
-    amap = build_map(environment, scanner, layers="position")
+    amap = build_map(environment, scanner, layers="position", store=False)
     footprint = ROBOT.radius + MARGIN
     robots = {
         name: RoutePlanner(AmbiguityService(amap, name), footprint=footprint) for name in LAYERS
@@ -116,7 +116,9 @@ def drive_all(
     if not pending:
         return
     # Of the map a drive needs nothing; its routes are measured on it again and that is not used.
-    service = AmbiguityService(build_map(environment, scanner_of("laser-4m"), spacing=0.5))
+    service = AmbiguityService(
+        build_map(environment, scanner_of("laser-4m"), spacing=0.5, store=False)
+    )
     for row in pending:
         record: Row = {"pair": row["pair"]}
         for name in ROUTES:

@@ -142,7 +142,7 @@ def add_places(
     known = args.start == "known"
     localizer = made(args, mapped, scanner)
     # A route is measured on a map, and nothing of what is measured is used.
-    coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5))
+    coarse = AmbiguityService(build_map(mapped, scanner_of("laser-4m"), spacing=0.5, store=False))
     for number, place in enumerate(kept_places(args, mapped, scanner, checker)):
         if len(done) == args.poses:
             return
@@ -169,7 +169,7 @@ def kept_places(
     path = args.folder / "_".join(words)
     if not path.is_file():
         rng = np.random.default_rng([args.seed, PLACES_STREAM])
-        found = places(build_map(mapped, scanner), checker, rng)[:MOST_PLACES]
+        found = places(build_map(mapped, scanner, store=False), checker, rng)[:MOST_PLACES]
         with replacing(path) as fresh:
             np.savetxt(fresh, found, fmt="%.6f", delimiter=",")
     return np.array(np.loadtxt(path, delimiter=",", ndmin=2), dtype=np.float64)

@@ -54,7 +54,7 @@ def main() -> None:
     places = [json.loads(line) for line in sys.stdin]
     scanner = scanner_of(args.scanner)
     environment = load_environment(environment_path(args.environment))
-    amap = build_map(environment, scanner, radius=RADIUS)
+    amap = build_map(environment, scanner, radius=RADIUS, store=False)
     radius = position_radius(amap).astype(np.float32)
     amap = AmbiguityMap(amap.dataset.assign(position_radius=(("y", "x"), radius)))
     names = [layer.name for layer in chosen_layers(args.layers, scanner)]

@@ -22,6 +22,10 @@ settings.load_profile("tests")
 # This is read when the threads are first started, here and in all that the tests start.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
+# Maps are computed, here and in all that the tests start: two that are compared must not be one
+# map and its copy. Nor is anything kept in the user's folder. Tests of what is kept name a folder.
+os.environ["AMBINAV_CACHE"] = ""
+
 # A shell's background jobs ignore interrupts, and so would all that the tests start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -56,17 +60,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section(f"{NO_DATA}: {files.total()} skipped")
         for name, count in sorted(files.items()):
             terminalreporter.line(f"{count:4} {name}")
-
-
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Maps are kept in the tests' own folder, never in the user's.
-
-    The commands open what an earlier test built: one that is about computing gives `--no-store`.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
-        yield
 
 
 @pytest.fixture(scope="session")

@@ -60,9 +60,9 @@ def build_map(
     high: float = 0.65,
     robot_radius: float = 0.0,
     layers: str | Iterable[str] = (),
-    store: bool | MapStore = False,
+    store: bool | MapStore = True,
 ) -> AmbiguityMap:
-    """Compute how ambiguous every free pose of `env` is for `scanner`.
+    """Compute how ambiguous every free pose of `env` is for `scanner`, or open what was computed.
 
     Args:
         env: The environment.
@@ -87,16 +87,22 @@ def build_map(
             a wall, the pose is impossible: it has no value, and is no neighbour of others.
         layers: Names of further layers, or "all" (`ambinav.ambiguity.layers.registry`); the one
             that costs read by default (`ambinav.ambiguity.cost_layer`) is there anyway.
-        store: Whether a map that was computed before with the same input is opened instead, and
-            this one kept: True for the user's own store ($AMBINAV_CACHE), or a store. False
-            computes, whatever was computed before. Maps with layers of plug-ins are not kept.
+        store: Where a map that was computed before with the same input is opened instead, and
+            this one is kept: True for the user's own store, or a store. False computes, whatever
+            was computed before; so does the whole process where $AMBINAV_CACHE is empty. What
+            code from elsewhere takes part in (a plug-in's layer, a derived class) is computed.
 
     Returns:
         The map; its dataset's layers are named in `AmbiguityMap`.
 
     Raises:
         InputError: an argument is out of its range, there is no such scanner, the scanner cannot
-            have a layer, or the robot can stand nowhere.
+            have a layer, the robot can stand nowhere, $AMBINAV_CACHE is a file, or
+            $AMBINAV_CACHE_LIMIT is no size.
+
+    Warns:
+        InputWarning: a kept map is damaged or of a newer ambinav, so that it is computed again, or
+            the map cannot be kept (`MapStore.opened_or_built`).
     """
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)

@@ -20,7 +20,8 @@ store = typer.Typer(
     name="store",
     no_args_is_help=True,
     rich_markup_mode="markdown",
-    help="Look after the maps that are kept in the user's cache folder ($AMBINAV_CACHE).",
+    help="Look after the maps that are kept in the user's cache folder ($AMBINAV_CACHE; where that "
+    "is empty, none are kept).",
 )
 
 

@@ -245,6 +245,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
             radius=task.radius,
             headings=task.headings,
             progress=lambda done: report("map", done),
+            store=False,  # buildings of strangers are not kept
         )
         report("report", 0.0)
         found = audit(amap, environment, scanner)

@@ -46,7 +46,7 @@ def build_lock(
         return
     with file:
         try:
-            yield lambda: os.utime(file.fileno())
+            yield lambda: _touch(file)
         finally:
             # Before it is let go: who has the file open finds it gone, and makes another.
             _remove(path, file)
@@ -104,6 +104,11 @@ def _attempt(path: Path) -> tuple[BinaryIO | None, float | None]:
         return None, None
     file.close()
     return None, still
+
+
+def _touch(file: BinaryIO) -> None:
+    with contextlib.suppress(OSError):  # a network's file that another removed: the work goes on
+        os.utime(file.fileno())
 
 
 def _remove(path: Path, file: BinaryIO) -> None:

@@ -30,6 +30,9 @@ MAPS: Final = "maps"
 ENTRY, DAMAGED, LOCK = ".map", ".damaged", ".lock"
 """Suffixes of kept maps, of those that were set aside, and of the locks of those being made."""
 
+# The folder is looked through about so many times until as much as the limit has been added.
+_LOOKS: Final = 1000
+
 Alive = Callable[[], None]
 
 
@@ -38,7 +41,9 @@ class MapStore:
     """Maps kept in a folder, each under the digest of all that it depends on.
 
     Any number of processes may use one folder. Reading takes no lock; an entry appears and goes as
-    a whole. What a killed process left is removed by the next that keeps a map.
+    a whole. What a killed process left is removed when the folder is looked through. That is done
+    in keeping a map, about once for each thousandth of the limit that is added: with every large
+    one, and seldom with small ones, for which it would take longer than to compute them.
 
     Attributes:
         folder: Where; it need not exist. None: nothing is kept, and every map is computed.
@@ -69,11 +74,12 @@ class MapStore:
         folder = cache_folder()
         if folder is None:
             return cls(None, notify=notify, before_build=before_build)
-        if VARIABLE in os.environ and folder.exists() and not folder.is_dir():
-            raise InputError(
-                f"{VARIABLE} is {str(folder)!r}, where no map can be kept, for it is a file; name "
-                "a folder, or leave it empty to keep none."
-            )
+        with contextlib.suppress(OSError):  # which is reported when the map cannot be kept
+            if VARIABLE in os.environ and folder.exists() and not folder.is_dir():
+                raise InputError(
+                    f"{VARIABLE} is {str(folder)!r}, where no map can be kept, for it is a file; "
+                    "name a folder, or leave it empty to keep none."
+                )
         return cls(folder / MAPS, size_limit(), notify, before_build)
 
     def path(self, key: str) -> Path:
@@ -131,10 +137,8 @@ class MapStore:
             found = self._open(key, set_aside=True)
             if found is not None:
                 return found, True
-            if alive is not None:
-                self._remove_leftovers(key)
             amap = self._built(build, alive)
-            self._keep(key, amap)
+            self._keep(key, amap, is_locked=alive is not None)
         return amap, False
 
     def _built(self, build: Callable[[Alive], AmbiguityMap], alive: Alive | None) -> AmbiguityMap:
@@ -186,28 +190,38 @@ class MapStore:
             self.path(key).replace(aside)
         return aside
 
-    def _keep(self, key: str, amap: AmbiguityMap) -> None:
+    def _keep(self, key: str, amap: AmbiguityMap, *, is_locked: bool) -> None:
         path = self.path(key)
         with contextlib.suppress(OSError, entry.NewerFormatError):
             if entry.read_format(path) > entry.FORMAT:
                 return
-        parts = entry.pack(amap.dataset, key)
-        size = sum(map(len, parts))
-        if size > self.limit:
-            return self._not_kept(
-                f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
-                f"raise {LIMIT_VARIABLE}",
-            )
-        # Before, not after: whoever is killed in between leaves less than the limit, not more.
-        self.make_room(self.limit - size)
         try:
+            parts = entry.pack(amap.dataset, key)
+            size = sum(map(len, parts))
+            if size > self.limit:
+                return self._not_kept(
+                    f"it takes {size_text(size)}, and the limit is {size_text(self.limit)}",
+                    f"raise {LIMIT_VARIABLE}",
+                )
+            # Before, not after: whoever is killed in between leaves less than the limit, not more.
+            is_due = self._is_due(key, size)
+            if is_due:
+                self._remove_leftovers(key if is_locked else None)
+                # A hundredth is left for what is added until the next time.
+                self._evict(self.limit - self.limit // 100 - size)
             with replacing(path) as fresh, fresh.open("xb") as file:
                 file.writelines(parts)
+            if is_due:
+                self._evict(self.limit)  # others may have added maps meanwhile
         except (InputError, OSError) as error:
+            # The sentence of an InputError without the file that it begins with, and its remedy.
+            reason = str(error).partition(": ")[2].partition(";")[0]
             return self._not_kept(
-                getattr(error.__cause__ or error, "strerror", None) or str(error).rstrip("."),
+                getattr(error.__cause__ or error, "strerror", None) or reason,
                 f"set {VARIABLE} to a folder with room that is writable, or leave it empty",
             )
+        except MemoryError:
+            return self._not_kept("no memory is left to pack it", f"leave {VARIABLE} empty")
 
     def _not_kept(self, reason: str, remedy: str) -> None:
         warnings.warn(
@@ -216,6 +230,14 @@ class MapStore:
             InputWarning,
             stacklevel=5,
         )
+
+    def _is_due(self, key: str, size: int) -> bool:
+        """Whether the folder is looked through before a map of this size is added.
+
+        Its key decides: as digests are evenly distributed, it happens as often as it should,
+        whichever processes add maps.
+        """
+        return int(key[:8], 16) / 16**8 * self.limit < _LOOKS * size
 
     def _waiting(self) -> None:
         if self.notify is not None:
@@ -228,12 +250,11 @@ class MapStore:
 
         That is what was set aside, then what was not used for longest.
         """
-        times = {}
-        for path in self._all():
-            if path.suffix in (ENTRY, DAMAGED):
-                with contextlib.suppress(FileNotFoundError):
-                    times[path] = (path.suffix == ENTRY, path.stat().st_mtime_ns)
-        return sorted(times, key=times.__getitem__)
+        found = [
+            (item.name.endswith(ENTRY), status.st_mtime_ns, item.path)
+            for item, status in self._entries()
+        ]
+        return [Path(path) for _, _, path in sorted(found)]
 
     def make_room(self, limit: int) -> list[Path]:
         """Remove left-overs, and the first of `files` until the rest takes at most `limit` bytes.
@@ -244,6 +265,12 @@ class MapStore:
             The entries that are gone.
         """
         self._remove_leftovers()
+        return self._evict(limit)
+
+    def _evict(self, limit: int) -> list[Path]:
+        # Sizes first: to look into each file as well takes several times as long.
+        if sum(status.st_size for _, status in self._entries()) <= limit:
+            return []
         sizes: dict[Path, int] = {}
         for path in self.files():
             with contextlib.suppress(OSError):
@@ -263,27 +290,33 @@ class MapStore:
         """Remove what processes that were killed were writing, and their locks.
 
         Args:
-            own: The key whose lock is held here, to look after that alone; None: look after all
-                whose lock nobody holds.
+            own: The key whose lock is held here; of others it is done where nobody holds theirs.
         """
-        left: dict[str, list[Path]] = {}
-        for path in self._all():
-            if path.suffix == LOCK:
-                left.setdefault(path.stem, [])
-            elif path.name.startswith("."):
-                left.setdefault(path.name[1:].partition(".")[0], []).append(path)
-        for key in left if own is None else left.keys() & {own}:
-            lock = None if own else try_lock(self.place / f"{key}{LOCK}")
-            if own or lock is not None:
-                with lock or contextlib.nullcontext():
-                    for path in left[key]:
+        left: dict[str, list[str]] = {}
+        for item in self._all():
+            if item.name.endswith(LOCK):
+                left.setdefault(item.name.removesuffix(LOCK), [])
+            elif item.name.startswith("."):
+                left.setdefault(item.name[1:].partition(".")[0], []).append(item.path)
+        for key, paths in left.items():
+            held = None if key == own else try_lock(self.place / f"{key}{LOCK}")
+            if key == own or held is not None:
+                with held or contextlib.nullcontext():
+                    for path in paths:
                         shutil.rmtree(path, ignore_errors=True)
 
-    def _all(self) -> Iterator[Path]:
+    def _entries(self) -> Iterator[tuple[os.DirEntry[str], os.stat_result]]:
+        for item in self._all():
+            if item.name.endswith((ENTRY, DAMAGED)):
+                with contextlib.suppress(OSError):  # another process removed it
+                    yield item, item.stat()
+
+    def _all(self) -> list[os.DirEntry[str]]:
         try:
-            yield from list(self.place.iterdir())
+            with os.scandir(self.place) as items:
+                return list(items)
         except (FileNotFoundError, NotADirectoryError):
-            return
+            return []
 
 
 def _nobody() -> None:

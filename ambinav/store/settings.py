@@ -10,7 +10,7 @@ from typing import Final
 from ambinav.errors import InputError
 
 VARIABLE: Final = "AMBINAV_CACHE"
-"""Environment variable: the folder to keep maps in; empty: none are kept."""
+"""Environment variable: the folder to keep maps in; empty: none are kept, all are computed."""
 LIMIT_VARIABLE: Final = "AMBINAV_CACHE_LIMIT"
 """Environment variable: how much room kept maps may take, such as 500 MB or 20 GB."""
 LIMIT: Final = 5_000_000_000

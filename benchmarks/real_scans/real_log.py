@@ -169,7 +169,9 @@ def study_log(
         pairs = scan_pairs(log, judged, made, pair_radius)
         if len(pairs):
             found.append(compared(log, pairs, made, scanner, model))
-        amap = build_map(made, log.scanner(max_range=max_range), spacing=spacing, radius=RADIUS)
+        amap = build_map(
+            made, log.scanner(max_range=max_range), spacing=spacing, radius=RADIUS, store=False
+        )
         maps.append(amap)
         poses = log.required_poses()
         index = np.flatnonzero(judged & np.asarray(made.is_free(poses[:, 0], poses[:, 1])))

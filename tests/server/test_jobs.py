@@ -226,7 +226,10 @@ def events(text: str) -> list[tuple[str, Any]]:
 
 
 @pytest.mark.slow
-def test_an_upload_is_audited_and_then_served(serve: Any, corridor: an.AmbiguityMap) -> None:
+def test_an_upload_is_audited_and_then_served(
+    serve: Any, corridor: an.AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "cache"))
     live: Live = serve([corridor])
     files = [
         ("files", ("hall.yaml", f"image: /etc/hostname\n{HEADER}".encode())),
@@ -248,6 +251,7 @@ def test_an_upload_is_audited_and_then_served(serve: Any, corridor: an.Ambiguity
     assert "Ambiguity audit" in report.text and "/tmp" not in report.text
     assert live.get("/v1/maps/hall")["attrs"]["environment_source"]["value"] == "map.yaml"
     assert live.get(place)["state"] == "done"
+    assert not (tmp_path / "cache").exists()
     folder = live.context.audits.get(place.rpartition("/")[2]).folder
     assert live.http.delete(place).status_code == 204
     assert live.http.get(place).status_code == 404

@@ -14,6 +14,8 @@ import ambinav as an
 from ambinav.store.map_store import MapStore
 
 ROOT = Path(__file__).parents[2]
+PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
+"""All packages, since the code of all of them is part of a map's key."""
 
 
 def room(width: float = 4.0, **named: object) -> an.Environment:
@@ -37,7 +39,7 @@ def python(code: str, *words: str) -> subprocess.Popen[str]:
     """A process that runs some code; whoever starts it ends it."""
     return subprocess.Popen(
         [sys.executable, "-c", code, *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": PATHS},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

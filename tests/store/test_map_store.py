@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -12,33 +13,16 @@ import numpy as np
 import pytest
 
 import ambinav as an
-from ambinav.ambiguity import build as build_module
 from ambinav.ambiguity.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.store import build_lock, entry
+from ambinav.store import build_lock, entry, map_store
 from ambinav.store.map_store import MapStore
 from ambinav.store.settings import LIMIT
 from tests.maps import synthetic
 from tests.store.scenes import build, laser, names, python, room, same
 
-
-@pytest.fixture
-def store(tmp_path: Path) -> MapStore:
-    return MapStore(tmp_path / "maps")
-
-
-@pytest.fixture
-def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Counts the maps that are computed."""
-    calls: list[int] = []
-    compute = build_module._compute
-
-    def counted(*arguments):
-        calls.append(1)
-        return compute(*arguments)
-
-    monkeypatch.setattr(build_module, "_compute", counted)
-    return calls
+SMALL = 1_000_000
+"""A limit of which each map is so large a part that the folder is looked through."""
 
 
 def the_map(store: MapStore) -> Path:
@@ -62,20 +46,6 @@ def test_what_was_built_is_opened(store, computes, options) -> None:
     assert opened.environment.free.equals(built.environment.free)
     np.testing.assert_array_equal(opened.segments.xy, built.segments.xy)
     assert names(store) == [the_map(store).name]
-
-
-def test_a_library_function_computes_unless_told(computes, tmp_path, monkeypatch) -> None:
-    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "mine"))
-    for _ in range(2):
-        an.build_map(room(), laser(), 0.25)
-    assert len(computes) == 2 and not (tmp_path / "mine").exists()
-    for _ in range(2):
-        build(True)
-    assert len(computes) == 3 and len(list((tmp_path / "mine" / "maps").glob("*.map"))) == 1
-    monkeypatch.setenv("AMBINAV_CACHE", "")
-    for _ in range(2):
-        build(True)
-    assert len(computes) == 5
 
 
 def test_every_input_counts(store, computes) -> None:
@@ -207,7 +177,8 @@ def test_an_entry_of_a_newer_format_is_left_alone(store, computes) -> None:
     assert store.make_room(-1) == [] and path.exists()
 
 
-def test_what_killed_ones_left_goes(store) -> None:
+def test_what_killed_ones_left_goes(tmp_path) -> None:
+    store = MapStore(tmp_path / "maps", SMALL)
     build(store)
     key, other = the_map(store).stem, "f" * 32
     for name in (key, other):
@@ -251,6 +222,41 @@ def test_least_recently_used_goes_first(tmp_path) -> None:
     store.set_aside(keys[0])
     store.make_room(int(2.5 * size))
     assert {path.stem for path in store.files()} == {keys[2], fresh}
+
+
+def test_what_others_added_meanwhile_counts(tmp_path) -> None:
+    """Two that make room at once, each for its own map."""
+    _, size = fill(MapStore(tmp_path / "one"), 1)
+    store = MapStore(tmp_path / "maps", limit=int(2.5 * size))
+    replacing = map_store.replacing
+
+    @contextlib.contextmanager
+    def slowly(path):
+        if path.stem == "b" * 32:
+            fill(store, 2)
+        with replacing(path) as fresh:
+            yield fresh
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(map_store, "replacing", slowly)
+        store.opened_or_built("b" * 32, lambda alive: an.AmbiguityMap(synthetic.dataset()))
+    assert sum(path.stat().st_size for path in store.files()) <= store.limit
+    assert store.path("b" * 32).exists()
+
+
+def test_the_folder_is_looked_through_often_enough() -> None:
+    """Of small maps about one for each thousandth of the limit; never is a hundredth added unseen.
+
+    That is how much is left free when it is looked through.
+    """
+    store = MapStore(Path("maps"))
+    rng = np.random.default_rng(4)
+    size, count = 50_000, 100_000
+    due = [store._is_due(rng.bytes(16).hex(), size) for _ in range(count)]
+    assert 0.9 < sum(due) / (1000 * size * count / LIMIT) < 1.1
+    assert np.diff(np.flatnonzero([True, *due, True])).max() * size < LIMIT / 100
+    assert all(store._is_due(rng.bytes(16).hex(), LIMIT // 1000) for _ in range(1000))
+    assert not any(store._is_due("f" * 32, one) for one in (0, size, LIMIT // 1001))
 
 
 def test_a_map_without_room_is_returned_and_not_kept(tmp_path, computes) -> None:
@@ -299,6 +305,49 @@ def test_a_folder_that_cannot_be_written(tmp_path, obstacle) -> None:
         assert same(build(MapStore(place / "maps")), build(False))
     (warning,) = caught
     assert "\n" not in str(warning.message) and "AMBINAV_CACHE" in str(warning.message)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "message"),
+    [
+        ("ambinav.store.entry.pack", MemoryError(), "no memory is left"),
+        ("os.scandir", PermissionError(13, "Permission denied"), "Permission denied"),
+    ],
+)
+def test_no_memory_and_a_folder_that_cannot_be_listed(
+    tmp_path, monkeypatch, name, error, message
+) -> None:
+    store = MapStore(tmp_path / "maps", SMALL)
+
+    def failing(*arguments):
+        raise error
+
+    plain = build(False)
+    monkeypatch.setattr(name, failing)
+    with pytest.warns(an.InputWarning, match=f"cannot be kept here .*{message}") as caught:
+        assert same(build(store), plain)
+    assert len(caught) == 1
+    monkeypatch.undo()
+    assert names(store) == []
+
+
+def test_a_folder_without_rights(store, monkeypatch) -> None:
+    """As it is said to one who is not root."""
+    monkeypatch.setattr(os, "access", lambda *arguments: False)
+    with pytest.warns(an.InputWarning) as caught:
+        build(store)
+    (message,) = [str(one.message) for one in caught]
+    assert f"(the folder {store.place} is not writable), so the next run computes" in message
+
+
+def test_where_there_is_room_no_file_is_looked_into(store, monkeypatch) -> None:
+    """What keeping a map costs beside thousands of others."""
+    _, size = fill(store, 3)
+    looked: list[Path] = []
+    read = entry.read_format
+    monkeypatch.setattr(entry, "read_format", lambda path: looked.append(path) or read(path))
+    assert store.make_room(3 * size) == [] and looked == []
+    assert len(store.make_room(2 * size)) == 1 and len(looked) == 3
 
 
 def test_what_the_build_raises_is_raised_and_nothing_stays(store) -> None:

@@ -12,6 +12,11 @@ from ambinav.store.settings import LIMIT, cache_folder, parse_size, size_limit, 
 from tests.store.scenes import build
 
 
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "cache"))
+
+
 def test_the_folder(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "mine"))
     assert cache_folder() == tmp_path / "mine"

@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
@@ -15,11 +14,6 @@ from ambinav.store import build_lock
 from ambinav.store.map_store import MapStore
 from tests.maps import synthetic
 from tests.store.scenes import names, python, same
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> MapStore:
-    return MapStore(tmp_path / "maps")
 
 
 def test_two_threads_build_one_map_once(store) -> None:
@@ -116,6 +110,18 @@ def test_a_holder_at_work_is_not_given_up(tmp_path) -> None:
         over.set()
     waiter.join(60)
     assert not waits.is_set() and not lock.exists()
+
+
+def test_a_lock_that_cannot_be_touched_stops_nothing(tmp_path, monkeypatch) -> None:
+    """As on a network drive where another removed the file."""
+
+    def stale(*arguments):
+        raise OSError(116, "Stale file handle")
+
+    with build_lock.build_lock(tmp_path / "a.lock", 60.0, pytest.fail) as alive:
+        assert alive is not None
+        monkeypatch.setattr(os, "utime", stale)
+        alive()
 
 
 def test_one_lock_has_one_holder(tmp_path) -> None:
