@@ -30,6 +30,7 @@ from ambinav.server.models import Health, as_json
 from ambinav.server.page_files import mount_page
 from ambinav.server.poses import InvalidBodyError
 from ambinav.server.pyramid_store import key_of
+from ambinav.server.scratch import remove_left
 from ambinav.server.served import ServedMaps
 from ambinav.version import __version__
 
@@ -85,13 +86,18 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         stop = threading.Event()
-        keeping = asyncio.create_task(asyncio.to_thread(context.keep_pyramids, stop))
+
+        def tend() -> None:
+            remove_left()
+            context.keep_pyramids(stop)
+
+        keeping = asyncio.create_task(asyncio.to_thread(tend))
         try:
             yield
         finally:
             stop.set()
             await keeping
-            context.close()
+            await context.close()
 
     app = FastAPI(
         title="ambinav",

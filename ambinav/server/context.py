@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
-import tempfile
 import threading
 from collections.abc import Callable
 from functools import cached_property
@@ -19,6 +18,7 @@ from ambinav.server.audits import Audits
 from ambinav.server.jobs import PlanPool
 from ambinav.server.limits import Limits
 from ambinav.server.pyramids import Pyramids
+from ambinav.server.scratch import ScratchFolder
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.tiles import Tiles
 from ambinav.server.wire import write_dataset
@@ -63,13 +63,13 @@ class Context:
         return CapacityLimiter(THREADS)
 
     @cached_property
-    def _scratch(self) -> tempfile.TemporaryDirectory[str]:
-        return tempfile.TemporaryDirectory(prefix="ambinav-serve-")
+    def _scratch(self) -> ScratchFolder:
+        return ScratchFolder()
 
     @property
     def folder(self) -> Path:
         """A folder for what lasts as long as the application, if nobody tidies it up."""
-        path = Path(self._scratch.name)
+        path = self._scratch.path
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         return path
 
@@ -131,16 +131,20 @@ class Context:
         found: T = await asyncio.shield(task)
         return found
 
-    def close(self) -> None:
+    async def end_audits(self) -> None:
+        """End all audits, and the streams of events of those who follow them."""
+        if "audits" in vars(self):
+            await self.audits.close()
+
+    async def close(self) -> None:
         """End all jobs and remove what was written."""
+        await self.end_audits()
+        vars(self).pop("audits", None)
         if "plans" in vars(self):
             self.plans.close()
             del self.plans
-        if "audits" in vars(self):
-            self.audits.close()
-            del self.audits
         if "_scratch" in vars(self):
-            self._scratch.cleanup()
+            self._scratch.close()
             del self._scratch
         self._files.clear()
         self._kept.clear()

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 from fastapi import Request
 
-from ambinav.server.problems import Problem
+from ambinav.server.problems import ENDING, Problem
 from ambinav.server.workers import Failure, Worker, plans
 
 T = TypeVar("T")
@@ -168,7 +168,7 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
     except asyncio.CancelledError:
         # By uvicorn, which waits for requests a few seconds when it ends. It has no time for the
         # process to be gone; `PlanPool` sees to that.
-        raise Problem(503, "The server is ending; ask again when it is back.") from None
+        raise Problem(503, ENDING) from None
     finally:
         gone.cancel()
         task.cancel()

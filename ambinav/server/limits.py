@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from ambinav.server.problems import Problem, problem_response
+from ambinav.server.problems import ENDING, Problem, problem_response
 from ambinav.server.wire import OCTETS
 
 Scope = MutableMapping[str, Any]
@@ -102,7 +102,20 @@ class Guard:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
                 await response(scope, receive, send)
                 return
-        await self._app(scope, receive, send)
+        begun = False
+
+        async def noted(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        except asyncio.CancelledError:
+            # By uvicorn, of requests that outlast its end: the connection is closed, and a
+            # traceback of each would say nothing more.
+            if not begun:
+                await problem_response(503, ENDING)(scope, receive, send)
 
     def _most(self, kind: bytes) -> int:
         """Bytes that a body of some Content-Type may have."""

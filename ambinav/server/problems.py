@@ -19,6 +19,7 @@ from ambinav.errors import InputError
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
 """What is said of a fault of the program."""
+ENDING: Final = "The server is ending; ask again when it is back."
 
 _log = logging.getLogger("ambinav.server")
 

@@ -7,7 +7,6 @@ import io
 import json
 import shutil
 import socket
-import time
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -28,17 +27,10 @@ from ambinav.server.served import ServedMaps
 from ambinav.server.uploads import store
 from ambinav.server.workers import AuditTask, _check_size, plans
 from ambinav_planners import RoutePlanner, pareto
-from tests.server.live import Live
+from tests.server.live import Live, wait_until
 
 ENDS = {"start": [1, 1], "goal": [10, 2]}
 LONG = ENDS | {"planner": "rrtstar", "time_s": 30}
-
-
-def wait_until(condition: Any, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come to pass"
-        time.sleep(0.01)
 
 
 def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
