@@ -58,7 +58,7 @@ def serve(
         listening = _listen(host, port)
         with listening:
             from ambinav.server.app import LOOPBACK, create_app
-            from ambinav.server.running import Server
+            from ambinav.server.running import Server, favour_requests
 
             local = host in LOOPBACK
             app = create_app(maps, token=token, hosts=LOOPBACK if local else None)
@@ -66,6 +66,7 @@ def serve(
                 note(f"whoever reaches {host} may use this server; --token lets in who knows it.")
             _many_connections()
             app.state.context.prepare()
+            favour_requests()
             listening.listen(BACKLOG)  # whoever reads the address may connect at once
             number = listening.getsockname()[1]
             shown = f"[{host}]" if ":" in host else host

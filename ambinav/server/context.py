@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import numpy as np
 from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
@@ -22,6 +23,7 @@ from ambinav.server.scratch import ScratchFolder
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.tiles import Tiles
 from ambinav.server.wire import write_dataset
+from ambinav.service.service import AmbiguityService
 
 T = TypeVar("T")
 
@@ -94,8 +96,9 @@ class Context:
         return path
 
     def prepare(self) -> None:
-        """Make ready what the page shows first of each map: its zones."""
+        """Make ready what the page shows first of each map, its zones, and the code of costs."""
         for served in self.maps:
+            _load_kernels(served)
             tiles = self.tiles(served)
             tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
 
@@ -149,6 +152,17 @@ class Context:
         self._files.clear()
         self._kept.clear()
         vars(self).pop("_limiter", None)
+
+
+def _load_kernels(served: ServedMap) -> None:
+    """Load the compiled code of costs, a few tenths of a second that a request would wait for."""
+    possible = served.amap.possible
+    row, column, _ = np.unravel_index(int(possible.argmax()), possible.shape)
+    if possible[row, column].any():
+        x, y = (
+            float(served.amap.dataset[axis].values[i]) for axis, i in (("x", column), ("y", row))
+        )
+        AmbiguityService(served.around(x, y), served.amap.cost_layer).cost(x, y, 0.0)
 
 
 def context_of(request: Request) -> Context:
