@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 from urllib.parse import urlsplit
 
+from starlette.requests import ClientDisconnect
+
 from ambinav.server.problems import ENDING, Problem, problem_response
 from ambinav.server.wire import OCTETS
 
@@ -102,6 +104,8 @@ class Guard:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
                 await response(scope, receive, send)
                 return
+        if scope["method"] == "HEAD":
+            scope = {**scope, "method": "GET"}  # uvicorn sends no body of its answer
         begun = False
 
         async def noted(message: Message) -> None:
@@ -111,6 +115,8 @@ class Guard:
 
         try:
             await self._app(scope, receive, noted)
+        except ClientDisconnect:
+            return  # within its body
         except asyncio.CancelledError:
             # By uvicorn, of requests that outlast its end: the connection is closed, and a
             # traceback of each would say nothing more.

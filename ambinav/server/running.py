@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import gc
+import math
 import socket
 import sys
 from typing import Any, Final
 
 import uvicorn
 from fastapi import FastAPI
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from ambinav.server.context import Context
 
@@ -21,6 +23,33 @@ GRACE: Final = 5
 SWITCH: Final = 5e-4
 """Seconds after which a thread that works lets the loop of events go on; Python's own is ten times
 as long, and a request waits for it several times."""
+
+
+MOST_HEAD: Final = 64 * 1024
+"""Bytes of a request before its body, about: they are kept until all have come."""
+
+
+class Protocol(HttpToolsProtocol):
+    """uvicorn's, which takes heads of any length, with a limit."""
+
+    _head: float = 0.0
+
+    def data_received(self, data: bytes) -> None:
+        """Take what a client sends."""
+        self._head += len(data)
+        super().data_received(data)
+        if self._head > MOST_HEAD and not self.transport.is_closing():
+            self.send_400_response("The request's head is too long.")
+
+    def on_headers_complete(self) -> None:
+        """The body, which has a limit of its own, follows."""
+        self._head = -math.inf
+        super().on_headers_complete()
+
+    def on_message_complete(self) -> None:
+        """Another request may follow."""
+        self._head = 0.0
+        super().on_message_complete()
 
 
 def favour_requests() -> None:
@@ -42,6 +71,7 @@ class Server(uvicorn.Server):
     def __init__(self, app: FastAPI, **options: Any) -> None:
         defaults: dict[str, Any] = {
             "access_log": False,
+            "http": Protocol,
             "log_level": "warning",
             "timeout_keep_alive": KEEP_ALIVE,
             "timeout_graceful_shutdown": GRACE,
