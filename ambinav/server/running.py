@@ -72,6 +72,7 @@ class Server(uvicorn.Server):
         defaults: dict[str, Any] = {
             "access_log": False,
             "http": Protocol,
+            "ws": "none",
             "log_level": "warning",
             "timeout_keep_alive": KEEP_ALIVE,
             "timeout_graceful_shutdown": GRACE,

