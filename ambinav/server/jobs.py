@@ -152,7 +152,14 @@ async def received(worker: Worker) -> Any:
         loop.remove_reader(number)
         # uvloop makes what it watches non-blocking; a long message would be read in part.
         os.set_blocking(number, True)
-    return worker.line.recv()
+    # In a thread: the process, which yields to all others, may have sent a part only.
+    whole = loop.run_in_executor(None, worker.line.recv)
+    try:
+        return await asyncio.shield(whole)
+    except asyncio.CancelledError:
+        worker.process.kill()  # what is read ends then, before the line is closed
+        await asyncio.gather(whole, return_exceptions=True)
+        raise
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
 import shutil
 import socket
+import struct
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from starlette.requests import Request
 import ambinav as an
 from ambinav.errors import InputError
 from ambinav.server.audits import OVER, Audit, Audits
-from ambinav.server.jobs import Turns, started, while_connected
+from ambinav.server.jobs import Turns, received, started, while_connected
 from ambinav.server.limits import Limits
 from ambinav.server.problems import OURS, Problem
 from ambinav.server.served import ServedMaps
@@ -389,3 +391,20 @@ def test_a_job_ends_with_the_server_and_says_so() -> None:
             await ended.wait()
 
     asyncio.run(asked())
+
+
+def _sends_a_part(line: Any) -> None:
+    """A worker that is held up within its answer."""
+    os.write(line.fileno(), struct.pack("!i", 1000) + b"0" * 500)
+    line.recv()
+
+
+def test_an_answer_that_comes_in_parts_holds_nobody_up() -> None:
+    async def asked() -> None:
+        worker = await started(_sends_a_part)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(1.0):  # would never come if the loop waited
+                await received(worker)
+        await asyncio.to_thread(worker.end)
+
+    asyncio.run(asyncio.wait_for(asked(), 60.0))
