@@ -18,13 +18,9 @@ KEEP_ALIVE: Final = 75
 """Seconds for which a connection stays open when nothing is asked."""
 GRACE: Final = 5
 """Seconds for which requests may go on when the server ends."""
-
-
 SWITCH: Final = 5e-4
 """Seconds after which a thread that works lets the loop of events go on; Python's own is ten times
 as long, and a request waits for it several times."""
-
-
 MOST_HEAD: Final = 64 * 1024
 """Bytes of a request before its body, about: they are kept until all have come."""
 

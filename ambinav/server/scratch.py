@@ -54,6 +54,8 @@ def remove_left() -> None:
                 folder = lock.with_name(lock.name.removesuffix(LOCK))
                 if _is_ours(folder, stat.S_ISDIR):
                     shutil.rmtree(folder, ignore_errors=True)
+            if folder.exists():  # a worker that has yet to end writes there: for the next start
+                lock.touch()
 
 
 def _is_ours(path: Path, is_kind: Callable[[int], bool]) -> bool:
