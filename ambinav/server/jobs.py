@@ -157,7 +157,7 @@ async def received(worker: Worker) -> Any:
     try:
         return await asyncio.shield(whole)
     except asyncio.CancelledError:
-        worker.process.kill()  # what is read ends then, before the line is closed
+        worker.kill()  # what is read ends then, before the line is closed
         await asyncio.gather(whole, return_exceptions=True)
         raise
 

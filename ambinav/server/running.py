@@ -82,3 +82,5 @@ class Server(uvicorn.Server):
         """End: uvicorn waits for its connections, and a stream of events would stay open."""
         await self._context.end_audits()
         await super().shutdown(sockets)
+        if self.force_exit:  # by a second Ctrl-C: it waits for no request, but left this out
+            await self.lifespan.shutdown()

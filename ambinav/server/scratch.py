@@ -8,6 +8,7 @@ import secrets
 import shutil
 import stat
 import tempfile
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -28,21 +29,22 @@ class ScratchFolder:
     """
 
     def __init__(self) -> None:
-        place, self._stack = Path(tempfile.gettempdir()), contextlib.ExitStack()
+        place, stack = Path(tempfile.gettempdir()), contextlib.ExitStack()
         # The lock comes first, since whoever finds it free removes the folder. It cannot be had
         # where the file system has no locks.
         for _ in range(_ATTEMPTS):
             self.path = place / f"{PREFIX}{secrets.token_hex(6)}"
             held = try_lock(self.path.with_name(self.path.name + LOCK))
             if held is not None:
-                self._stack.enter_context(held)
+                stack.enter_context(held)
                 break
-        self._stack.callback(shutil.rmtree, self.path, ignore_errors=True)
+        stack.callback(shutil.rmtree, self.path, ignore_errors=True)
+        self._remove = weakref.finalize(self, stack.close)  # where nobody calls `close`
         self.path.mkdir(mode=0o700)
 
     def close(self) -> None:
         """Remove it."""
-        self._stack.close()
+        self._remove()
 
 
 def remove_left() -> None:

@@ -405,6 +405,7 @@ def test_an_answer_that_comes_in_parts_holds_nobody_up() -> None:
         with pytest.raises(TimeoutError):
             async with asyncio.timeout(1.0):  # would never come if the loop waited
                 await received(worker)
-        await asyncio.to_thread(worker.end)
+        await asyncio.gather(*(asyncio.to_thread(worker.end) for _ in range(3)))
+        worker.kill()
 
     asyncio.run(asyncio.wait_for(asked(), 60.0))
