@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
@@ -91,11 +92,19 @@ def create_app(
             remove_left()
             context.keep_pyramids(stop)
 
+        async def look_ahead() -> None:
+            """Work out what the page asks for first and what takes long; a fault is told then."""
+            for one in served:
+                with contextlib.suppress(Exception):
+                    await context.once(one, "worst", looking.worst_places)
+
         keeping = asyncio.create_task(asyncio.to_thread(tend))
+        ahead = asyncio.create_task(look_ahead())
         try:
             yield
         finally:
             stop.set()
+            ahead.cancel()
             await keeping
             await context.close()
 
