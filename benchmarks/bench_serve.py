@@ -25,11 +25,11 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
-import uvicorn
 
 import ambinav as an
 from ambinav.server.app import create_app
 from ambinav.server.limits import Limits
+from ambinav.server.running import Server
 
 BATCH = 100_000
 CLIENTS = 8
@@ -63,7 +63,7 @@ def serving_app(maps: list[an.AmbiguityMap], limits: Limits) -> Iterator[str]:
     """Serve maps from a thread of this process under limits of one's own; gives the address."""
     with socket.create_server(("127.0.0.1", 0), backlog=128) as listening:
         app = create_app(maps, limits=limits)
-        server = uvicorn.Server(uvicorn.Config(app, log_level="error", access_log=False))
+        server = Server(app, log_level="error")
         thread = threading.Thread(target=server.run, args=([listening],))
         thread.start()
         try:

@@ -41,6 +41,8 @@ KNOWN = {"layer": "level"}
 """Parameters of paths that there are, besides the map."""
 KNOWN_SHARE = 0.8
 """Of the requests, with these parameters; the others name anything."""
+ROUND = 8000
+"""Cases of a round; each has a seed of its own, and goes through all routes."""
 CHECKS = [
     not_a_server_error,
     status_code_conformance,
@@ -49,11 +51,14 @@ CHECKS = [
 ]
 
 
-def fuzz(url: str, cases: int, seed: int) -> Counter[int]:
-    """Ask so many requests, shared by all routes.
+def fuzz(url: str, cases: int, seed: int, counts: Counter[int]) -> None:
+    """Ask about half as many requests, shared by all routes; some have few that differ.
 
-    Returns:
-        Statuses of the answers.
+    Args:
+        url: Of the server.
+        cases: How many.
+        seed: Of what is drawn.
+        counts: Statuses of the answers, added to.
 
     Raises:
         Exception: an answer is none that the document knows.
@@ -65,7 +70,6 @@ def fuzz(url: str, cases: int, seed: int) -> Counter[int]:
         for one in operations
     ]
     map_id = _first_map(url)
-    counts: Counter[int] = Counter()
     for operation, share in zip(operations, shares, strict=True):
         known = {"id": map_id} if "/maps/{id}" in operation.path else {}
         known |= {name: value for name, value in KNOWN.items() if f"{{{name}}}" in operation.path}
@@ -73,7 +77,6 @@ def fuzz(url: str, cases: int, seed: int) -> Counter[int]:
         for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
             for path, part in ((known, KNOWN_SHARE), ({}, 1.0 - KNOWN_SHARE)):
                 _ask(operation, mode, path, max(round(each * part), 1), seed, counts)
-    return counts
 
 
 def _first_map(url: str) -> str:
@@ -130,16 +133,25 @@ def main() -> None:
         sensor=an.RangeSensor(max_range=2.0, std=0.02, resolution=0.01), beams=24, aperture=3.0
     )
     amap = an.build_map(environment, scanner, spacing=0.25, headings=4, store=False)
-    begun = time.monotonic()
+    begun, counts = time.monotonic(), Counter[int]()
     with serving_app([amap], limits=LIMITS) as url:
-        counts = fuzz(url, options.cases, options.seed)
-    minutes = (time.monotonic() - begun) / 60
+        seed = options.seed
+        while counts.total() < options.cases:
+            fuzz(url, min(ROUND, 2 * (options.cases - counts.total()) + 100), seed, counts)
+            seed += 1
+            # After each round, so that a run that is broken off has its report.
+            _write(counts, options, seed, (time.monotonic() - begun) / 60)
+
+
+def _write(counts: Counter[int], options: argparse.Namespace, seed: int, minutes: float) -> None:
     rows = "\n".join(f"| {status} | {count:,} |" for status, count in sorted(counts.items()))
+    unfinished = "" if counts.total() >= options.cases else " (broken off)"
     text = f"""# schemathesis over the OpenAPI document
 
-`python {" ".join(sys.argv)}`, schemathesis {schemathesis.__version__}, seed {options.seed},
-{minutes:.0f} minutes, load {os.getloadavg()[0]:.1f}. {counts.total():,} requests; none was answered
-with 500, and each answer but 404, 405 and 503 was checked against the document.
+`python {" ".join(sys.argv)}`{unfinished}, schemathesis {schemathesis.__version__}, seeds
+{options.seed} to {seed - 1}, {minutes:.0f} minutes, load {os.getloadavg()[0]:.1f}.
+{counts.total():,} requests; none was answered with 500, and each answer but 404, 405 and 503 was
+checked against the document.
 
 | status | requests |
 | ---: | ---: |

@@ -157,6 +157,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
+        os.environ["TMPDIR"] = scratch  # the server's: nobody tidies it up meanwhile
         folder = options.maps or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         building = options.data / "maps" / "stata_hallways_5cm.yaml"
@@ -169,10 +170,13 @@ def main() -> None:
 
             idle = [socket.create_connection((address.host, address.port)) for _ in range(IDLE)]
             load = Load(url, amap, time.monotonic() + 60 * options.minutes)
-            threads = [threading.Thread(target=load.run, args=(i,)) for i in range(options.threads)]
+            threads = [
+                threading.Thread(target=load.run, args=(i,), daemon=True)
+                for i in range(options.threads)
+            ]
             for thread in threads:
                 thread.start()
-            rows = []
+            rows: list[str] = []
             begun = time.monotonic()
             while time.monotonic() < load.until:
                 time.sleep(min(60.0 * options.minutes / 12, 60.0))
@@ -182,16 +186,25 @@ def main() -> None:
                     f"| {len(process.children(recursive=True))} | {process.num_fds()} "
                     f"| {process.num_threads()} |"
                 )
+                # Each time, so that a run that is broken off has its report.
+                _write(load, rows, log, options, " (broken off)")
             for thread in threads:
                 thread.join(300)
             for line in idle:
                 line.close()
-        errors = log.read_text().strip()
+        _write(load, rows, log, options, "")
+
+
+def _write(
+    load: Load, rows: list[str], log: Path, options: argparse.Namespace, unfinished: str
+) -> None:
+    """Write the report of what has come to pass so far."""
+    errors = log.read_text().strip()
     counts = ", ".join(f"{count:,} {kind}" for kind, count in load.done.most_common())
     text = f"""# Mixed load
 
-`python {" ".join(sys.argv)}`: {options.threads} threads, {IDLE} idle connections beside them, load
-of the machine at the end {os.getloadavg()[0]:.1f}.
+`python {" ".join(sys.argv)}`{unfinished}: {options.threads} threads, {IDLE} idle connections
+beside them, load of the machine at the end {os.getloadavg()[0]:.1f}.
 
 {load.done.total():,} requests ({counts}); lost: {len(load.lost)}.
 The server's log: {errors[-500:] or "empty"}.

@@ -7,6 +7,7 @@ import re
 import stat
 import subprocess
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 import yaml
@@ -65,6 +66,27 @@ def test_a_map_is_audited_with_its_conditions(repository):
         "--no-aliasing --fail-if open > 2 % --fail-if   places > 3 "
         "--junit out/junit/maps__office.yaml.xml --sarif out/sarif/maps__office.yaml.sarif"
     ]
+
+
+def test_no_two_maps_share_a_folder(repository):
+    paths = [
+        "a/b.yaml", "a__b.yaml", "a_/b.yaml", "a/_b.yaml", "a___b.yaml", "a_b.yaml", "a/__b.yaml",
+        "a_%5F/b.yaml", "a%5F%5Fb.yaml", "a/b_c.yaml", "a_b/c.yaml", "a____b.yaml", "a_/_b.yaml",
+    ]  # fmt: skip
+    for path in paths:
+        (repository / path).parent.mkdir(exist_ok=True)
+        (repository / path).write_text(MAP)
+    done, calls = run(repository, "\n".join(paths), "open > 2 %")
+    assert done.returncode == 0, done.stderr
+    for pattern in (r" -o (\S+)", r"--junit (\S+)", r"--sarif (\S+)"):
+        names = [re.search(pattern, call)[1] for call in calls]
+        assert len(set(names)) == len(paths)
+        # The name says the path.
+        plain = [name.removeprefix("out/").replace("__", "/") for name in names]
+        ends = ("junit/", "sarif/", ".xml", ".sarif")
+        for end in ends:
+            plain = [name.removeprefix(end).removesuffix(end) for name in plain]
+        assert [unquote(name) for name in plain] == paths
 
 
 def test_without_conditions_there_is_no_gate(repository):

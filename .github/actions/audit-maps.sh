@@ -52,7 +52,13 @@ read -ra options <<<"$OPTIONS"
 held=0
 status=0
 for map in "${maps[@]}"; do
+    # A slash becomes __; what could be taken for one is written as in addresses, so that no two maps
+    # share a folder.
     name="${map#./}"
+    name="${name//%/%25}"
+    name="${name//__/%5F%5F}"
+    name="${name//_\//%5F/}"
+    name="${name//\/_//%5F}"
     name="${name//\//__}"
     gate=()
     if ((${#conditions[@]})); then

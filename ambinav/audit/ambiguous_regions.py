@@ -111,27 +111,28 @@ def find_ambiguous_regions(
         InputError: no such heading.
     """
     floor = {
-        name: _numbers(amap.floor(name, heading).values)
+        name: amap.floor(name, heading).values
         for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
     }
     room = ROOM if parts is None else 0.0
     parts = FloorParts.of(amap) if parts is None else parts
     zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
-    axis = np.where(floor["major"] - floor["minor"] >= _PRONOUNCED, floor["direction"], np.nan)
-    clearance = _numbers(amap.dataset["clearance"].values)
+    seen = np.nonzero((zone == CORRIDOR) | (zone == OPEN))
+    axis = np.full(zone.shape, np.nan, dtype=floor["direction"].dtype)
+    pronounced = _numbers(floor["major"][seen]) - _numbers(floor["minor"][seen]) >= _PRONOUNCED
+    axis[seen] = np.where(pronounced, floor["direction"][seen], np.nan)
     labels = find_regions(
         zone,
         (CORRIDOR, OPEN),
         axis,
-        passable(parts.reachable, clearance, amap.spacing, room),
+        passable(parts.reachable, amap.dataset["clearance"].values, amap.spacing, room),
         gap=round(gap / amap.spacing),
         least=max(1, round(least_area / amap.spacing**2)),
         rim=2 * math.ceil(max(room, 0.5 * amap.spacing) / amap.spacing),  # into a corner
     )
-    found = int(labels.max(initial=0))
-    index = np.arange(1, found + 1)
-    severity = ndimage.sum_labels(floor["level"], labels, index)
-    worst = index[np.argsort(-severity, kind="stable")][:count]
+    within = np.nonzero(labels)
+    severity = np.bincount(labels[within], weights=_numbers(floor["level"][within]))[1:]
+    worst = 1 + np.argsort(-severity, kind="stable")[:count]
     boxes = ndimage.find_objects(labels)
     return tuple(
         _describe(amap, labels, boxes[label - 1], int(label), number, zone, floor, axis)
@@ -152,14 +153,15 @@ def _describe(
     label: int,
     number: int,
     zone: NDArray[np.uint8],
-    floor: dict[str, Floats],
-    axis: Floats,
+    floor: dict[str, NDArray[np.floating[Any]]],
+    axis: NDArray[np.floating[Any]],
 ) -> AmbiguousRegion:
     """Measure one region; `box` is the part of the lattice that holds it."""
     inside = labels[box] == label
+    part = {name: values[box] for name, values in floor.items()}
     x = amap.dataset["x"].values[box[1]]
     y = amap.dataset["y"].values[box[0]]
-    level = floor["level"][box]
+    level = _numbers(part["level"])
     row, column = _representative(inside, level)
     # Rounded, so that all reports print the same: 20.95 and 20.950000001 differ in one decimal.
     px, py = round(float(x[column]), 6), round(float(y[row]), 6)
@@ -167,6 +169,10 @@ def _describe(
     length, width = _extent(x[columns], y[rows], amap.spacing)
     half = amap.spacing / 2
     counts = np.bincount(zone[box][inside], minlength=len(ZONES))
+    spread = _numbers(part["major"][inside]) - _numbers(part["minor"][inside])
+    radii = _numbers(
+        np.array([part[name][row, column] for name in ("major_radius", "minor_radius")])
+    )
     kind = ZONES[CORRIDOR] if counts[CORRIDOR] >= counts[OPEN] else ZONES[OPEN]
     return AmbiguousRegion(
         number=number,
@@ -176,10 +182,10 @@ def _describe(
         area=float(inside.sum() * amap.spacing**2),
         length=length,
         width=width,
-        direction=_mean_axis(axis[box][inside], (floor["major"] - floor["minor"])[box][inside]),
+        direction=_mean_axis(axis[box][inside].astype(np.float64), spread),
         level=float(level[inside].mean()),
-        major_radius=float(floor["major_radius"][box][row, column]),
-        minor_radius=float(floor["minor_radius"][box][row, column]),
+        major_radius=float(radii[0]),
+        minor_radius=float(radii[1]),
         by_heading=_by_heading(amap, box[0].start + row, box[1].start + column),
         outline=(
             float(x[0] - half), float(y[0] - half), float(x[-1] + half), float(y[-1] + half)

@@ -18,10 +18,6 @@ BACKLOG = 2048
 """Connections that wait to be accepted, as uvicorn has it."""
 
 
-KEEP_ALIVE = 75
-"""Seconds for which a connection stays open when nothing is asked."""
-
-
 def serve(
     maps: Annotated[
         list[Path],
@@ -61,9 +57,8 @@ def serve(
             raise InputError("--token: give printable ASCII characters.")
         listening = _listen(host, port)
         with listening:
-            import uvicorn
-
             from ambinav.server.app import LOOPBACK, create_app
+            from ambinav.server.running import Server, favour_requests
 
             local = host in LOOPBACK
             app = create_app(maps, token=token, hosts=LOOPBACK if local else None)
@@ -71,18 +66,12 @@ def serve(
                 note(f"whoever reaches {host} may use this server; --token lets in who knows it.")
             _many_connections()
             app.state.context.prepare()
+            favour_requests()
             listening.listen(BACKLOG)  # whoever reads the address may connect at once
             number = listening.getsockname()[1]
             shown = f"[{host}]" if ":" in host else host
             typer.echo(f"http://{shown}:{number}/  (Ctrl-C ends the server)")
-            config = uvicorn.Config(
-                app,
-                log_level="warning",
-                access_log=False,
-                timeout_keep_alive=KEEP_ALIVE,
-                timeout_graceful_shutdown=5,
-            )
-            uvicorn.Server(config).run([listening])
+            Server(app).run([listening])
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -205,7 +205,7 @@ class AmbiguityMap:
         """Mask, shape (ny, nx): free, but half of the beams or more end in unknown space."""
         if "unknown" not in self.dataset:
             return np.zeros_like(self._free)
-        return np.asarray(np.nan_to_num(self.dataset["unknown"].values) >= UNEXPLORED)
+        return np.asarray(self.dataset["unknown"].values >= UNEXPLORED)  # NaN is not
 
     @property
     def cell_area(self) -> float:

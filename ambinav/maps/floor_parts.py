@@ -50,9 +50,10 @@ class FloorParts:
             rows, columns = np.nonzero(free)
             has_room[rows, columns] = reach.has_room(x[columns], y[rows])
             reachable[rows, columns] = reach.reaches(x[columns], y[rows])
+        unexplored = amap.unexplored
         return cls(
-            counted=reachable & ~amap.unexplored,
-            unexplored=reachable & amap.unexplored,
+            counted=reachable & ~unexplored,
+            unexplored=reachable & unexplored,
             beside_walls=free & ~has_room,
             cut_off=has_room & ~reachable,
             cell_area=amap.cell_area,

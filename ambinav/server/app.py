@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
@@ -30,6 +31,7 @@ from ambinav.server.models import Health, as_json
 from ambinav.server.page_files import mount_page
 from ambinav.server.poses import InvalidBodyError
 from ambinav.server.pyramid_store import key_of
+from ambinav.server.scratch import remove_left
 from ambinav.server.served import ServedMaps
 from ambinav.version import __version__
 
@@ -85,13 +87,26 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         stop = threading.Event()
-        keeping = asyncio.create_task(asyncio.to_thread(context.keep_pyramids, stop))
+
+        def tend() -> None:
+            remove_left()
+            context.keep_pyramids(stop)
+
+        async def look_ahead() -> None:
+            """Work out what the page asks for first and what takes long; a fault is told then."""
+            for one in served:
+                with contextlib.suppress(Exception):
+                    await context.once(one, "worst", looking.worst_places)
+
+        keeping = asyncio.create_task(asyncio.to_thread(tend))
+        ahead = asyncio.create_task(look_ahead())
         try:
             yield
         finally:
             stop.set()
+            ahead.cancel()
             await keeping
-            context.close()
+            await context.close()
 
     app = FastAPI(
         title="ambinav",

@@ -165,7 +165,7 @@ async def _events(audit: Audit) -> AsyncIterator[bytes]:
             yield _event("done", {"map": info.map, "report": info.report})
             return
         if info.state in ("failed", "cancelled"):
-            yield _event("failed", {"detail": info.detail or "The audit was cancelled."})
+            yield _event("failed", {"detail": info.detail})
             return
         yield _event("progress", {"done": info.done, "total": 1.0, "stage": info.stage})
         while not changed.is_set():

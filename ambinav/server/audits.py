@@ -17,7 +17,7 @@ from starlette.datastructures import UploadFile
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server.jobs import RETRY, Turns, received, started
 from ambinav.server.limits import Limits
-from ambinav.server.problems import OURS, Problem
+from ambinav.server.problems import ENDING, OURS, Problem
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.uploads import Upload, store
 from ambinav.server.wire import read_dataset
@@ -92,6 +92,7 @@ class Audits:
         self._turns = Turns(limits.audits, limits.waiting, "audits")
         self._most = limits.kept_audits + limits.audits + limits.waiting
         self._all: dict[str, Audit] = {}
+        self._closed = False
 
     def get(self, id: str) -> Audit:
         """An audit.
@@ -116,8 +117,10 @@ class Audits:
 
         Raises:
             InputError: the files are not those of one map.
-            Problem: too many audits wait.
+            Problem: too many audits wait, or the server ends.
         """
+        if self._closed:
+            raise Problem(503, ENDING)
         running = [one for one in self._all.values() if one.state not in OVER]
         limits = self._limits
         if len(running) >= limits.audits + limits.waiting:
@@ -127,6 +130,8 @@ class Audits:
         self._all[audit.id] = audit  # counts from now on: others ask while the files are stored
         try:
             upload = await asyncio.to_thread(store, files, folder)
+            if self._closed:
+                raise Problem(503, ENDING)
         except BaseException:
             self._drop(audit)
             raise
@@ -146,16 +151,13 @@ class Audits:
 
     async def cancel(self, audit: Audit) -> None:
         """End an audit if it still runs, and forget it with its map."""
-        if audit.job is not None:
-            audit.job.cancel()
-            await asyncio.gather(audit.job, return_exceptions=True)
+        await _ended([audit], "The audit was cancelled.")
         self._drop(audit)
 
-    def close(self) -> None:
-        """End all audits; their files go with the application's folder."""
-        for audit in self._all.values():
-            if audit.job is not None:
-                audit.job.cancel()
+    async def close(self) -> None:
+        """End all audits and take no more; their files go with the application's folder."""
+        self._closed = True
+        await _ended(list(self._all.values()), ENDING)
 
     async def _run(self, audit: Audit, task: AuditTask, upload: Upload) -> None:
         try:
@@ -176,8 +178,7 @@ class Audits:
             served = self._maps.add(amap, upload.title)
             audit.change(state="done", stage="report", done=1.0, served=served)
         except asyncio.CancelledError:
-            audit.change(state="cancelled")
-            raise
+            raise  # `_ended` tells who follows
         except TimeoutError:
             limit = self._limits.audit_seconds
             audit.change(state="failed", detail=f"The audit was ended after {limit:g} s.")
@@ -201,6 +202,17 @@ class Audits:
         if audit.served is not None:
             self._forget(audit.served)
         shutil.rmtree(audit.folder, ignore_errors=True)
+
+
+async def _ended(audits: Sequence[Audit], why: str) -> None:
+    """End those that still run, and wait until their processes are gone."""
+    jobs = [audit.job for audit in audits if audit.job is not None]
+    for job in jobs:
+        job.cancel()
+    await asyncio.gather(*jobs, return_exceptions=True)
+    for audit in audits:
+        if audit.state not in OVER:
+            audit.change(state="cancelled", detail=why)
 
 
 def _opened(path: Path, title: str) -> AmbiguityMap:

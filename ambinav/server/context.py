@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
-import tempfile
 import threading
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import numpy as np
 from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
@@ -19,9 +19,11 @@ from ambinav.server.audits import Audits
 from ambinav.server.jobs import PlanPool
 from ambinav.server.limits import Limits
 from ambinav.server.pyramids import Pyramids
+from ambinav.server.scratch import ScratchFolder
 from ambinav.server.served import ServedMap, ServedMaps
 from ambinav.server.tiles import Tiles
 from ambinav.server.wire import write_dataset
+from ambinav.service.service import AmbiguityService
 
 T = TypeVar("T")
 
@@ -63,13 +65,13 @@ class Context:
         return CapacityLimiter(THREADS)
 
     @cached_property
-    def _scratch(self) -> tempfile.TemporaryDirectory[str]:
-        return tempfile.TemporaryDirectory(prefix="ambinav-serve-")
+    def _scratch(self) -> ScratchFolder:
+        return ScratchFolder()
 
     @property
     def folder(self) -> Path:
         """A folder for what lasts as long as the application, if nobody tidies it up."""
-        path = Path(self._scratch.name)
+        path = self._scratch.path
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         return path
 
@@ -94,8 +96,9 @@ class Context:
         return path
 
     def prepare(self) -> None:
-        """Make ready what the page shows first of each map: its zones."""
+        """Make ready what the page shows first of each map, its zones, and the code of costs."""
         for served in self.maps:
+            _load_kernels(served)
             tiles = self.tiles(served)
             tiles.png(*tiles.resolve("zone", None), "mean", 0, 0, 0)
 
@@ -131,20 +134,35 @@ class Context:
         found: T = await asyncio.shield(task)
         return found
 
-    def close(self) -> None:
+    async def end_audits(self) -> None:
+        """End all audits, and the streams of events of those who follow them."""
+        if "audits" in vars(self):
+            await self.audits.close()
+
+    async def close(self) -> None:
         """End all jobs and remove what was written."""
+        await self.end_audits()
+        vars(self).pop("audits", None)
         if "plans" in vars(self):
             self.plans.close()
             del self.plans
-        if "audits" in vars(self):
-            self.audits.close()
-            del self.audits
         if "_scratch" in vars(self):
-            self._scratch.cleanup()
+            self._scratch.close()
             del self._scratch
         self._files.clear()
         self._kept.clear()
         vars(self).pop("_limiter", None)
+
+
+def _load_kernels(served: ServedMap) -> None:
+    """Load the compiled code of costs, a few tenths of a second that a request would wait for."""
+    possible = served.amap.possible
+    row, column, _ = np.unravel_index(int(possible.argmax()), possible.shape)
+    if possible[row, column].any():
+        x, y = (
+            float(served.amap.dataset[axis].values[i]) for axis, i in (("x", column), ("y", row))
+        )
+        AmbiguityService(served.around(x, y), served.amap.cost_layer).cost(x, y, 0.0)
 
 
 def context_of(request: Request) -> Context:

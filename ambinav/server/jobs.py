@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 
 from fastapi import Request
 
-from ambinav.server.problems import Problem
+from ambinav.server.problems import ENDING, Problem
 from ambinav.server.workers import Failure, Worker, plans
 
 T = TypeVar("T")
@@ -152,7 +152,14 @@ async def received(worker: Worker) -> Any:
         loop.remove_reader(number)
         # uvloop makes what it watches non-blocking; a long message would be read in part.
         os.set_blocking(number, True)
-    return worker.line.recv()
+    # In a thread: the process, which yields to all others, may have sent a part only.
+    whole = loop.run_in_executor(None, worker.line.recv)
+    try:
+        return await asyncio.shield(whole)
+    except asyncio.CancelledError:
+        worker.kill()  # what is read ends then, before the line is closed
+        await asyncio.gather(whole, return_exceptions=True)
+        raise
 
 
 async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
@@ -168,7 +175,7 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, T]) -> T:
     except asyncio.CancelledError:
         # By uvicorn, which waits for requests a few seconds when it ends. It has no time for the
         # process to be gone; `PlanPool` sees to that.
-        raise Problem(503, "The server is ending; ask again when it is back.") from None
+        raise Problem(503, ENDING) from None
     finally:
         gone.cancel()
         task.cancel()

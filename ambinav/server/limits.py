@@ -10,7 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from ambinav.server.problems import Problem, problem_response
+from starlette.requests import ClientDisconnect
+
+from ambinav.server.problems import ENDING, Problem, problem_response
 from ambinav.server.wire import OCTETS
 
 Scope = MutableMapping[str, Any]
@@ -102,7 +104,24 @@ class Guard:
                 response = problem_response(413, too_large(most), headers={"connection": "close"})
                 await response(scope, receive, send)
                 return
-        await self._app(scope, receive, send)
+        if scope["method"] == "HEAD":
+            scope = {**scope, "method": "GET"}  # uvicorn sends no body of its answer
+        begun = False
+
+        async def noted(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        except ClientDisconnect:
+            return  # within its body
+        except asyncio.CancelledError:
+            # By uvicorn, of requests that outlast its end: the connection is closed, and a
+            # traceback of each would say nothing more.
+            if not begun:
+                await problem_response(503, ENDING)(scope, receive, send)
 
     def _most(self, kind: bytes) -> int:
         """Bytes that a body of some Content-Type may have."""

@@ -7,6 +7,7 @@ from typing import Final
 from fastapi import FastAPI
 from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
+from starlette.routing import Match, Mount
 from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
 
@@ -43,6 +44,16 @@ class PageFiles(StaticFiles):
         await super().__call__(scope, receive, guarded)
 
 
+class PageMount(Mount):
+    """All addresses but the service's: of those the routes say which methods they take."""
+
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Whether an address is the page's."""
+        if scope["path"].startswith("/v1/"):
+            return Match.NONE, {}
+        return super().matches(scope)
+
+
 def mount_page(app: FastAPI) -> None:
     """Answer `/` and all that the page consists of."""
     module = style_module()
@@ -51,4 +62,4 @@ def mount_page(app: FastAPI) -> None:
         return Response(module, media_type="text/javascript", headers=HEADERS)
 
     app.add_api_route(f"/{GENERATED}", style, include_in_schema=False)
-    app.mount("/", PageFiles(directory=FOLDER, html=True), name="page")
+    app.router.routes.append(PageMount("/", PageFiles(directory=FOLDER, html=True), name="page"))

@@ -19,6 +19,12 @@ from ambinav.errors import InputError
 MEDIA_TYPE: Final = "application/problem+json"
 OURS: Final = "This is the server's fault; its log says more. Please report it."
 """What is said of a fault of the program."""
+ENDING: Final = "The server is ending; ask again when it is back."
+UNKNOWN: Final = {
+    404: "There is nothing at this address; /docs lists all that there is.",
+    405: "This address does not take that method; /docs lists those that it takes.",
+}
+"""What is said where no route is found."""
 
 _log = logging.getLogger("ambinav.server")
 
@@ -99,8 +105,12 @@ def install(app: FastAPI) -> None:
 
     async def on_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
+        detail = error.detail if isinstance(error, Problem) else UNKNOWN.get(error.status_code)
         return problem_response(
-            error.status_code, str(error.detail), getattr(error, "field", None), error.headers
+            error.status_code,
+            detail or str(error.detail),
+            getattr(error, "field", None),
+            error.headers,
         )
 
     async def on_input(request: Request, error: Exception) -> Response:

@@ -10,6 +10,7 @@ is. Replacing the map replaces the folder, and its pyramid with it.
 from __future__ import annotations
 
 import contextlib
+import glob
 import hashlib
 import os
 import shutil
@@ -22,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from ambinav.server.pyramid import STATS, Pyramid, Values
+from ambinav.store.build_lock import try_lock
 
 GROUP: Final = "pyramid"
 FORMAT: Final = 1
@@ -85,13 +87,28 @@ def keep(store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]])
         made: Layers and their pyramids; made while they are written.
 
     Returns:
-        Whether they are there now; not where nothing can be written, or the map was replaced.
+        Whether they are there now; not where nothing can be written, the map was replaced, or
+        another server is at it.
     """
     if not os.access(store, os.W_OK) or not os.access(store.parent, os.W_OK):
         return False
+    # Beside the store: within it, whoever lists the arrays of the map would meet half a group.
+    prefix = f".{store.name}.{GROUP}."
+    held = try_lock(store.with_name(f"{prefix}lock"))
+    if held is None:
+        return False
+    with held:
+        for left in store.parent.glob(f"{glob.escape(prefix)}*"):  # by one that was killed
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+        return _kept(store, key, depth, made, prefix)
+
+
+def _kept(
+    store: Path, key: str, depth: int, made: Iterable[tuple[str, Pyramid]], prefix: str
+) -> bool:
     try:
-        # Beside the store: within it, whoever lists the arrays of the map would meet half a group.
-        scratch = Path(tempfile.mkdtemp(prefix=f".{store.name}.", dir=store.parent))
+        scratch = Path(tempfile.mkdtemp(prefix=prefix, dir=store.parent))
     except OSError:
         return False
     try:

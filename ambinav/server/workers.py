@@ -108,20 +108,35 @@ class Worker:
         # Fresh, not a fork: numba's threads and the server's sockets do not survive one.
         context = multiprocessing.get_context("spawn")
         self.line, theirs = context.Pipe()
+        self._lock, self._is_ended = threading.Lock(), False
         self.process = context.Process(target=_begin, args=(work, theirs), daemon=True)
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        with contextlib.suppress(ProcessLookupError):  # it may have been killed by now
+            # From its first moment: what it imports takes seconds.
+            mine = os.getpriority(os.PRIO_PROCESS, 0)
+            os.setpriority(os.PRIO_PROCESS, self.process.pid or 0, min(mine + NICE, 19))
         theirs.close()
 
+    def kill(self) -> None:
+        """End the process, whatever it does; `end` is still to be called."""
+        with self._lock:
+            if not self._is_ended:
+                self.process.kill()
+
     def end(self) -> None:
-        """End the process, whatever it does, and wait until it is gone."""
-        self.process.kill()
-        self.process.join()
-        self.line.close()
-        self.process.close()
+        """End the process, whatever it does, and wait until it is gone; again, nothing happens."""
+        with self._lock:
+            if self._is_ended:
+                return
+            self.process.kill()
+            self.process.join()
+            self.line.close()
+            self.process.close()
+            self._is_ended = True
 
 
 def _begin(work: Callable[[Connection], None], line: Connection) -> None:
@@ -131,7 +146,6 @@ def _begin(work: Callable[[Connection], None], line: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     warnings.simplefilter("ignore", InputWarning)
-    os.nice(NICE)
     numba.set_num_threads(1)
     threading.Thread(target=_end_with_server, daemon=True).start()
     with contextlib.suppress(EOFError, BrokenPipeError):

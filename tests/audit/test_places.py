@@ -163,3 +163,74 @@ def test_numbers_are_those_of_nan_to_num():
     values = np.array([0.1, math.nan, -2.0], dtype=np.float32)
     for one in (values, np.append(values, np.float32([math.inf, -math.inf]))):
         np.testing.assert_array_equal(_numbers(one), np.nan_to_num(one.astype(np.float64)))
+
+
+def regions_of_all_cells(zone, codes, direction, passable, *, gap, least, rim=2):
+    """`find_regions` as its contract says it, with all cells looked at in each step."""
+    labels, owner = np.zeros(zone.shape, dtype=np.int32), [0]
+    for code in codes:
+        found, count = ndimage.label((zone == code) & passable)
+        labels = np.where(found > 0, found + len(owner) - 1, labels).astype(np.int32)
+        owner += [code] * count
+    reach = spread_over_all_cells(labels, passable, (gap + 1) // 2)
+    axis = [
+        np.exp(2j * direction[(labels == i) & np.isfinite(direction)]).sum()
+        for i in range(len(owner))
+    ]
+    chief = list(range(len(owner)))
+    for a, b in touching(reach):
+        turned = abs(np.angle(axis[a] * np.conj(axis[b]))) / 2.0
+        if owner[a] == owner[b] and turned < math.radians(20.0):
+            chief = [chief[a] if one == chief[b] else one for one in chief]
+    labels, reach = np.array(chief)[labels], np.array(chief)[reach]
+    size = np.bincount(labels.ravel(), minlength=len(owner))
+    target = np.where(size >= least, np.arange(len(owner)), 0)
+    best = np.zeros(len(owner))
+    for pair in touching(reach):
+        for small, big in (pair, pair[::-1]):
+            if size[small] < least <= size[big] and size[big] > best[small]:
+                best[small], target[small] = size[big], big
+    labels = np.where(labels > 0, target[labels], 0)
+    claim = np.isin(zone, codes) & (labels == 0) & ~passable
+    labels = spread_over_all_cells(labels, claim, rim)
+    return np.unique(np.append(labels, 0), return_inverse=True)[1][:-1].reshape(zone.shape)
+
+
+def spread_over_all_cells(labels, mask, steps):
+    cross = ndimage.generate_binary_structure(2, 1)
+    for _ in range(steps):
+        labels = np.where(
+            (labels == 0) & mask, ndimage.grey_dilation(labels, footprint=cross), labels
+        )
+    return labels
+
+
+def touching(labels):
+    pairs = set()
+    for first, second in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
+        pairs |= {tuple(sorted(pair)) for pair in zip(first.flat, second.flat, strict=True)}
+    return sorted((int(a), int(b)) for a, b in pairs if 0 < a < b)
+
+
+def test_regions_are_those_of_a_look_at_all_cells():
+    rng = np.random.default_rng(1)
+    several = 0
+    for _ in range(200):
+        shape = tuple(rng.integers(1, 40, 2).tolist())
+        # Blobs of zones, of free floor and of directions.
+        noise = [
+            ndimage.gaussian_filter(rng.normal(size=shape), rng.uniform(0, 3)) for _ in range(4)
+        ]
+        zone = np.select(
+            [noise[0] > np.quantile(noise[0], 0.6), noise[1] > np.quantile(noise[1], 0.7)],
+            [CORRIDOR, OPEN],
+        ).astype(np.uint8)
+        free = noise[2] > np.quantile(noise[2], rng.uniform(0.0, 0.5))
+        turn = np.where(noise[3] > 0.0, rng.uniform(0.0, math.pi, 2)[0], rng.uniform(0.0, math.pi))
+        axis = np.where((zone == CORRIDOR) & (rng.random(shape) < 0.9), turn, np.nan)
+        how = {"gap": int(rng.integers(0, 7)), "least": int(rng.integers(1, 12)), "rim": 3}
+        found = find_regions(zone, (CORRIDOR, OPEN), axis, free, **how)
+        wanted = regions_of_all_cells(zone, (CORRIDOR, OPEN), axis, free, **how)
+        np.testing.assert_array_equal(found, wanted)
+        several += int(found.max() > 2)
+    assert several > 100

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import httpx
-import uvicorn
 from fastapi import FastAPI
 
 from ambinav.server.context import Context
+from ambinav.server.running import Server
 
 
 @dataclass
@@ -41,9 +42,7 @@ class Live:
 def running(app: FastAPI) -> Iterator[Live]:
     """Serve an application on a port that is free."""
     listening = socket.create_server(("127.0.0.1", 0), backlog=128)
-    server = uvicorn.Server(
-        uvicorn.Config(app, log_level="error", access_log=False, timeout_graceful_shutdown=2)
-    )
+    server = Server(app, log_level="error", timeout_graceful_shutdown=2)
     thread = threading.Thread(target=server.run, args=([listening],))
     thread.start()
     address = listening.getsockname()
@@ -56,3 +55,11 @@ def running(app: FastAPI) -> Iterator[Live]:
         thread.join(30.0)
         listening.close()
         assert not thread.is_alive()
+
+
+def wait_until(condition: Any, seconds: float = 60.0) -> None:
+    """Wait for something to come to pass."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come to pass"
+        time.sleep(0.01)

@@ -9,16 +9,19 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import httpx
+import psutil
 import pytest
 from typer.testing import CliRunner
 
 import ambinav.cli.packages
 from ambinav.cli import app
+from tests.server.live import wait_until
 
 ROOT = Path(__file__).parents[2]
 
@@ -64,6 +67,66 @@ def test_it_serves_until_it_is_interrupted(plan_map: Path, tmp_path: Path) -> No
         assert process.wait(30) in (0, 130)
         assert process.stderr is not None
         assert "Traceback" not in process.stderr.read()
+
+
+@contextmanager
+def audited(url: str, folder: Path) -> Iterator[httpx.Response]:
+    """An audit that takes minutes, and the stream of its events."""
+    plan = b'{"type": "Polygon", "coordinates": [[[0,0],[60,0],[60,60],[0,60],[0,0]]]}'
+    files = [("files", ("a.geojson", plan))]
+    form = {"scanner": "sick-lms200", "spacing": "0.1", "headings": "8"}
+    answer = httpx.post(f"{url}/v1/audits", files=files, data=form, timeout=60)
+    assert answer.status_code == 202, answer.text
+    events = f"{url}{answer.headers['location']}/events"
+    with httpx.stream("GET", events, timeout=60) as stream:
+        yield stream
+
+
+@pytest.mark.slow
+def test_who_follows_an_audit_is_told_when_the_server_ends(
+    plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with started(str(plan_map), "--port", "0") as (process, url), audited(url, tmp_path) as stream:
+        lines = stream.iter_lines()
+        assert "event: progress" in lines
+        begun = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        sent = list(lines)
+        assert "event: failed" in sent and any("server is ending" in line for line in told)
+        assert process.wait(30) in (143, -signal.SIGTERM)
+        assert time.monotonic() - begun < 4.0
+        assert process.stderr is not None and process.stderr.read() == ""
+    assert not list(tmp_path.glob("ambinav-serve-*"))
+
+
+@pytest.mark.slow
+def test_what_a_killed_server_leaves_is_removed_at_the_next_start(
+    plan_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+    def folders() -> set[Path]:
+        return {path for path in tmp_path.glob("ambinav-serve-*") if path.is_dir()}
+
+    with ExitStack() as stack:
+        killed, first = stack.enter_context(started(str(plan_map), "--port", "0"))
+        stream = stack.enter_context(audited(first, tmp_path))
+        assert "event: progress" in stream.iter_lines()
+        workers = psutil.Process(killed.pid).children(recursive=True)
+        (left,) = folders()
+        _, second = stack.enter_context(started(str(plan_map), "--port", "0"))
+        # One that lives keeps what it has, whoever starts beside it.
+        assert httpx.get(f"{second}/v1/maps/map/map.npz", timeout=60).status_code == 200
+        assert left in folders()
+        killed.kill()
+        _, alive = psutil.wait_procs(workers, timeout=20)
+        assert workers and not alive
+        (other,) = folders() - {left}
+        stack.enter_context(started(str(plan_map), "--port", "0"))
+        wait_until(lambda: left not in folders())
+        assert other in folders()
+        assert httpx.get(f"{second}/v1/maps/map/map.npz", timeout=60).status_code == 200
 
 
 def test_a_port_in_use_is_said_before_maps_are_read(runner: CliRunner, tmp_path: Path) -> None:

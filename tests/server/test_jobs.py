@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
 import shutil
 import socket
-import time
+import struct
 from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
@@ -21,24 +22,17 @@ from starlette.requests import Request
 import ambinav as an
 from ambinav.errors import InputError
 from ambinav.server.audits import OVER, Audit, Audits
-from ambinav.server.jobs import Turns, started, while_connected
+from ambinav.server.jobs import Turns, received, started, while_connected
 from ambinav.server.limits import Limits
 from ambinav.server.problems import OURS, Problem
 from ambinav.server.served import ServedMaps
 from ambinav.server.uploads import store
 from ambinav.server.workers import AuditTask, _check_size, plans
 from ambinav_planners import RoutePlanner, pareto
-from tests.server.live import Live
+from tests.server.live import Live, wait_until
 
 ENDS = {"start": [1, 1], "goal": [10, 2]}
 LONG = ENDS | {"planner": "rrtstar", "time_s": 30}
-
-
-def wait_until(condition: Any, seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come to pass"
-        time.sleep(0.01)
 
 
 def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
@@ -401,3 +395,21 @@ def test_a_job_ends_with_the_server_and_says_so() -> None:
             await ended.wait()
 
     asyncio.run(stopped())
+
+
+def _sends_a_part(line: Any) -> None:
+    """A worker that is held up within its answer."""
+    os.write(line.fileno(), struct.pack("!i", 1000) + b"0" * 500)
+    line.recv()
+
+
+def test_an_answer_that_comes_in_parts_holds_nobody_up() -> None:
+    async def interrupted() -> None:
+        worker = await started(_sends_a_part)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(1.0):  # would never come if the loop waited
+                await received(worker)
+        await asyncio.gather(*(asyncio.to_thread(worker.end) for _ in range(3)))
+        worker.kill()
+
+    asyncio.run(asyncio.wait_for(interrupted(), 60.0))

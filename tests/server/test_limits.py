@@ -73,13 +73,45 @@ def test_a_body_that_does_not_come_is_not_waited_for(guarded: Live) -> None:
     assert guarded.http.get("/v1/maps").status_code == 200
 
 
-def test_a_connection_that_ends_within_a_body_harms_nobody(guarded: Live) -> None:
+def test_a_connection_that_ends_within_a_body_harms_nobody(
+    guarded: Live, caplog: pytest.LogCaptureFixture
+) -> None:
     with socket.create_connection(guarded.address, timeout=10.0) as line:
         line.sendall(
             f"POST {COST} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer s3cret\r\n"
             "Content-Type: application/json\r\nContent-Length: 500\r\n\r\n{".encode()
         )
     assert guarded.http.get("/v1/maps").status_code == 200
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("line", [b"X: " + b"a" * 300_000, b"X: a\r\n" * 60_000])
+def test_a_head_that_does_not_end_is_refused(guarded: Live, line: bytes) -> None:
+    with socket.create_connection(guarded.address, timeout=10.0) as connection:
+        try:
+            connection.sendall(b"GET /v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\n" + line)
+            answer = connection.recv(100)
+        except ConnectionError:  # it was closed before all was sent
+            answer = b"HTTP/1.1 400 "
+        assert answer.startswith(b"HTTP/1.1 400 ")
+    long = {"x-long": "a" * 30_000}  # of each request on a connection
+    for _ in range(4):
+        assert guarded.http.get("/v1/health", headers=long).status_code == 200
+
+
+def test_a_head_is_answered_as_a_get_without_its_body(guarded: Live) -> None:
+    for path in ("/v1/maps", "/v1/maps/environment/layers/level/tiles/0/0/0.png", "/"):
+        head, get = guarded.http.head(path), guarded.http.get(path)
+        assert (head.status_code, head.content) == (200, b"")
+        for name in ("content-length", "content-type"):
+            assert head.headers[name] == get.headers[name]
+    assert guarded.http.head("/v1/maps/none").status_code == 404
+
+
+def test_what_no_route_takes_is_a_problem_with_a_remedy(guarded: Live) -> None:
+    none, other = guarded.http.get("/v1/none"), guarded.http.delete("/v1/maps")
+    assert none.status_code == 404 and "/docs" in none.json()["detail"]
+    assert other.status_code == 405 and other.headers["allow"] == "GET"
 
 
 def test_what_is_no_http_is_refused(guarded: Live) -> None:

@@ -220,7 +220,7 @@ def test_nothing_is_kept_of_a_map_that_is_forgotten(corridor: an.AmbiguityMap) -
     assert context.file_of(context.maps.add(corridor, "c")) not in paths
     held = gc.get_referrers(first)
     assert not [one for one in held if isinstance(one, dict) and first in one]
-    context.close()
+    asyncio.run(context.close())
 
 
 def test_a_pyramid_that_cannot_be_kept_does_not_end_the_others(

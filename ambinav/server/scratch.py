@@ -1,0 +1,69 @@
+"""The folder of a server's own files, and the removal of those that killed servers left."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+import stat
+import tempfile
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from ambinav.store.build_lock import try_lock
+
+PREFIX: Final = "ambinav-serve-"
+LOCK: Final = ".lock"
+"""Ending of the file beside a folder that its server holds locked as long as it lives."""
+_ATTEMPTS: Final = 8
+
+
+class ScratchFolder:
+    """A folder of one server's own; a server that is killed leaves it to `remove_left`.
+
+    Attributes:
+        path: Where it is.
+    """
+
+    def __init__(self) -> None:
+        place, stack = Path(tempfile.gettempdir()), contextlib.ExitStack()
+        # The lock comes first, since whoever finds it free removes the folder. It cannot be had
+        # where the file system has no locks.
+        for _ in range(_ATTEMPTS):
+            self.path = place / f"{PREFIX}{secrets.token_hex(6)}"
+            held = try_lock(self.path.with_name(self.path.name + LOCK))
+            if held is not None:
+                stack.enter_context(held)
+                break
+        stack.callback(shutil.rmtree, self.path, ignore_errors=True)
+        self._remove = weakref.finalize(self, stack.close)  # where nobody calls `close`
+        self.path.mkdir(mode=0o700)
+
+    def close(self) -> None:
+        """Remove it."""
+        self._remove()
+
+
+def remove_left() -> None:
+    """Remove the folders of this user's servers that live no longer: nobody holds their lock."""
+    for lock in Path(tempfile.gettempdir()).glob(f"{PREFIX}*{LOCK}"):
+        held = try_lock(lock) if _is_ours(lock, stat.S_ISREG) else None
+        if held is not None:
+            with held:
+                folder = lock.with_name(lock.name.removesuffix(LOCK))
+                if _is_ours(folder, stat.S_ISDIR):
+                    shutil.rmtree(folder, ignore_errors=True)
+            if folder.exists():  # a worker that has yet to end writes there: for the next start
+                lock.touch()
+
+
+def _is_ours(path: Path, is_kind: Callable[[int], bool]) -> bool:
+    """Whether something is this user's, and itself of a kind, not a link to it."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return False
+    return found.st_uid == os.getuid() and is_kind(found.st_mode)
