@@ -22,7 +22,7 @@ from harness import ROOT
 PAGE = ROOT / "docs" / "measured.md"
 RESULTS = ROOT / "benchmarks" / "results"
 LIST = Path(__file__).with_name("measured.yaml")
-NUMBER = re.compile(r"(?<![\w.])(?:\d{1,3}(?: \d{3})+(?!\d)|\d+(?:\.\d+)?(?:e[-+]?\d+)?)")
+NUMBER = re.compile(r"(?<![\w.])(?:\d{1,3}(?:[ ,]\d{3})+(?!\d)|\d+(?:\.\d+)?(?:e[-+]?\d+)?)")
 BESIDE = re.compile(r"\([0-9a-f]{7}\b[^)]*\)|\[[^\]]*\]\([^)]*\)|`[^`]*`")
 """What holds numbers that are no figures: commits, links, code."""
 ROUND = 200
@@ -101,8 +101,8 @@ def parts_of(page: str) -> Iterator[tuple[str, str]]:
 
 
 def numbers(text: str) -> list[str]:
-    """The numbers of a text, without the spaces between thousands."""
-    return [one.replace(" ", "") for one in NUMBER.findall(BESIDE.sub("", text))]
+    """The numbers of a text, without what stands between thousands."""
+    return [re.sub("[ ,]", "", one) for one in NUMBER.findall(BESIDE.sub("", text))]
 
 
 def agrees(number: str, known: Sequence[float]) -> bool:
