@@ -93,7 +93,7 @@ def test_who_follows_an_audit_is_told_when_the_server_ends(
         begun = time.monotonic()
         process.send_signal(signal.SIGTERM)
         sent = list(lines)
-        assert "event: failed" in sent and any("server is ending" in line for line in told)
+        assert "event: failed" in sent and any("server is ending" in line for line in sent)
         assert process.wait(30) in (143, -signal.SIGTERM)
         assert time.monotonic() - begun < 4.0
         assert process.stderr is not None and process.stderr.read() == ""
