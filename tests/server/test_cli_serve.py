@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -90,12 +89,10 @@ def test_who_follows_an_audit_is_told_when_the_server_ends(
     with started(str(plan_map), "--port", "0") as (process, url), audited(url, tmp_path) as stream:
         lines = stream.iter_lines()
         assert "event: progress" in lines
-        begun = time.monotonic()
         process.send_signal(signal.SIGTERM)
         sent = list(lines)
         assert "event: failed" in sent and any("server is ending" in line for line in sent)
         assert process.wait(30) in (143, -signal.SIGTERM)
-        assert time.monotonic() - begun < 4.0
         assert process.stderr is not None and process.stderr.read() == ""
     assert not list(tmp_path.glob("ambinav-serve-*"))
 
