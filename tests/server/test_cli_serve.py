@@ -117,7 +117,7 @@ def test_what_a_killed_server_leaves_is_removed_at_the_next_start(
         assert httpx.get(f"{second}/v1/maps/map/map.npz", timeout=60).status_code == 200
         assert left in folders()
         killed.kill()
-        _, alive = psutil.wait_procs(workers, timeout=20)
+        _, alive = psutil.wait_procs(workers, timeout=60)
         assert workers and not alive
         (other,) = folders() - {left}
         stack.enter_context(started(str(plan_map), "--port", "0"))
