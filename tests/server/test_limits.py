@@ -64,7 +64,7 @@ def test_a_body_that_is_too_large_is_refused(guarded: Live, declared: bool) -> N
 
 
 def test_a_body_that_does_not_come_is_not_waited_for(guarded: Live) -> None:
-    with socket.create_connection(guarded.address, timeout=10.0) as line:
+    with socket.create_connection(guarded.address, timeout=60.0) as line:
         line.sendall(
             f"POST {COST} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer s3cret\r\n"
             "Content-Type: application/json\r\nContent-Length: 500\r\n\r\n{".encode()
@@ -76,7 +76,7 @@ def test_a_body_that_does_not_come_is_not_waited_for(guarded: Live) -> None:
 def test_a_connection_that_ends_within_a_body_harms_nobody(
     guarded: Live, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with socket.create_connection(guarded.address, timeout=10.0) as line:
+    with socket.create_connection(guarded.address, timeout=60.0) as line:
         line.sendall(
             f"POST {COST} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer s3cret\r\n"
             "Content-Type: application/json\r\nContent-Length: 500\r\n\r\n{".encode()
@@ -87,7 +87,7 @@ def test_a_connection_that_ends_within_a_body_harms_nobody(
 
 @pytest.mark.parametrize("line", [b"X: " + b"a" * 300_000, b"X: a\r\n" * 60_000])
 def test_a_head_that_does_not_end_is_refused(guarded: Live, line: bytes) -> None:
-    with socket.create_connection(guarded.address, timeout=10.0) as connection:
+    with socket.create_connection(guarded.address, timeout=60.0) as connection:
         try:
             connection.sendall(b"GET /v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\n" + line)
             answer = connection.recv(100)
@@ -115,13 +115,13 @@ def test_what_no_route_takes_is_a_problem_with_a_remedy(guarded: Live) -> None:
 
 
 def test_what_is_no_http_is_refused(guarded: Live) -> None:
-    with socket.create_connection(guarded.address, timeout=10.0) as line:
+    with socket.create_connection(guarded.address, timeout=60.0) as line:
         line.sendall(b"\x00\x01\x02 no request\r\n\r\n")
         assert line.recv(100).startswith(b"HTTP/1.1 400 ")
 
 
 def test_many_idle_connections_hold_nobody_up(guarded: Live) -> None:
-    lines = [socket.create_connection(guarded.address, timeout=10.0) for _ in range(100)]
+    lines = [socket.create_connection(guarded.address, timeout=60.0) for _ in range(100)]
     try:
         assert guarded.http.get("/v1/maps").status_code == 200
     finally:
