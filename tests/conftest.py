@@ -16,7 +16,10 @@ from hypothesis import HealthCheck, settings
 
 # No clock decides: a machine with other work to do is slow, not wrong.
 settings.register_profile("tests", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("tests")
+# The gate draws the same examples each time, so that what fails there is what a change has broken;
+# whoever runs the tests by hand draws new ones, and so looks further.
+settings.register_profile("gate", settings.get_profile("tests"), derandomize=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "tests"))
 
 # Tests run side by side: threads that spin while they wait take the time of the others' work.
 # This is read when the threads are first started, here and in all that the tests start.

@@ -49,8 +49,11 @@ def _drawn(lattice: Lattice) -> NDArray[np.bool_]:
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
     outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons])
     # Closed in the sense of morphology: strips between rooms are filled, corners stay.
-    wide = shapely.buffer(outlines, 0.5 * THICKEST, join_style="mitre")
-    inside = shapely.union(outlines, shapely.buffer(wide, -0.5 * THICKEST, join_style="mitre"))
+    # GEOS divides by zero where a mitre has no tip, and cuts it off then; its result is right.
+    with np.errstate(invalid="ignore"):
+        wide = shapely.buffer(outlines, 0.5 * THICKEST, join_style="mitre")
+        closed = shapely.buffer(wide, -0.5 * THICKEST, join_style="mitre")
+    inside = shapely.union(outlines, closed)
     shapely.prepare(inside)
     x, y = np.meshgrid(lattice.x, lattice.y)
     return np.asarray(shapely.contains_xy(inside, x, y) & ~lattice.free, dtype=np.bool_)
