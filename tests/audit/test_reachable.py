@@ -157,6 +157,7 @@ def test_words_say_of_what(found):
     assert "lie where the robot cannot get to" in found.summary
 
 
+@pytest.mark.slow
 def test_reports_tell_the_same(found, tmp_path):
     report = write_report(found, tmp_path / "out")
     data = json.loads((tmp_path / "out" / "report.json").read_text())

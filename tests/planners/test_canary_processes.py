@@ -60,6 +60,7 @@ except KeyboardInterrupt:
     assert "interrupted" in output
 
 
+@pytest.mark.slow
 def test_prm_deadlocks_with_an_objective_in_python() -> None:
     process = script("""
 simple = setup("PRM")

@@ -29,6 +29,7 @@ def bounds() -> ob.RealVectorBounds:
     return limits
 
 
+@pytest.mark.slow
 def test_the_first_program_of_the_page(
     demo_map: AmbiguityMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

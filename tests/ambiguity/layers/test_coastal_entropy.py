@@ -240,6 +240,7 @@ def enumerated(context: LayerContext, x: float, y: float, rng: np.random.Generat
     return float(total / weight)
 
 
+@pytest.mark.slow
 def test_wide_bins_leave_what_enumeration_says() -> None:
     sensor = RangeSensor(max_range=4.0, std=0.05, resolution=0.4)
     scanner = RangeScanner.planar(sensor, 4, 2 * math.pi)
