@@ -65,6 +65,22 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             terminalreporter.line(f"{count:4} {name}")
 
 
+@pytest.fixture
+def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Counts the maps that are computed."""
+    from ambinav.ambiguity import build as build_module
+
+    calls: list[int] = []
+    compute = build_module._compute
+
+    def counted(*arguments):
+        calls.append(1)
+        return compute(*arguments)
+
+    monkeypatch.setattr(build_module, "_compute", counted)
+    return calls
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The folder of recorded maps and logs; without AMBINAV_DATA the test is skipped.

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from ambinav.ambiguity import build as build_module
 from ambinav.cli import app
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.store.map_store import MapStore
@@ -31,19 +30,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path / "cache"))
     (tmp_path / "plan.geojson").write_text(json.dumps(PLAN))
     return tmp_path
-
-
-@pytest.fixture
-def computes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    calls: list[int] = []
-    compute = build_module._compute
-
-    def counted(*arguments):
-        calls.append(1)
-        return compute(*arguments)
-
-    monkeypatch.setattr(build_module, "_compute", counted)
-    return calls
 
 
 def run(*words: str, status: int = 0) -> Result:

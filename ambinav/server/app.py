@@ -93,7 +93,7 @@ def create_app(
             context.keep_pyramids(stop)
 
         async def look_ahead() -> None:
-            """Work out what the page asks for first and what takes long; a fault is told then."""
+            """Work out what the page asks for first; a fault is reported to whoever asks."""
             for one in served:
                 with contextlib.suppress(Exception):
                     await context.once(one, "worst", looking.worst_places)

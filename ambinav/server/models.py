@@ -135,7 +135,7 @@ class _FirstOnly(FailFast):
 
 
 Column = Annotated[list[float], _FirstOnly()]
-"""Numbers of a request. The first wrong one is told: of a million, complaints take gigabytes."""
+"""Numbers of a request. Of a million wrong ones only the first is reported, to save memory."""
 
 
 class Poses(Strict):

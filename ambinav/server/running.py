@@ -57,7 +57,7 @@ def favour_requests() -> None:
 
 
 class Server(uvicorn.Server):
-    """Serves an application until it is told to end; audits and who follows them end first.
+    """Serves an application until it is asked to end; audits and who follows them end first.
 
     Args:
         app: Of `create_app`.
