@@ -9,6 +9,8 @@ stamped with a digest of all that went into it, which a copy, a branch or a comm
 from __future__ import annotations
 
 import hashlib
+import inspect
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
@@ -17,6 +19,7 @@ import numpy as np
 from numba import njit, typeof, types
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 
 
 @overload
@@ -67,6 +70,10 @@ def digest(function: FunctionType) -> str:
             if called or isinstance(value, Dispatcher):
                 todo.append(value)
             elif isinstance(value, ModuleType) or callable(value):
+                if isinstance(value, _Intrinsic):
+                    # What it builds is written in Python that no kernel's byte code shows.
+                    module = sys.modules[value._defn.__module__]
+                    parts[f"{_name(found)}: {key}: source"] = inspect.getsource(module).encode()
                 # Of a named tuple the order of the fields counts too.
                 origin = [getattr(value, name, "") for name in ("__module__", "__name__")]
                 parts[f"{_name(found)}: {key}"] = _constant([origin, getattr(value, "_fields", ())])

@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,15 +16,17 @@ from numpy.typing import NDArray
 from ambinav.ambiguity.cost_layer import cost_layer
 from ambinav.ambiguity.dataset import LatticeSums, assemble, labels
 from ambinav.ambiguity.heading import turning_moments, turns
-from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.kernel import neighbourhood_sums
-from ambinav.ambiguity.model import AmbiguityModel, independent_tau
-from ambinav.ambiguity.returns import BLIND, BeamTable, Returns, beam_returns
+from ambinav.ambiguity.model import BEAMS_PER_TURN as BEAMS_PER_TURN
+from ambinav.ambiguity.model import AmbiguityModel, independent_tau, thin
+from ambinav.ambiguity.neighbourhoods import disc
+from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
 from ambinav.ambiguity.standing import standing_lattice
 from ambinav.config import as_count
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.lanes import LANES
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing.scanner import RangeScanner
@@ -33,14 +36,101 @@ if TYPE_CHECKING:
 
 # Headings of a map whose scanner does not look all around.
 HEADINGS = 8
-# Beams per turn of the scanner that take part: more tell nothing new, see `independent_tau`.
-BEAMS_PER_TURN = 60
 # Bytes of beam returns that are held at a time.
 TILE_BYTES = 256_000_000
 # Fewest poses in a tile, so that there is work for every thread.
 TILE_POSES = 4096
 # The neighbourhood has at most so many cells along its radius; the time grows with the square.
 MOST_CELLS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class MapSettings:
+    """What a map is made with, checked.
+
+    Attributes:
+        scanner: The scanner that the map is for.
+        mounted: The same, in the robot's centre if one heading stands for all.
+        thinned: Its beams that take part.
+        model: The parameters.
+        spacing: Of the lattice, metres.
+        theta: Headings, radians, shape (H,), or None for a map without heading.
+        layers: Names of further layers, with the one that costs read.
+    """
+
+    scanner: RangeScanner
+    mounted: RangeScanner
+    thinned: RangeScanner
+    model: AmbiguityModel
+    spacing: float
+    theta: NDArray[np.float64] | None
+    layers: tuple[str, ...]
+
+    @property
+    def headings(self) -> NDArray[np.float64]:
+        """Radians; [0] where one stands for all."""
+        return np.zeros(1) if self.theta is None else self.theta
+
+    @classmethod
+    def of(
+        cls,
+        env: Environment,
+        scanner: RangeScanner | str | Path,
+        spacing: float = 0.1,
+        radius: float = 0.5,
+        headings: int | None = None,
+        map_std: float | None = None,
+        *,
+        tau: float | None = None,
+        max_beams: int | None = None,
+        sigma_theta: float = 0.05,
+        outlier_share: float = 0.05,
+        low: float = 0.35,
+        high: float = 0.65,
+        robot_radius: float = 0.0,
+        layers: str | Iterable[str] = (),
+    ) -> MapSettings:
+        """Check the arguments of `build_map`, which says what they are and raises."""
+        if not isinstance(scanner, RangeScanner):
+            scanner = RangeScanner.load(scanner)
+        names = (layers,) if isinstance(layers, str) else tuple(layers)
+        names += tuple({cost_layer(scanner)} - schema.CORE)
+        if names:
+            from ambinav.ambiguity.layers.registry import (
+                chosen_layers,
+            )  # only where they are wanted
+
+            names = tuple(layer.name for layer in chosen_layers(names, scanner))
+        if not (math.isfinite(spacing) and spacing > 0.0):
+            raise InputError(f"spacing is {spacing}; give a positive number of metres.")
+        if not (math.isfinite(radius) and radius >= spacing):
+            raise InputError(
+                f"radius is {radius} m and spacing {spacing:g} m; the neighbourhood needs a radius "
+                "of at least one spacing."
+            )
+        if radius > MOST_CELLS * spacing:
+            raise InputError(
+                f"radius is {radius:g} m, {radius / spacing:.0f} cells of {spacing:g} m; give at "
+                f"most {MOST_CELLS} cells, {MOST_CELLS * spacing:g} m, or a wider spacing."
+            )
+        if headings is not None:
+            headings = as_count(headings, "headings")
+        if headings is None and not scanner.looks_all_around:
+            headings = HEADINGS
+        mounted = scanner.centred if headings is None else scanner
+        thinned = thin(mounted, max_beams)
+        model = AmbiguityModel(
+            radius=radius,
+            map_std=env.map_std if map_std is None else map_std,
+            tau=independent_tau(thinned) if tau is None else tau,
+            sigma_theta=sigma_theta,
+            outlier_share=outlier_share,
+            low=low,
+            high=high,
+            robot_radius=robot_radius,
+        )
+        theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
+        return cls(scanner, mounted, thinned, model, spacing, theta, names)
 
 
 def build_map(
@@ -104,43 +194,13 @@ def build_map(
         InputWarning: a kept map is damaged or of a newer ambinav, so that it is computed again, or
             the map cannot be kept (`MapStore.opened_or_built`).
     """
-    if not isinstance(scanner, RangeScanner):
-        scanner = RangeScanner.load(scanner)
-    names = (layers,) if isinstance(layers, str) else tuple(layers)
-    names += tuple({cost_layer(scanner)} - schema.CORE)
-    if names:
-        from ambinav.ambiguity.layers.registry import chosen_layers  # only where they are wanted
-
-        names = tuple(layer.name for layer in chosen_layers(names, scanner))
-    if not (math.isfinite(spacing) and spacing > 0.0):
-        raise InputError(f"spacing is {spacing}; give a positive number of metres.")
-    if not (math.isfinite(radius) and radius >= spacing):
-        raise InputError(
-            f"radius is {radius} m and spacing {spacing:g} m; the neighbourhood needs a radius "
-            "of at least one spacing."
-        )
-    if radius > MOST_CELLS * spacing:
-        raise InputError(
-            f"radius is {radius:g} m, {radius / spacing:.0f} cells of {spacing:g} m; give at most "
-            f"{MOST_CELLS} cells, {MOST_CELLS * spacing:g} m, or a wider spacing."
-        )
-    if headings is not None:
-        headings = as_count(headings, "headings")
-    if headings is None and not scanner.looks_all_around:
-        headings = HEADINGS
-    mounted = scanner.centred if headings is None else scanner
-    thinned = _thin(mounted, max_beams)
-    model = AmbiguityModel(
-        radius=radius,
-        map_std=env.map_std if map_std is None else map_std,
-        tau=independent_tau(thinned) if tau is None else tau,
-        sigma_theta=sigma_theta,
-        outlier_share=outlier_share,
-        low=low,
-        high=high,
-        robot_radius=robot_radius,
-    )
-    theta = None if headings is None else 2 * math.pi * np.arange(headings) / headings
+    settings = MapSettings.of(
+        env, scanner, spacing, radius, headings, map_std, tau=tau, max_beams=max_beams,
+        sigma_theta=sigma_theta, outlier_share=outlier_share, low=low, high=high,
+        robot_radius=robot_radius, layers=layers,
+    )  # fmt: skip
+    scanner, mounted, thinned = settings.scanner, settings.mounted, settings.thinned
+    model, theta, names = settings.model, settings.theta, settings.layers
 
     def compute(report: Callable[[float], None]) -> AmbiguityMap:
         lattice, possible = standing_lattice(
@@ -163,7 +223,7 @@ def build_map(
             )
         return amap
 
-    with _reporter(progress, f"{env.name}, {scanner.name}") as report:
+    with reporter(progress, f"{env.name}, {scanner.name}") as report:
         if store is False:
             return compute(report)
         from ambinav.ambiguity.stored import map_key, opened_or_computed
@@ -173,17 +233,8 @@ def build_map(
         return opened_or_computed(key, labels(env, scanner), compute, report, own)
 
 
-def _thin(scanner: RangeScanner, max_beams: int | None) -> RangeScanner:
-    """Leave out beams that tell nothing new."""
-    if max_beams is None:
-        share = scanner.aperture / (2 * math.pi)
-        max_beams = max(round(BEAMS_PER_TURN * share), 1)
-        max_beams = max(max_beams, len(scanner.parts))
-    return scanner.thinned(max_beams)
-
-
 @dataclass(frozen=True)
-class _Tile:
+class Tile:
     """Running numbers of the poses of a band of rows, and of those that it is compared with."""
 
     begin: int
@@ -192,7 +243,7 @@ class _Tile:
     last: int
 
 
-def _tiles(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[_Tile]:
+def tiled(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[Tile]:
     """Bands of rows such that a band and its neighbours fit into `TILE_BYTES`."""
     before = np.concatenate([[0], np.cumsum(lattice.free.sum(axis=1))])
     rows = len(lattice.y)
@@ -205,7 +256,7 @@ def _tiles(lattice: Lattice, reach: int, bytes_per_pose: int) -> Iterator[_Tile]
             until += 1
         last = int(before[min(until + reach, rows)])
         if before[until] > before[row]:
-            yield _Tile(int(before[row]), int(before[until]), first, last)
+            yield Tile(int(before[row]), int(before[until]), first, last)
         row = until
 
 
@@ -217,66 +268,63 @@ def _compute(
     theta: NDArray[np.float64] | None,
     report: Callable[[float], None],
 ) -> LatticeSums:
-    table = BeamTable.of(scanner, model.map_std, model.outlier_share)
-    evidences = _evidence(table)
+    table = BeamTable.of(
+        scanner, model.map_std, model.outlier_share, lattice.environment.has_reflectors
+    )
+    evidences = table.evidence
     angles = np.zeros(1) if theta is None else theta
-    reach = math.floor(model.radius / lattice.spacing + 1e-9)
-    steps = np.arange(-reach, reach + 1)
-    rows, columns = (axis.ravel() for axis in np.meshgrid(steps, steps, indexing="ij"))
-    near = (rows**2 + columns**2) * lattice.spacing**2 <= model.radius**2 * (1 + 1e-9)
-    offsets = np.stack([rows[near], columns[near]], axis=1)
-    cell = (lattice.spacing**2 / 4, model.sigma_theta**2)
+    offsets = disc(model.radius, lattice.spacing)
+    reach = int(offsets.max())
     x, y = lattice.points
     sums = np.empty((len(x), len(angles), 7))
-    links = [lattice.links_among(possible[:, h]) for h in range(len(angles))]
+    # Most often the robot stands at all headings where it stands at one.
+    apart = len(angles) if (possible != possible[:, :1]).any() else 1
+    links: NDArray[np.uint8] = np.stack([lattice.links_among(possible[:, h]) for h in range(apart)])
     turning = np.empty((len(x), 2)) if theta is None and scanner.turns_in_place else None
     beams = turns(scanner) if turning is not None else None
     width = len(table.limit)
     unknown = np.empty(len(x))
-    held = np.empty((len(angles), 0, 5, width), dtype=np.float32)
+    tiles = list(tiled(lattice, reach, len(angles) * 5 * width * 4))
+    most = max(tile.last - tile.first for tile in tiles)
+    # Once for all tiles: it takes the system as long to hand out pages as to fill them.
+    # From the start of a cache line on: vectors that lie across two take longer.
+    shape = (len(angles), most, 5, width)
+    whole = np.empty(math.prod(shape) + LANES, dtype=np.float32)
+    begin = -whole.ctypes.data // whole.itemsize % LANES
+    data = whole[begin : begin + math.prod(shape)].reshape(shape)
     first = last = 0
-    for tile in _tiles(lattice, reach, len(angles) * 5 * width * 4):
+    for tile in tiles:
         # Rows that this tile shares with the one before are not cast again.
         fresh = max(last, tile.first)
-        data = np.zeros((len(angles), tile.last - tile.first, 5, width), dtype=np.float32)
-        data[:, :, 4] = 1.0
-        data[:, : fresh - tile.first] = held[:, tile.first - first : fresh - first]
-        for h, angle in enumerate(angles):
-            beam_returns(
-                lattice.environment, scanner, table, x[fresh : tile.last], y[fresh : tile.last],
-                float(angle), data[h, fresh - tile.first :],
+        data[:, : fresh - tile.first] = data[:, tile.first - first : fresh - first]
+        panorama_returns(
+            lattice.environment, scanner, table, x[fresh : tile.last], y[fresh : tile.last],
+            angles, data, fresh - tile.first,
+        )  # fmt: skip
+        linked = links[:, tile.first : tile.last].copy()
+        # A piece a heading, so that progress shows.
+        for begin, end in pairwise(np.linspace(tile.begin, tile.end, len(angles) + 1).astype(int)):
+            sums[begin:end] = neighbourhood_sums(
+                np.arange(begin, end), tile.first, lattice.rows_columns, lattice.index, linked,
+                offsets, lattice.spacing, data, table, evidences, model.tau,
+                model.cell_variance(lattice.spacing),
             )  # fmt: skip
-            sums[tile.begin : tile.end, h] = neighbourhood_sums(
-                tile.begin, tile.end, tile.first, lattice.rows_columns, lattice.index,
-                links[h][tile.first : tile.last], offsets, lattice.spacing, Returns(data[h]),
-                table, evidences, model.tau, cell,
-            )  # fmt: skip
-            report((tile.begin + (tile.end - tile.begin) * (h + 1) / len(angles)) / len(x))
+            report(end / len(x))
         if turning is not None and beams is not None:
             turning[tile.begin : tile.end] = turning_moments(
                 Returns(data[0]), tile.begin - tile.first, tile.end - tile.first, beams, table,
                 evidences, model.tau, lattice.spacing,
             )  # fmt: skip
-        spread = data[:, tile.begin - tile.first : tile.end - tile.first, 4, : table.beams]
-        stands = possible[tile.begin : tile.end]
-        blind = (spread >= BLIND).mean(axis=2).T
-        unknown[tile.begin : tile.end] = blind.mean(axis=1, where=stands)
-        held, first, last = data, tile.first, tile.last
+        blind = blind_share(data, tile.begin - tile.first, tile.end - tile.first, table.beams)
+        unknown[tile.begin : tile.end] = blind.mean(axis=1, where=possible[tile.begin : tile.end])
+        first, last = tile.first, tile.last
     sums[~possible] = np.nan
     report(1.0)
     return LatticeSums(sums, unknown, turning)
 
 
-def _evidence(table: BeamTable) -> NDArray[np.float32] | None:
-    """Table of evidence, one row a beam, or None where all bins are fine."""
-    if table.width.max() <= FINE:
-        return None
-    widths, beam = np.unique(table.width, return_inverse=True)
-    return np.asarray(evidence_table(widths)[np.pad(beam, (0, len(table.limit) - len(beam)))])
-
-
 @contextlib.contextmanager
-def _reporter(
+def reporter(
     progress: bool | Callable[[float], None], title: str
 ) -> Iterator[Callable[[float], None]]:
     """Yield a function that takes the share done, from 0 to 1.

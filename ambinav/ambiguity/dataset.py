@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import platform
 from collections.abc import Callable
@@ -26,7 +25,9 @@ from ambinav.geometry.principal_axes import principal_axes
 from ambinav.maps import schema
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.zones import NOT_FREE
+from ambinav.provenance import library_version
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.version import __version__
 
 SUMMARY = {"mean": "mean over heading", "best": "at the best heading", "worst": "at the worst one"}
 LIBRARIES = ("numpy", "numba", "shapely", "xarray")
@@ -68,6 +69,33 @@ def assemble(
         theta: Headings, radians, shape (H,), or None for a map without heading.
         found: What was computed.
     """
+    variables = pose_layers(lattice, model, theta, found)
+    variables["clearance"] = clearance_layer(lattice)
+    return with_building(variables, lattice, scanner, thinned, model, theta)
+
+
+def clearance_layer(lattice: Lattice) -> xr.DataArray:
+    """Distance of the free points to the nearest segment, over the lattice."""
+    clear = CORE_LAYERS["clearance"]
+    distance = np.full(lattice.free.shape, np.nan, dtype=np.float32)
+    distance[lattice.free] = lattice.clearance(np.inf)
+    return xr.DataArray(distance, dims=("y", "x"), attrs=_attributes(clear.title, clear.unit))
+
+
+def pose_layers(
+    lattice: Lattice,
+    model: AmbiguityModel,
+    theta: NDArray[np.float64] | None,
+    found: LatticeSums,
+) -> dict[str, xr.DataArray]:
+    """The layers of a map that its beams decide, as variables over the lattice.
+
+    Args:
+        lattice: The lattice, with N free points.
+        model: The parameters.
+        theta: Headings, radians, shape (H,), or None for a map without heading.
+        found: What was computed.
+    """
     layers = relative_radii(found.sums)
     zone = classify(layers["major"], layers["minor"], model.low, model.high)
     variables: dict[str, xr.DataArray] = {}
@@ -91,31 +119,57 @@ def assemble(
         add("heading_radius", found.turning[:, 0])
         add("heading", np.minimum(found.turning[:, 0] / found.turning[:, 1], 1.0))
     add("unknown", found.unknown)
-    add("clearance", lattice.clearance(np.inf))
-    variables |= _building(lattice)
+    return variables
+
+
+def with_building(
+    variables: dict[str, xr.DataArray],
+    lattice: Lattice,
+    scanner: RangeScanner,
+    thinned: RangeScanner,
+    model: AmbiguityModel,
+    theta: NDArray[np.float64] | None,
+    solid: NDArray[np.bool_] | None = None,
+) -> xr.Dataset:
+    """Make the dataset of a map of its layers and of the building.
+
+    Args:
+        variables: `pose_layers`, and the clearance.
+        lattice: The lattice.
+        scanner: The scanner that the map is for.
+        thinned: The beams of it that took part.
+        model: The parameters.
+        theta: Headings, radians, shape (H,), or None for a map without heading.
+        solid: What `solid_cells` would give, if it is known.
+    """
+    variables |= _building(lattice, solid_cells(lattice) if solid is None else solid)
     coords = {
         "x": ("x", lattice.x, {"long_name": "x of the cell's centre", "units": "m"}),
         "y": ("y", lattice.y, {"long_name": "y of the cell's centre", "units": "m"}),
     }
     if theta is not None:
         coords["theta"] = ("theta", theta, {"long_name": "heading", "units": "rad"})
-    return xr.Dataset(variables, coords, _provenance(lattice, scanner, thinned, model, theta))
+    # Aligning arrays takes longer than all else here.
+    plain = {name: one.variable for name, one in variables.items()}
+    return xr.Dataset(plain, coords, _provenance(lattice, scanner, thinned, model, theta))
 
 
-def _building(lattice: Lattice) -> dict[str, xr.DataArray]:
+def _building(lattice: Lattice, solid: NDArray[np.bool_]) -> dict[str, xr.DataArray]:
     """What the map stores of the building itself."""
     free = CORE_LAYERS["free"]
     segments = lattice.environment.segments
     known: dict[str, tuple[NDArray[Any], tuple[str, ...], str, str]] = {
         "free": (lattice.free, ("y", "x"), free.title, free.unit),
         schema.BACKDROP: (
-            solid_cells(lattice), ("y", "x"), "something in the cell is known to be solid", "bool",
+            solid, ("y", "x"), "something in the cell is known to be solid", "bool",
         ),
         "segments": (
             segments.xy, ("segment", "end"),
             "end points ax, ay, bx, by of walls and frontiers", "m",
         ),
-        "segment_kind": (segments.kind, ("segment",), "0: wall, 1: frontier", "code"),
+        "segment_kind": (
+            segments.kind, ("segment",), "0: wall, 1: frontier, 2: reflector, 3: glass", "code",
+        ),
         "floor": (
             _outline(lattice.environment.free), ("byte",),
             "outline of the free space as well-known binary", "m",
@@ -203,7 +257,7 @@ def _provenance(
         "free_poses": int(lattice.free.sum()),
         "off_centre": off_centre,
     }
-    versions = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    versions = {name: library_version(name) for name in LIBRARIES}
     return {
         **labels(env, scanner),
         "frame": "map",
@@ -218,7 +272,7 @@ def _provenance(
         "scanner_yaml": scanner.to_yaml(),
         "cost_layer": cost_layer(scanner),
         "parameters": json.dumps(parameters),
-        "ambinav_version": importlib.metadata.version("ambinav"),
+        "ambinav_version": __version__,
         "versions": json.dumps({"python": platform.python_version(), **versions}),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
     }

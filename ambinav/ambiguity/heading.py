@@ -7,15 +7,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import F0, F1, FAST, QUARTER, D, S, T, X, Y, compare
+from ambinav.ambiguity.batch import (
+    SEEN,
+    SPREAD,
+    batch_arrays,
+    compare_batch,
+    gradient,
+    lay_batch,
+    mine_at,
+    theirs_at,
+)
+from ambinav.ambiguity.gaussian import F0, F1, FAST, S, U, aligned
 from ambinav.ambiguity.returns import BeamTable, Returns
 from ambinav.kernels import kernel
+from ambinav.lanes import LANES, lane, lanes, load, root, store, totals, where, wide
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
 # Turns whose scans are less alike than exp(-12) are left out: all of them together move the
 # second moment by less than a hundredth of a radian.
 NEGLIGIBLE_TURN = 12.0
+FOUR = np.float32(4.0)
 
 
 def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
@@ -70,65 +82,103 @@ def turning_moments(
     """
     out = np.empty((end - begin, 2))
     run_rows(
-        _turning, end - begin, returns.data, begin, beams, table.limit, table.inverse_cap,
-        table.use, evidence, tau, spacing**2, out, least=16,
+        _turning, end - begin, returns.data, begin, table.turned(beams), table.limit,
+        table.inverse_cap, evidence, tau, spacing**2, table.beams / tau, out, least=LANES,
     )  # fmt: skip
     return out
 
 
-@kernel(fastmath=FAST)
-def least_evidence(data, p, beams, limit, icap, c0, c2):
-    """Evidence that tells a turned scan from the unturned one, at the least."""
-    total = F0
-    half_0, half_2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
-    for b in range(beams.size):
-        o = beams[b]
-        z = min(data[p, D, b], limit[b]) - min(data[p, D, o], limit[b])
-        slide = data[p, X, o] * data[p, X, o] + data[p, Y, o] * data[p, Y, o]
-        turn = data[p, T, o] * data[p, T, o]
-        room = data[p, S, b] + data[p, S, o] + half_0 * slide + half_2 * turn
-        u = QUARTER * z * z / room
-        total += u / (F1 + u * icap[b])
+@kernel(fastmath=FAST, inline="always")
+def bound_terms(theirs, half_0, half_2, wide_spread):
+    """Write four spreads with the room that `least_evidence` gives each beam, flat (P, LANES)."""
+    for i in range(U(wide_spread.size // LANES)):
+        gx, gy, gt = gradient(theirs, i)
+        room = lanes(half_0) * (gx * gx + gy * gy) + lanes(half_2) * (gt * gt)
+        store(wide_spread, i * U(LANES), lanes(FOUR) * load(theirs, theirs_at(i, S)) + room)
+
+
+@kernel(fastmath=FAST, inline="always")
+def least_evidence(mine, wide_spread, others, icap):
+    """Evidence that tells the turned scans from the unturned ones, at the least, lanes.
+
+    Args:
+        mine: See `lay_batch`.
+        wide_spread: See `bound_terms`.
+        others: Where each beam goes, (B,).
+        icap: Inverse cap of each beam.
+    """
+    total = lanes(F0)
+    for i in range(U(others.size)):
+        j = others[i]
+        z = load(mine, mine_at(i, SEEN)) - load(mine, mine_at(j, SEEN))
+        square = z * z
+        # u / (1 + u / cap) with u = z^2 / 4 room.
+        room = lanes(FOUR) * load(mine, mine_at(i, SPREAD)) + load(wide_spread, j * U(LANES))
+        total += square / (room + lanes(icap[i]) * square)
     return total
 
 
 @kernel(fastmath=FAST)
-def turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out):
-    """Compare the scan at p with itself, turned; write what `turning_moments` says."""
-    order, count = beams.shape
+def turning_moment(beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, found):
+    """Compare sixteen scans with themselves, turned.
+
+    Args:
+        beams: See `turns`.
+        wide_spread: Worked in, flat, (P, LANES).
+        limit: Maximum range of each beam.
+        icap: Inverse cap of each beam.
+        evidence: See `neighbourhood_sums`.
+        tau: Beams per independent piece of evidence.
+        c0: Variance of the offset in x and y, square metres.
+        part: Ranges per independent piece of evidence. All beams share one offset: each may lay
+            only its part of the cost of that to its room. Intensities lay none.
+        arrays: See `batch_arrays`, with the scans in them.
+        found: Written, float64, (1, LANES): root of the second moment of each scan.
+
+    Returns:
+        What it would be if every turn looked alike.
+    """
+    mine, theirs, _, _ = arrays
+    order = beams.shape[0]
     step = 2.0 * math.pi / order
     c2 = step * step / 4.0
-    # All beams share one offset: each may lay only its part of the cost of that to its room.
-    part = count / tau
-    weight, moment, free_weight, free_moment = 0.0, 0.0, 0.0, 0.0
+    # Twice, for the terms hold four times half of each variance.
+    bound_terms(theirs, np.float32(2.0 * c0 * part), np.float32(2.0 * c2 * part), wide_spread)
+    negligible = lanes(np.float32(NEGLIGIBLE_TURN * tau))
+    zero, one = lanes(F0), lanes(F1)
+    weight = moment = wide(zero)
+    free_weight, free_moment = 0.0, 0.0
     for k in range(order // 2 + 1):
         # A turn to the left looks like the turn to the right seen from there.
         times = 1.0 if k in (0, order - k) else 2.0
         free_weight += times
         free_moment += times * (k * k * step * step + c2)
-        least = least_evidence(data, p, beams[k], limit, icap, c0 * part, c2 * part)
-        if least > NEGLIGIBLE_TURN * tau:
+        kept = where(least_evidence(mine, wide_spread, beams[k], icap) <= negligible, one, zero)
+        if lane(totals((kept,)), U(0)) == F0:
             continue
-        for row in range(5):
-            for b in range(count):
-                pair[1, row, b] = data[p, row, beams[k, b]]
-        alike, _, _, turned, _, _, _, spread = compare(
-            pair, 0, 1, limit, icap, use, evidence, tau, c0, c2
+        alike, _, _, turned, _, _, _, spread = compare_batch(
+            beams[k], icap, evidence, tau, c0, c2, arrays
         )
-        angle = k * step + turned
-        weight += times * alike
-        moment += times * alike * (angle * angle + spread)
-    out[0] = math.sqrt(moment / weight)
-    out[1] = math.sqrt(free_moment / free_weight)
+        angle = turned + k * step
+        alike *= wide(kept) * times
+        weight += alike
+        moment += alike * (angle * angle + spread)
+    store(found, (U(0), U(0)), root(moment / weight))
+    return math.sqrt(free_moment / free_weight)
 
 
 @kernel
-def _turning(low, high, data, begin, beams, limit, icap, use, evidence, tau, c0, out):
-    pair = np.empty((2, 5, limit.size), dtype=np.float32)
-    for i in range(low, high):
-        p = begin + i
-        # Not as whole arrays: the message for shapes that differ takes seconds to compile.
-        for k in range(5):
-            for b in range(limit.size):
-                pair[0, k, b] = pair[1, k, b] = data[p, k, b]
-        turning_moment(data, p, beams, pair, limit, icap, use, evidence, tau, c0, out[i])
+def _turning(low, high, data, begin, beams, limit, icap, evidence, tau, c0, part, out):
+    arrays = batch_arrays(limit.size)
+    wide_spread = aligned(limit.size * LANES)
+    scans = np.empty(LANES, dtype=np.int64)
+    found = np.empty((1, LANES))
+    for block in range(low, high, LANES):
+        for j in range(LANES):
+            scans[j] = begin + min(block + j, high - 1)
+        lay_batch(data, scans, limit, arrays[0], arrays[1])
+        free = turning_moment(
+            beams, wide_spread, limit, icap, evidence, tau, c0, part, arrays, found
+        )
+        for j in range(min(LANES, high - block)):
+            out[block + j, 0], out[block + j, 1] = found[0, j], free

@@ -13,6 +13,8 @@ from ambinav.sensing.scanner import RangeScanner
 # few independent pieces of evidence however many beams it has. With one in 24 degrees the
 # corridors of real buildings show between their doors (see docs/model.md).
 PIECES_PER_TURN = 15.0
+# Beams per turn of the scanner that take part: more tell nothing new, see `independent_tau`.
+BEAMS_PER_TURN = 60
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +60,13 @@ class AmbiguityModel:
         _require(self, "high", 0.0 < self.high < 1.0, "more than 0 and less than 1")
         _require(self, "low", 0.0 < self.low < self.high, "more than 0 and less than high")
 
+    def cell_variance(self, spacing: float) -> tuple[float, float]:
+        """Variance of a pose within a cell: of x and y (square metres) and theta (square radians).
+
+        With half a spacing as deviation the Gaussians of neighbouring cells add up evenly.
+        """
+        return spacing**2 / 4, self.sigma_theta**2
+
     def as_dict(self) -> dict[str, float]:
         """The parameters by name."""
         return asdict(self)
@@ -70,6 +79,20 @@ def independent_tau(scanner: RangeScanner) -> float:
     """
     pieces = max(PIECES_PER_TURN * scanner.aperture / (2.0 * math.pi), 1.0)
     return max(1.0, scanner.beams / pieces)
+
+
+def thin(scanner: RangeScanner, max_beams: int | None = None) -> RangeScanner:
+    """Leave out beams that tell nothing new.
+
+    Args:
+        scanner: All beams.
+        max_beams: How many take part at the most; None: `BEAMS_PER_TURN`, and one of each part.
+    """
+    if max_beams is None:
+        share = scanner.aperture / (2 * math.pi)
+        max_beams = max(round(BEAMS_PER_TURN * share), 1)
+        max_beams = max(max_beams, len(scanner.parts))
+    return scanner.thinned(max_beams)
 
 
 def _require(model: AmbiguityModel, field: str, good: bool, remedy: str) -> None:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import evidence
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING
+from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TIE
 from ambinav.ambiguity.standing import TOUCHING
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.segments import FRONTIER
+from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.sensing.scanner import RangeScanner
 
 Vector = NDArray[np.float64]
@@ -65,13 +65,17 @@ def stands(
 def beams(
     env: Environment, scanner: RangeScanner, model: AmbiguityModel, x: float, y: float, theta: float
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Mean readings (B,), gradients (B, 3), effective variances (B,) and bin widths (B,)."""
+    """Mean readings (B,), gradients (B, 3), effective variances (B,) and bin widths (B,).
+
+    In a building with reflectors the intensities follow, of the beams that read them.
+    """
     ranges, gradients, variances, widths = [], [], [], []
+    intensities, blur = [], []
     rays = scanner.rays()
     for b in range(scanner.beams):
         sensor = scanner.sensors[scanner.sensor_of_beam[b]]
         best, gradient = sensor.max_range + BEYOND, np.zeros(3)
-        ends_unknown = False
+        ends_unknown, reflects = False, False
         for r in range(rays.start[b], rays.start[b + 1]):
             angle = theta + rays.angle[r]
             c, s = math.cos(theta), math.sin(theta)
@@ -90,6 +94,13 @@ def beams(
             turn = np.array([-s * mx - c * my, c * mx - s * my]) + d * np.array([-u[1], u[0]])
             best, gradient = d, -np.array([n[0], n[1], n @ turn]) / facing
             ends_unknown = bool(env.segments.kind[k] == FRONTIER and d < sensor.max_range)
+            reflects = bool(env.segments.kind[k] == REFLECTOR)
+        channel = sensor.intensity
+        if channel is not None and env.has_reflectors:
+            nearest = max(channel.min_range, sensor.min_range)
+            heard = nearest <= best < sensor.max_range and not ends_unknown
+            intensities.append(channel.reflector if heard and reflects else channel.wall)
+            blur.append(channel.std**2 if heard else BLIND)
         if best < sensor.min_range:
             best, gradient = sensor.min_range, np.zeros(3)
         noise = sensor.std_at(min(best, sensor.max_range)) ** 2 + model.map_std**2
@@ -100,7 +111,11 @@ def beams(
         gradients.append(gradient * (1.0 + (high - low) / 2e-4))
         variances.append(BLIND if ends_unknown else float(noise) + sensor.resolution**2 / 12)
         widths.append(sensor.resolution / math.sqrt(finest + sensor.resolution**2 / 12))
-    return np.array(ranges), np.array(gradients), np.array(variances), np.array(widths)
+    still = np.zeros((len(intensities), 3))
+    return (
+        np.array(ranges + intensities), np.vstack([*gradients, still]),
+        np.array(variances + blur), np.array(widths + [0.0] * len(blur)),
+    )  # fmt: skip
 
 
 def compare(
@@ -124,7 +139,7 @@ def compare(
     # Second step: at that offset, the evidence, capped, and the quadratic that touches it.
     moved = J @ offset
     z = seen - q[0] - moved
-    silent = z <= seen - limit
+    silent = z <= seen - limit + TIE
     z = np.maximum(z, seen - limit)
     proof = np.array([float(evidence(v, w)) for v, w in zip(z / np.sqrt(s2), p[3], strict=True)])
     near = np.maximum(np.abs(z) / np.sqrt(s2), 1e-2)
@@ -187,7 +202,11 @@ def pose_sums(
         return np.full(7, np.nan)
     C = np.diag([spacing**2 / 4, spacing**2 / 4, model.sigma_theta**2])
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
-    limit = np.array([s.max_range for s in sensors])
+    limits = [s.max_range for s in sensors]
+    if env.has_reflectors:
+        heard = [s for s in sensors if s.intensity is not None]
+        sensors, limits = sensors + heard, limits + [math.inf] * len(heard)
+    limit = np.array(limits)
     odd = np.array([model.outlier_share + s.random_share + s.lost_share for s in sensors])
     cap = -np.log(np.minimum(odd, 0.99))
     here = beams(env, scanner, model, x, y, theta)

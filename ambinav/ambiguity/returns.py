@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.indistinguishability import FINE, evidence_table
+from ambinav.ambiguity.intensity_returns import intensity_returns
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.added import AddedWalls
 from ambinav.geometry.raycasting.fan import scan_rays
-from ambinav.geometry.segments import FRONTIER
+from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.kernels import kernel
+from ambinav.lanes import LANES
 from ambinav.localization.casting import echo_normal
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
@@ -19,19 +25,29 @@ from ambinav.threads import run_rows
 # A beam is followed this far beyond its maximum range, metres: a surface just out of range is
 # about to come into range, and the derivative says when.
 BEYOND = 1.0
+# An offset that moves a beam at the maximum range by less, metres, leaves it out of range: else the
+# order in which sums are rounded would decide.
+TIE = 1e-9
 # A range changes no faster than at this cosine of the incidence angle (87 degrees): beyond it
 # the linear model of a cell would be wrong by more than it tells.
 GRAZING = 0.05
-# The variance of a beam that ends in unknown space and so tells nothing, square metres.
-BLIND = 1e20
+# The variance of a beam that ends in unknown space and so tells nothing, square metres. Products of
+# three of them must stay finite in float32.
+BLIND = 1e10
 TABLE = 1024
-# Beams are padded to a multiple of this, so that the kernel's loops fill the vector registers.
-LANES = 8
+# Rays cast in one go: what they meet is held until it has been read.
+RAYS_AT_ONCE = 4_000_000
+# Rays whose directions (radians) and origins (metres) differ by less are one.
+SAME_RAY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Returns:
     """Beams at N poses; the columns are the beams, padded as in `BeamTable`.
+
+    Where `BeamTable.intensity` has beams, columns follow that hold the intensity which each of them
+    reads: row 0 its mean, in the unit of the sensor's `Intensity`, rows 1 to 3 zero, row 4 half its
+    variance, or `BLIND` where there is no echo. `compare` takes them for beams like the others.
 
     One array holds all that the kernel reads of a pose side by side.
 
@@ -66,16 +82,21 @@ class Returns:
 class BeamTable:
     """What the kernels need to know of each beam.
 
-    `limit`, `inverse_cap` and `use` are padded from B beams to P, a multiple of `LANES`.
+    The columns are the ranges of B beams, then the intensities of K of them. `limit`, `inverse_cap`
+    and `use` are padded from B + K columns to P, a multiple of `LANES`.
 
     Attributes:
-        limit: Maximum range, metres, float32, shape (P,).
+        limit: Maximum range, metres, float32, shape (P,); of an intensity what none reaches.
         inverse_cap: 1 / (most evidence that the beam can give), float32, shape (P,).
         use: 1 for a beam and 0 for padding, float32, shape (P,).
         nearest: Minimum range, metres, float32, shape (B,).
-        spread: float32, shape (B, TABLE): s^2 / 2 at ranges from 0 to the maximum, square metres.
+        spread: float32, shape (B + K, TABLE): s^2 / 2 at ranges from 0 to the maximum, square
+            metres.
         bias: float32, shape (B, TABLE): mean of reading minus true range, metres.
-        width: Resolution by effective deviation at its widest, float64, shape (B,).
+        width: Resolution by effective deviation at its widest, float64, shape (B + K,).
+        intensity: Beam of each intensity column, shape (K,), ascending.
+        surface: Of each of these the mean reading of a wall and of a reflector, half the variance
+            and the nearest range that has one, metres; float32, shape (K, 4).
     """
 
     limit: NDArray[np.float32]
@@ -85,10 +106,22 @@ class BeamTable:
     spread: NDArray[np.float32]
     bias: NDArray[np.float32]
     width: NDArray[np.float64]
+    intensity: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
+    surface: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 4), dtype=np.float32))
 
     @classmethod
-    def of(cls, scanner: RangeScanner, map_std: float, outlier_share: float) -> BeamTable:
-        """Tabulate the scanner's sensors, beam by beam."""
+    def of(
+        cls, scanner: RangeScanner, map_std: float, outlier_share: float, reflectors: bool = False
+    ) -> BeamTable:
+        """Tabulate the scanner's sensors, beam by beam.
+
+        Args:
+            scanner: The scanner.
+            map_std: Standard deviation of the walls' position, metres.
+            outlier_share: Share of beams that meet what is not on the map.
+            reflectors: Whether the building has any. Only then are there intensity columns: where
+                all is wall they tell nothing, and would cost as much as the ranges.
+        """
         limit, cap, nearest, spread, bias, width = [], [], [], [], [], []
         for sensor in scanner.sensors:
             ranges = np.linspace(0.0, sensor.max_range, TABLE)
@@ -101,21 +134,90 @@ class BeamTable:
             bias.append(sensor.bias_at(ranges))
             width.append(sensor.resolution / math.sqrt(float(squared.min())))
         beam = scanner.sensor_of_beam
-        padding = (0, -len(beam) % LANES)
+        heard = scanner.intensity_beams if reflectors else np.empty(0, dtype=np.intp)
+        surface = _surfaces(scanner, heard)
+        columns = np.concatenate([beam, beam[heard]])
+        padding = (0, -len(columns) % LANES)
+        # Twice the brightest: no reading counts as out of range.
+        limits = np.concatenate([np.array(limit, dtype=np.float32)[beam], 2.0 * surface[:, 1]])
+        flat = np.repeat(surface[:, 2:3], TABLE, axis=1)
         return cls(
-            np.pad(np.array(limit, dtype=np.float32)[beam], padding, constant_values=1.0),
-            np.pad(np.array(cap, dtype=np.float32)[beam], padding),
-            np.pad(np.ones(len(beam), dtype=np.float32), padding),
+            np.pad(limits, padding, constant_values=1.0),
+            np.pad(np.array(cap, dtype=np.float32)[columns], padding),
+            np.pad(np.ones(len(columns), dtype=np.float32), padding),
             np.array(nearest, dtype=np.float32)[beam],
-            np.array(spread, dtype=np.float32)[beam],
+            np.concatenate([np.array(spread, dtype=np.float32)[beam], flat]),
             np.array(bias, dtype=np.float32)[beam],
-            np.array(width)[beam],
+            np.concatenate([np.array(width)[beam], np.zeros(len(heard))]),
+            heard,
+            surface,
         )
 
     @property
     def beams(self) -> int:
         """Number of beams B."""
         return len(self.nearest)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns B + K."""
+        return self.beams + len(self.intensity)
+
+    def turned(self, beams: NDArray[np.uint64]) -> NDArray[np.uint64]:
+        """Where each column goes in turns of the robot, shape (n, B + K), by its beam (n, B).
+
+        An intensity goes where its beam goes.
+        """
+        if not len(self.intensity):
+            return beams
+        to = np.searchsorted(self.intensity, beams[:, self.intensity]) + self.beams
+        return np.concatenate([beams, to.astype(beams.dtype)], axis=1)
+
+    def columns_of(self, beams: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+        """Columns of some beams, in their order: the ranges, then the intensities they read."""
+        chosen = np.asarray(beams, dtype=np.intp)
+        heard = chosen[np.isin(chosen, self.intensity)]
+        return np.concatenate([chosen, np.searchsorted(self.intensity, heard) + self.beams])
+
+    def subset(self, beams: Sequence[int] | NDArray[np.intp]) -> BeamTable:
+        """The table of some beams, in their order: that of a scanner which has these alone.
+
+        What they return stands in `columns_of` the same beams.
+        """
+        chosen = np.asarray(beams, dtype=np.intp)
+        columns = self.columns_of(chosen)
+        padding = (0, -len(columns) % LANES)
+        return BeamTable(
+            np.pad(self.limit[columns], padding, constant_values=1.0),
+            np.pad(self.inverse_cap[columns], padding),
+            np.pad(self.use[columns], padding),
+            self.nearest[chosen],
+            self.spread[columns],
+            self.bias[chosen],
+            self.width[columns],
+            np.flatnonzero(np.isin(chosen, self.intensity)),
+            self.surface[columns[len(chosen) :] - self.beams],
+        )
+
+    @cached_property
+    def evidence(self) -> NDArray[np.float32] | None:
+        """`evidence_table` of each beam, float32, shape (P, Z), or None where all bins are fine."""
+        if self.width.max() <= FINE:
+            return None
+        widths, beam = np.unique(self.width, return_inverse=True)
+        rows = np.pad(beam, (0, len(self.limit) - len(beam)))
+        return np.asarray(evidence_table(widths)[rows])
+
+
+def _surfaces(scanner: RangeScanner, beams: NDArray[np.intp]) -> NDArray[np.float32]:
+    """See `BeamTable.surface`."""
+    rows = []
+    for sensor in (scanner.sensors[i] for i in scanner.sensor_of_beam[beams]):
+        channel = sensor.intensity
+        assert channel is not None  # of `intensity_beams`
+        nearest = max(channel.min_range, sensor.min_range)
+        rows.append((channel.wall, channel.reflector, channel.std**2 / 2.0, nearest))
+    return np.array(rows, dtype=np.float32).reshape(-1, 4)
 
 
 def beam_returns(
@@ -138,64 +240,172 @@ def beam_returns(
         theta: Heading of all poses, radians.
         data: Written, float32, shape (N, 5, B): see `Returns`.
     """
+    panorama_returns(env, scanner, table, x, y, np.array([theta]), data[None])
+
+
+def panorama_returns(
+    env: Environment,
+    scanner: RangeScanner,
+    table: BeamTable,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    headings: NDArray[np.float64],
+    data: NDArray[np.float32],
+    first: int = 0,
+    added: AddedWalls | None = None,
+) -> None:
+    """Cast every beam of `scanner` at the poses (x, y) at each of the headings.
+
+    All headings are windows of one panorama: a ray that several of them share is cast once, and
+    rays from one point walk the building together.
+
+    Args:
+        env: The environment.
+        scanner: The scanner.
+        table: Its beams, tabulated.
+        x: Poses, shape (N,), metres.
+        y: Poses, shape (N,), metres.
+        headings: Shape (H,), radians.
+        data: Written, float32, shape (H, first + N, 5, P) or more, padding and all: see `Returns`.
+        first: Row of the first pose.
+        added: Walls that stand in the building besides its own.
+    """
     rays = scanner.rays()
+    angle = headings[:, None] + rays.angle
+    # In the frame of the robot at the first heading.
+    turn = headings - headings[0]
+    c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    ox, oy = rays.origin.T
+    cast = np.stack([turn[:, None] + rays.angle, c * ox - s * oy, s * ox + c * oy], axis=-1)
+    cast = cast.reshape(-1, 3)
+    which = np.arange(len(cast)).reshape(angle.shape)
+    if len(headings) > 1 or len(scanner.sensors) > 1:
+        key = np.column_stack([cast[:, 0] % (2.0 * math.pi), cast[:, 1:]])
+        _, kept, same = np.unique(
+            np.round(key / SAME_RAY), axis=0, return_index=True, return_inverse=True
+        )
+        cast, which = cast[kept], same.reshape(angle.shape)
+    # A table a sensor, not a beam: they then stay in the nearest cache.
+    _, own, sensor = np.unique(scanner.sensor_of_beam, return_index=True, return_inverse=True)
+    spread, bias = table.spread[own], table.bias[own]
+    step = max(RAYS_AT_ONCE // len(cast), 1)
     reach = scanner.max_range + BEYOND
-    heading = np.full(len(x), theta)
-    distance, segment, incidence = scan_rays(
-        env, x, y, heading, rays.origin, rays.angle, reach,
-        incidence=bool(np.isfinite(rays.max_incidence).any()),
-    )  # fmt: skip
-    run_rows(
-        _beam_returns, len(x), distance, segment, incidence,
-        env.normals(np.arange(len(env.segments))), env.segments.kind == FRONTIER, rays.origin,
-        theta + rays.angle, theta, rays.start, rays.max_incidence, table.nearest, table.limit,
-        table.spread, table.bias, data, least=128,
-    )  # fmt: skip
+    normals, kind = env.normals(np.arange(len(env.segments))), env.segments.kind
+    if added is not None:
+        normals = np.concatenate([normals, added.normals])
+        kind = np.concatenate([kind, added.kind])
+    for low in range(0, len(x), step):
+        part = slice(low, low + step)
+        distance, segment, incidence = scan_rays(
+            env, x[part], y[part], np.full(len(x[part]), headings[0]), cast[:, 1:], cast[:, 0],
+            reach, incidence=bool(np.isfinite(rays.max_incidence).any()),
+        )  # fmt: skip
+        if added is not None:
+            hits = distance, segment, incidence
+            added.shorten(
+                x[part], y[part], float(headings[0]), cast, reach, len(env.segments), hits
+            )
+        run_rows(
+            _beam_returns, len(distance), distance, segment, incidence, which,
+            normals, kind == FRONTIER, rays.origin,
+            angle, headings, rays.start, rays.max_incidence, table.nearest, table.limit, sensor,
+            spread, bias, data, first + low, least=128,
+        )  # fmt: skip
+        if len(table.intensity):
+            run_rows(
+                intensity_returns, len(distance), distance, segment, incidence, which,
+                kind == REFLECTOR, kind == FRONTIER, rays.start,
+                rays.max_incidence, table.intensity, table.surface, table.limit, first + low,
+                table.beams, BLIND, data, least=128,
+            )  # fmt: skip
 
 
 @kernel
 def _beam_returns(
-    begin, end, distance, segment, incidence, normal, frontier, origin, angle, theta, start,
-    max_incidence, nearest, limit, spread, bias, data,
+    begin, end, distance, segment, incidence, which, normal, frontier, origin, angle, headings,
+    start, max_incidence, nearest, limit, sensor, spread, bias, data, first,
 ):  # fmt: skip
     cos_a, sin_a = np.cos(angle), np.sin(angle)
     # How the sensor itself moves when the robot turns.
-    turn_x = -math.sin(theta) * origin[:, 0] - math.cos(theta) * origin[:, 1]
-    turn_y = math.cos(theta) * origin[:, 0] - math.sin(theta) * origin[:, 1]
+    turn_x, turn_y = np.empty(angle.shape), np.empty(angle.shape)
+    for h in range(headings.size):
+        c, s = math.cos(headings[h]), math.sin(headings[h])
+        for r in range(angle.shape[1]):
+            turn_x[h, r] = -s * origin[r, 0] - c * origin[r, 1]
+            turn_y[h, r] = c * origin[r, 0] - s * origin[r, 1]
+    steps = float(spread.shape[1] - 1)
+    per_metre = np.empty(nearest.size)
+    for b in range(nearest.size):
+        per_metre[b] = steps / limit[b]
     for p in range(begin, end):
-        for b in range(nearest.size):
-            best, d = -1, limit[b] + BEYOND
-            blind = False
-            for r in range(start[b], start[b + 1]):
-                blind |= math.isnan(distance[p, r])
-                if distance[p, r] < d:
-                    if incidence.size > 0 and incidence[p, r] > max_incidence[r]:
-                        continue
-                    d = distance[p, r]
-                    best = r
-            gx = gy = gt = 0.0
-            if best >= 0:
-                k = segment[p, best]
-                ux, uy = cos_a[best], sin_a[best]
-                inner = start[b] < best < start[b + 1] - 1
-                nx, ny = echo_normal(inner, ux, uy, normal[k, 0], normal[k, 1])
-                facing = nx * ux + ny * uy
-                facing = math.copysign(max(abs(facing), GRAZING), facing)
-                gx, gy = -nx / facing, -ny / facing
-                swing = d * (ny * ux - nx * uy) + nx * turn_x[best] + ny * turn_y[best]
-                gt = -swing / facing
-                blind |= frontier[k] and d < limit[b]
-            if d < nearest[b]:
-                d = nearest[b]
+        for h in range(headings.size):
+            for b in range(nearest.size):
+                best, d = -1, limit[b] + BEYOND
+                blind = False
+                for r in range(start[b], start[b + 1]):
+                    w = which[h, r]
+                    blind |= math.isnan(distance[p, w])
+                    if distance[p, w] < d:
+                        if incidence.size > 0 and incidence[p, w] > max_incidence[r]:
+                            continue
+                        d = distance[p, w]
+                        best = r
                 gx = gy = gt = 0.0
-            place = min(d / limit[b], 1.0) * (spread.shape[1] - 1)
-            low = min(int(place), spread.shape[1] - 2)
-            share = place - low
-            # The scan is compared by what the sensor reads in the mean, not by the true range.
-            shift = bias[b, low] * (1.0 - share) + bias[b, low + 1] * share
-            rise = (bias[b, low + 1] - bias[b, low]) * (spread.shape[1] - 1) / limit[b]
-            stretch = 1.0 + rise if d < limit[b] else 1.0
-            data[p, 0, b] = d + shift
-            data[p, 1, b], data[p, 2, b], data[p, 3, b] = gx * stretch, gy * stretch, gt * stretch
-            half = spread[b, low] * (1.0 - share) + spread[b, low + 1] * share
-            data[p, 4, b] = BLIND if blind else half
+                if best >= 0:
+                    k = segment[p, which[h, best]]
+                    ux, uy = cos_a[h, best], sin_a[h, best]
+                    inner = start[b] < best < start[b + 1] - 1
+                    nx, ny = echo_normal(inner, ux, uy, normal[k, 0], normal[k, 1])
+                    facing = nx * ux + ny * uy
+                    facing = math.copysign(max(abs(facing), GRAZING), facing)
+                    per_facing = -1.0 / facing
+                    gx, gy = nx * per_facing, ny * per_facing
+                    swing = d * (ny * ux - nx * uy)
+                    gt = (swing + nx * turn_x[h, best] + ny * turn_y[h, best]) * per_facing
+                    blind |= frontier[k] and d < limit[b]
+                if d < nearest[b]:
+                    d = nearest[b]
+                    gx = gy = gt = 0.0
+                n, t = first + p, sensor[b]
+                place = min(d * per_metre[b], steps)
+                low = min(int(place), spread.shape[1] - 2)
+                share = place - low
+                # The scan is compared by what the sensor reads in the mean, not by the true range.
+                step = bias[t, low + 1] - bias[t, low]
+                stretch = 1.0 + step * per_metre[b] if d < limit[b] else 1.0
+                half = spread[t, low] + (spread[t, low + 1] - spread[t, low]) * share
+                data[h, n, 0, b] = d + bias[t, low] + step * share
+                data[h, n, 1, b], data[h, n, 2, b] = gx * stretch, gy * stretch
+                data[h, n, 3, b] = gt * stretch
+                data[h, n, 4, b] = BLIND if blind else half
+            for b in range(nearest.size, data.shape[3]):
+                for row in range(4):
+                    data[h, first + p, row, b] = 0.0
+                data[h, first + p, 4, b] = 1.0
+
+
+def blind_share(data: NDArray[np.float32], begin: int, end: int, beams: int) -> NDArray[np.float64]:
+    """Share of the beams that end in unknown space.
+
+    Args:
+        data: What the beams return at H headings, shape (H, N, 5, P): see `Returns`.
+        begin: First pose, a row of `data`.
+        end: One past the last pose.
+        beams: How many of the P columns are beams.
+
+    Returns:
+        float64, shape (end - begin, H).
+    """
+    share = np.empty((end - begin, len(data)))
+    run_rows(_blind_share, len(share), data, begin, beams, share, least=512)
+    return share
+
+
+@kernel
+def _blind_share(low, high, data, begin, beams, share):
+    for i in range(low, high):
+        for h in range(data.shape[0]):
+            count = 0
+            for b in range(beams):
+                count += data[h, begin + i, 4, b] >= BLIND
+            share[i, h] = count / beams

@@ -19,6 +19,11 @@ from ambinav.store.map_store import MapStore
 Report = Callable[[float], None]
 
 
+def computing_digest() -> str:
+    """Digest of what computes here: code, libraries, and the kind of processor."""
+    return digest_of(Provenance.here().digest, binding.get_host_cpu_name())
+
+
 def map_key(
     env: Environment,
     scanner: RangeScanner,

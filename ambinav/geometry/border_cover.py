@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -26,10 +28,10 @@ def longest_bare(
     """
     xy, ring = shapely.get_coordinates(_rings(free), return_index=True)
     edges = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
-    edges = edges[~_repeated(edges, segments)]
+    edges = edges[~repeated(edges, segments)]
     if not len(edges):
         return None
-    owner, start, end = _bare(edges, segments, near)
+    owner, start, end = bare_pieces(edges, segments, near)
     run = edges[owner, 2:] - edges[owner, :2]
     a = edges[owner, :2] + start[:, None] * run
     b = edges[owner, :2] + end[:, None] * run
@@ -58,24 +60,43 @@ def _rings(free: BaseGeometry) -> list[BaseGeometry]:
     ]
 
 
-def _repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
+def repeated(edges: NDArray[np.float64], segments: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Edges that are segments, to the last bit, in the one or the other direction."""
 
-    def keys(lines: NDArray[np.float64]) -> NDArray[np.void]:
+    def keys(lines: NDArray[np.float64]) -> list[Hashable]:
         swap = (lines[:, 0] > lines[:, 2]) | (
             (lines[:, 0] == lines[:, 2]) & (lines[:, 1] > lines[:, 3])
         )
-        # + 0.0 makes one zero of the two.
-        rows = np.where(swap[:, None], lines[:, [2, 3, 0, 1]], lines) + 0.0
-        return np.ascontiguousarray(rows).view(np.dtype((np.void, 32))).ravel()
+        return row_keys(np.where(swap[:, None], lines[:, [2, 3, 0, 1]], lines))
 
-    return np.asarray(np.isin(keys(edges), keys(segments)))
+    known = set(keys(segments))
+    return np.array([row in known for row in keys(edges)], dtype=np.bool_)
 
 
-def _bare(
+def row_keys(rows: NDArray[np.float64]) -> list[Hashable]:
+    """One key of each row, the same where all numbers are, to the last bit."""
+    # + 0.0 makes one zero of the two. A set of them is faster than to sort.
+    plain = np.ascontiguousarray(rows + 0.0)
+    return list(plain.view(np.dtype((np.void, plain.itemsize * rows.shape[1]))).ravel().tolist())
+
+
+def meeting(
+    segments: NDArray[np.float64], bounds: tuple[float, float, float, float]
+) -> NDArray[np.intp]:
+    """Rows of segments, shape (N, 4), whose bounds meet others: xmin, ymin, xmax, ymax."""
+    low = np.minimum(segments[:, :2], segments[:, 2:])
+    high = np.maximum(segments[:, :2], segments[:, 2:])
+    return np.flatnonzero(((low <= bounds[2:]) & (high >= bounds[:2])).all(axis=1))
+
+
+def bare_pieces(
     edges: NDArray[np.float64], segments: NDArray[np.float64], near: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Pieces of the edges that no segment lies on: edge, and from where to where, 0 to 1."""
+    if not len(edges):
+        return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
+    low, high = edges.reshape(-1, 2).min(axis=0) - near, edges.reshape(-1, 2).max(axis=0) + near
+    segments = segments[meeting(segments, (low[0], low[1], high[0], high[1]))]
     tree = shapely.STRtree(shapely.linestrings(segments.reshape(-1, 2, 2)))
     lines = shapely.linestrings(edges.reshape(-1, 2, 2))
     edge, segment = tree.query(lines, predicate="dwithin", distance=near)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -13,13 +14,16 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
-from ambinav.geometry.border_cover import longest_bare
+from ambinav.geometry.border_cover import longest_bare, meeting
+from ambinav.geometry.edit import SLIVER, Building, obstructed, polygons_of, removed
+from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.raycasting.grid import SegmentGrid
 from ambinav.geometry.raycasting.raycast import cast_rays, clearances
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.raycasting.walk import walk_rays
-from ambinav.geometry.segments import WALL, Segments, edges_of
+from ambinav.geometry.segments import FRONTIER, WALL, Segments, edges_of
+from ambinav.provenance import digest_of
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
 DRAWING_STD = 0.02
@@ -140,6 +144,11 @@ class Environment:
         )
 
     @property
+    def has_reflectors(self) -> bool:
+        """Whether some segment is a reflector, which an intensity channel tells from a wall."""
+        return bool(self.segments.reflectors.any())
+
+    @property
     def map_std(self) -> float:
         """Standard deviation of the walls' position, metres: of a drawing, or of a recorded map."""
         return DRAWING_STD if self.resolution is None else MAPPING_STD
@@ -186,10 +195,7 @@ class Environment:
     @cached_property
     def _thin(self) -> NDArray[np.bool_]:
         """Mask over the segments: those that run through the free space."""
-        middle = (self.segments.xy[:, :2] + self.segments.xy[:, 2:]) / 2
-        edge = self.free.boundary
-        shapely.prepare(edge)
-        return ~np.asarray(shapely.dwithin(edge, shapely.points(middle), ON_BORDER), dtype=np.bool_)
+        return _inside(self.segments.xy, self.free)
 
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
         """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
@@ -294,10 +300,122 @@ class Environment:
             drivable=None if drivable is None else _moved(drivable, angle, dx, dy),
         )
 
+    def window(
+        self, bounds: tuple[float, float, float, float], *, footprints: bool = True
+    ) -> Environment | None:
+        """The part of the building in a box, for rays and footprints that stay in it.
+
+        It is made sooner than all of the triangles. The rim is a frontier; segments are whole, so
+        that ranges are the same to the last bit.
+
+        Args:
+            bounds: (xmin, ymin, xmax, ymax), metres.
+            footprints: False: it is only for rays; its `collision` means nothing then.
+
+        Returns:
+            The building itself, if it lies in the box; None if no free space does.
+        """
+        a, b = np.array(bounds), np.array(self.free.bounds)
+        if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
+            return self
+        box = shapely.box(*bounds)
+        free = polygons_of(shapely.intersection(self.free, box))
+        if free.is_empty:
+            return None
+        xy, drivable = self.segments.xy, self._drivable if footprints else None
+        near = meeting(xy, bounds)
+        edges = edges_of(free)
+        start, end = edges[:, [0, 1, 0, 1]], edges[:, [2, 3, 2, 3]]
+        on_rim = (np.abs(start - a) < ON_BORDER) & (np.abs(end - a) < ON_BORDER)
+        rim = edges[on_rim.any(axis=1)]
+        made = Environment(
+            Segments(
+                np.concatenate([xy[near], rim]),
+                np.append(self.segments.kind[near], np.full(len(rim), FRONTIER, dtype=np.uint8)),
+            ),
+            free,
+            name=self.name,
+            source=self.source,
+            resolution=self.resolution,
+            drivable=None if drivable is None else polygons_of(shapely.intersection(drivable, box)),
+        )
+        # Of a wall on the border the middle may lie beyond the window.
+        made._thin = np.append(_inside(xy[near], self.free), np.zeros(len(rim), dtype=np.bool_))
+        return made
+
+    def edited(
+        self,
+        add: Sequence[Obstacle] = (),
+        remove: BaseGeometry | None = None,
+        name: str | None = None,
+    ) -> Environment:
+        """The building with something removed, and then with obstacles added.
+
+        Segments that neither reaches stay as they are, to the last bit and in their order; new
+        ones follow. Obstacles stand in the way of rays and of footprints (`collision`), and in
+        the cells of an occupancy map. What is hidden behind an obstacle may keep its segment.
+
+        Args:
+            add: What is put on the floor: `ambinav.geometry.obstacle`.
+            remove: Polygon or MultiPolygon, metres: all in it becomes floor, walls and frontiers
+                too. Where its edge lies in what was solid or unknown, a wall stands afterwards.
+            name: What reports call the result; None: as before.
+
+        Returns:
+            The changed building; its checksum is a digest of the old one and of what it is now.
+            This one itself where there is nothing to do.
+
+        Raises:
+            InputError: an obstacle lies outside the floor, or they cover all of it; `remove` is no
+                sound polygon; or occupied cells are not known (`AmbiguityMap.environment`).
+        """
+        before = Building(self.segments, self.free, self.drivable, self.occupancy, self.name)
+        after = before
+        if remove is not None:
+            after = removed(after, remove)
+        if len(add):
+            after = obstructed(after, add)
+        changed = not after.segments.same_as(before.segments)
+        if before.drivable is not None and after.drivable is not None:
+            changed |= abs(after.drivable.area - before.drivable.area) > SLIVER
+        if not changed and name in (None, self.name):
+            return self
+        if not changed:
+            after = before
+        done = (
+            f"Edited: {len(add)} obstacles added"
+            + ("" if remove is None else ", a part removed")
+            + "."
+        )
+        content = (after.segments, after.free, after.drivable)
+        return Environment(
+            after.segments,
+            after.free,
+            name=self.name if name is None else name,
+            source=self.source,
+            checksum=digest_of(self.checksum, *content) if changed else self.checksum,
+            resolution=self.resolution,
+            notes=(*self.notes, done) if changed else self.notes,
+            extent=self.extent,
+            occupancy=after.occupancy,
+            drivable=after.drivable,
+        )
+
     def _clearance(
         self, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
     ) -> NDArray[np.float64]:
         return clearances(self.grid, x, y, min(limit, 1e9))
+
+
+def _inside(rows: NDArray[np.float64], free: BaseGeometry) -> NDArray[np.bool_]:
+    """Mask of the segments, shape (N, 4), whose middle lies in the free space, off its border."""
+    middle = shapely.points((rows[:, :2] + rows[:, 2:]) / 2)
+    edge = free.boundary
+    shapely.prepare(edge)
+    inside = ~np.asarray(shapely.dwithin(edge, middle, ON_BORDER), dtype=np.bool_)
+    # Not that of a wall whose middle an obstacle hides (`Environment.edited`).
+    inside[inside] = shapely.contains(free, middle[inside])
+    return inside
 
 
 def _moved(shape: BaseGeometry, angle: float, dx: float, dy: float) -> BaseGeometry:

@@ -46,6 +46,33 @@ class Lattice:
             InputError: the spacing is not a positive number, so small that the lattice does not
                 fit into memory, or so large that no point of it is free.
         """
+        x, y = cls.axes(environment, spacing)
+        inside = np.empty((len(y), len(x)), dtype=np.bool_)
+        for row, height in enumerate(y):
+            inside[row] = environment.triangulation.contains(x, np.full_like(x, height))
+        if not inside.any():
+            xmin, ymin, xmax, ymax = environment.free.bounds
+            raise InputError(
+                f"spacing is {spacing:g} m, and no point of that lattice is free in "
+                f"{environment.name} ({xmax - xmin:.2f} x {ymax - ymin:.2f} m); give a smaller "
+                "spacing."
+            )
+        return cls(environment, spacing, x, y, inside)
+
+    @staticmethod
+    def axes(
+        environment: Environment, spacing: float, most: int = MAX_CELLS
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Coordinates of the columns and rows of the lattice over an environment.
+
+        Args:
+            environment: What it lies over.
+            spacing: Distance between neighbours, metres.
+            most: Cells that are still of use: those of a lattice that memory is to hold.
+
+        Raises:
+            InputError: the spacing is not a positive number, or of no use for its size.
+        """
         if not (math.isfinite(spacing) and spacing > 0.0):
             raise InputError(f"spacing is {spacing}; give a positive number of metres.")
         xmin, ymin, xmax, ymax = environment.free.bounds
@@ -57,21 +84,21 @@ class Lattice:
             )
         columns = np.arange(math.floor(xmin / spacing), math.floor(xmax / spacing) + 1)
         rows = np.arange(math.floor(ymin / spacing), math.floor(ymax / spacing) + 1)
-        if len(columns) * len(rows) > MAX_CELLS:
+        if len(columns) * len(rows) > most:
             raise InputError(
                 f"spacing is {spacing:g} m, which makes {len(columns) * len(rows):.3g} cells of "
                 f"{environment.name} ({size}); give a larger spacing."
             )
-        x, y = (columns + 0.5) * spacing, (rows + 0.5) * spacing
-        inside = np.empty((len(y), len(x)), dtype=np.bool_)
-        for row, height in enumerate(y):
-            inside[row] = environment.triangulation.contains(x, np.full_like(x, height))
-        if not inside.any():
-            raise InputError(
-                f"spacing is {spacing:g} m, and no point of that lattice is free in "
-                f"{environment.name} ({size}); give a smaller spacing."
-            )
-        return cls(environment, spacing, x, y, inside)
+        return (columns + 0.5) * spacing, (rows + 0.5) * spacing
+
+    @property
+    def cell_area(self) -> float:
+        """Of one point, square metres: as a map on this lattice has it, to the last bit."""
+        width, height = (
+            (axis[-1] - axis[0]) / (len(axis) - 1) if len(axis) > 1 else self.spacing
+            for axis in (self.x, self.y)
+        )
+        return float(width) * float(height)
 
     @cached_property
     def index(self) -> NDArray[np.int32]:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
+from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.occupancy_grid import OCCUPIED
+from ambinav.geometry.occupancy_grid import OCCUPIED, OccupancyGrid
+from ambinav.kernels import kernel
+from ambinav.threads import run_rows
 
 MOST_SAMPLES: Final = 3
 """Points along the side of a lattice's cell at which a finer grid is looked at, at most."""
@@ -26,26 +31,79 @@ def solid_cells(lattice: Lattice) -> NDArray[np.bool_]:
     within the outline of a piece of free space or between two pieces: holes, obstacles, walls of
     up to `THICKEST`; of what lies beyond nothing is known.
     """
-    return _drawn(lattice) if lattice.environment.occupancy is None else _occupied(lattice)
+    backdrop = Backdrop.of(lattice.environment)
+    return backdrop.solid(backdrop.over(lattice.x, lattice.y, lattice.spacing), lattice.free)
 
 
-def _occupied(lattice: Lattice) -> NDArray[np.bool_]:
-    grid = lattice.environment.occupancy
-    assert grid is not None
-    samples = min(max(math.ceil(lattice.spacing / grid.resolution - 1e-6), 1), MOST_SAMPLES)
-    offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * lattice.spacing
-    x = lattice.x[:, np.newaxis] + offsets
-    found = np.zeros(lattice.free.shape, dtype=np.bool_)
-    # Row by row: a building's lattice may have millions of cells.
-    for row, y in enumerate(lattice.y):
-        for offset in offsets:
-            state = grid.state_at(x, np.full_like(x, y + offset))
-            found[row] |= (state == OCCUPIED).any(axis=1)
-    return found
+@dataclass(frozen=True, eq=False)
+class Backdrop:
+    """What is solid in a building, to be asked of one part of its lattice after the other.
+
+    Attributes:
+        grid: Its occupancy grid; None: it is drawn.
+        occupied: Mask of the occupied cells of that.
+        inside: What is solid or free in a drawn plan; None: it has a grid.
+    """
+
+    grid: OccupancyGrid | None
+    occupied: NDArray[np.bool_] | None
+    inside: BaseGeometry | None
+
+    @classmethod
+    def of(cls, environment: Environment) -> Backdrop:
+        """That of a building."""
+        grid = environment.occupancy
+        if grid is None:
+            return cls(None, None, _closed(environment.free))
+        return cls(grid, grid.state == OCCUPIED, None)
+
+    def over(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float
+    ) -> NDArray[np.bool_]:
+        """Cells that are solid unless `solid` says otherwise.
+
+        Args:
+            x: Centres of the columns, shape (C,), metres.
+            y: Centres of the rows, shape (R,), metres.
+            spacing: Edge of a cell, metres.
+
+        Returns:
+            Shape (R, C).
+        """
+        if self.grid is None:
+            return np.asarray(shapely.contains_xy(self.inside, *np.meshgrid(x, y)), dtype=np.bool_)
+        samples = min(max(math.ceil(spacing / self.grid.resolution - 1e-6), 1), MOST_SAMPLES)
+        offsets = ((np.arange(samples) + 0.5) / samples - 0.5) * spacing
+        found = np.zeros((len(y), len(x)), dtype=np.bool_)
+        run_rows(
+            _look, len(y), x, y, offsets, self.occupied, *self.grid.origin, self.grid.resolution,
+            found, least=32,
+        )  # fmt: skip
+        return found
+
+    def solid(self, over: NDArray[np.bool_], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Those of the cells `over` that are solid, given which are free."""
+        return over if self.inside is None else over & ~free
 
 
-def _drawn(lattice: Lattice) -> NDArray[np.bool_]:
-    parts = shapely.get_parts(lattice.environment.free).tolist()
+@kernel
+def _look(low, high, x, y, offsets, occupied, x0, y0, yaw, edge, found):
+    """As `OccupancyGrid.state_at` at every point and offset."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    rows, columns = occupied.shape
+    for i in range(low, high):
+        for j in range(x.size):
+            for down in offsets:
+                for right in offsets:
+                    dx, dy = (x[j] + right - x0) / edge, (y[i] + down - y0) / edge
+                    column, row = math.floor(c * dx + s * dy), math.floor(c * dy - s * dx)
+                    if 0 <= column < columns and 0 <= row < rows:
+                        found[i, j] |= occupied[row, column]
+
+
+def _closed(free: BaseGeometry) -> BaseGeometry:
+    """The outlines of pieces of free space, with what lies between them."""
+    parts = shapely.get_parts(free).tolist()
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
     outlines = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons])
     # Closed in the sense of morphology: strips between rooms are filled, corners stay.
@@ -55,5 +113,4 @@ def _drawn(lattice: Lattice) -> NDArray[np.bool_]:
         closed = shapely.buffer(wide, -0.5 * THICKEST, join_style="mitre")
     inside = shapely.union(outlines, closed)
     shapely.prepare(inside)
-    x, y = np.meshgrid(lattice.x, lattice.y)
-    return np.asarray(shapely.contains_xy(inside, x, y) & ~lattice.free, dtype=np.bool_)
+    return inside

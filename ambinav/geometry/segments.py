@@ -13,6 +13,10 @@ from shapely.geometry.base import BaseGeometry
 
 WALL: Final = 0
 FRONTIER: Final = 1
+# A wall like any other, save that what returns from it is stronger (`ambinav.sensing.intensity`).
+REFLECTOR: Final = 2
+# A wall like any other; pictures and whoever asks can tell it from masonry.
+GLASS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +25,7 @@ class Segments:
 
     Attributes:
         xy: End points, float64, shape (N, 4), columns ax, ay, bx, by, metres.
-        kind: uint8, shape (N,): `WALL` or `FRONTIER`.
+        kind: uint8, shape (N,): `WALL`, `FRONTIER`, `REFLECTOR` or `GLASS`.
     """
 
     xy: NDArray[np.float64]
@@ -45,8 +49,18 @@ class Segments:
 
     @property
     def walls(self) -> NDArray[np.bool_]:
-        """Mask, shape (N,): True where the segment is a wall and not a frontier."""
-        return np.asarray(self.kind == WALL)
+        """Mask, shape (N,): True where the segment is a wall, reflectors and glass included."""
+        return np.asarray(self.kind != FRONTIER)
+
+    @property
+    def reflectors(self) -> NDArray[np.bool_]:
+        """Mask, shape (N,): True where the segment is a reflector."""
+        return np.asarray(self.kind == REFLECTOR)
+
+    @property
+    def glass(self) -> NDArray[np.bool_]:
+        """Mask, shape (N,): True where the segment is of glass."""
+        return np.asarray(self.kind == GLASS)
 
     @property
     def lengths(self) -> NDArray[np.float64]:
@@ -58,6 +72,10 @@ class Segments:
         """(xmin, ymin, xmax, ymax) in metres."""
         x, y = self.xy[:, 0::2], self.xy[:, 1::2]
         return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+    def same_as(self, other: Segments) -> bool:
+        """Whether all rows are the same, to the last bit and in their order."""
+        return np.array_equal(self.xy, other.xy) and np.array_equal(self.kind, other.kind)
 
     def transformed(self, angle: float, dx: float, dy: float) -> Segments:
         """Turn about the origin by `angle` (radians, counter-clockwise), then shift (metres)."""

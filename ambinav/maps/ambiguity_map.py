@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -107,13 +109,28 @@ class AmbiguityMap:
         self._prepared: dict[str, _Prepared] = {}
 
     @classmethod
-    def open(cls, path: str | Path) -> AmbiguityMap:
-        """Read a map that `save` wrote.
+    def open(
+        cls,
+        path: str | Path,
+        *,
+        bounds: tuple[float, float, float, float] | None = None,
+        lazy: bool = False,
+    ) -> AmbiguityMap:
+        """Read a map that `save` wrote, or `ambinav map --tile`.
+
+        Args:
+            path: Folder of the map.
+            bounds: (xmin, ymin, xmax, ymax), metres: only the cells whose centres lie in it; None:
+                all. Walls and floor are those of the whole building.
+            lazy: Read a layer when it is first asked for, rather than all now: a service reads the
+                layer of its cost, the clearance and what is free. The map must then stay as it is
+                on disk; what is damaged there is found when it is read.
 
         Raises:
-            InputError: there is no such folder, or it does not hold an ambiguity map.
+            InputError: there is no such folder, it does not hold an ambiguity map, or no cell of
+                it lies in the bounds.
         """
-        return cls(store.read(Path(path)), source=str(path))
+        return cls(store.read(Path(path), bounds=bounds, lazy=lazy), source=str(path))
 
     def save(self, path: str | Path) -> None:
         """Write the map as a zarr store, whole or not at all.
@@ -125,6 +142,31 @@ class AmbiguityMap:
             InputError: the place is not writable, or holds something that is not a map.
         """
         store.write(self.dataset, Path(path))
+
+    def update(
+        self, env: Environment, *, progress: bool | Callable[[float], None] = False
+    ) -> AmbiguityMap:
+        """The map of the building as it is now, computed again only where the change is seen.
+
+        It is the map that `build_map` makes of `env` with this map's scanner and parameters, to
+        what rounding leaves, in the time that the poses take that see the change.
+
+        Args:
+            env: The building, see `Environment.edited`.
+            progress: True for a progress bar on standard error, or a function that is called with
+                the share done, from 0 to 1.
+
+        Returns:
+            Another map; this one stays as it is.
+
+        Raises:
+            InputError: the map does not say how it was made, or was made by another version; or
+                the robot can stand nowhere in `env`.
+        """
+        # What computes maps stands above this room.
+        computing = importlib.import_module("ambinav.ambiguity.update")
+        made: AmbiguityMap = computing.updated(self, env, progress=progress)
+        return made
 
     @property
     def has_theta(self) -> bool:

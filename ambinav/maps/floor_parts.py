@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
@@ -59,6 +60,21 @@ class FloorParts:
             cell_area=amap.cell_area,
             radius=None if reach is None else reach.radius,
         )
+
+    @classmethod
+    def reached(cls, amap: AmbiguityMap, reach: Reach) -> FloorParts:
+        """As `of`, where a robot must reach some cell.
+
+        Raises:
+            InputError: it reaches none of the map's.
+        """
+        parts = cls.of(amap, reach)
+        if not parts.reachable.any():
+            raise InputError(
+                f"spacing: none of the map's cells, {amap.spacing:g} m apart, lies on floor that a "
+                f"robot of radius {reach.radius:g} m reaches; give a smaller spacing."
+            )
+        return parts
 
     @property
     def reachable(self) -> Mask:

@@ -50,7 +50,8 @@ def is_axis(layer: str) -> bool:
 def is_nearest(layer: str) -> bool:
     """Whether values between cells mean nothing, so that the nearest cell is read.
 
-    A zone is a class. The best heading belongs to its cell: it jumps from one to the next.
+    A zone is a class. The best heading belongs to its cell: it jumps from one to the next. So does
+    a direction of a layer that was added: `best_yaw_angle`.
     """
     return _read(base_name(layer)) == "nearest"
 
@@ -64,7 +65,9 @@ def is_share(layer: str) -> bool:
 def _read(base: str) -> str:
     """How the values of a layer are read between cells."""
     core = CORE_LAYERS.get(base)
-    return "linear" if core is None else core.read
+    if core is None:
+        return "nearest" if base.endswith("_angle") else "linear"
+    return core.read
 
 
 def layers(dataset: xr.Dataset) -> tuple[str, ...]:

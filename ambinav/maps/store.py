@@ -23,6 +23,8 @@ FORMAT: Final = 2
 """Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held
 nothing but the fill value, so that a lost chunk could not be distinguished from an empty one."""
 FORMAT_ATTR: Final = "map_format"
+UNFINISHED: Final = "unfinished"
+"""Attribute of a map some of whose tiles are still to be made."""
 
 _TILE = 1024
 """Cells along the side of a stored chunk: 4 MiB of float32."""
@@ -83,10 +85,18 @@ def check_target(path: Path) -> None:
         )
 
 
-def read(path: Path) -> xr.Dataset:
+def read(
+    path: Path, *, bounds: tuple[float, float, float, float] | None = None, lazy: bool = False
+) -> xr.Dataset:
     """Read a dataset into memory.
 
-    It is read whole, not lazily: a map that is replaced while open would otherwise turn to NaN.
+    If nothing else is asked for, it is read whole, not lazily: a map that is replaced while open
+    would otherwise turn to NaN.
+
+    Args:
+        path: Folder of the store.
+        bounds: (xmin, ymin, xmax, ymax), metres, of the cells that are read; None: all.
+        lazy: Variables are read when they are first asked for, and kept.
 
     Raises:
         InputError: there is no readable zarr store at `path`, it is of a newer format, or a part
@@ -109,8 +119,10 @@ def read(path: Path) -> xr.Dataset:
         group = zarr.open_group(path, mode="r", use_consolidated=False)
         if checked:
             _check_chunks(path, group)
-        with xr.open_zarr(path, chunks=None, consolidated=False) as lazy:
-            dataset: xr.Dataset = lazy.load()
+        opened = xr.open_zarr(path, chunks=None, consolidated=False)
+        if bounds is not None:
+            opened = _within(opened, bounds, path)
+        dataset: xr.Dataset = opened if lazy else opened.load()
     except InputError:
         raise
     # Whatever zarr or a codec raises on a damaged store is about the user's file.
@@ -123,6 +135,21 @@ def read(path: Path) -> xr.Dataset:
         ) from error
     dataset.attrs.pop(FORMAT_ATTR, None)
     return dataset
+
+
+def _within(
+    dataset: xr.Dataset, bounds: tuple[float, float, float, float], path: Path
+) -> xr.Dataset:
+    """The cells whose centres lie in bounds."""
+    xmin, ymin, xmax, ymax = bounds
+    part = dataset.sel(x=slice(xmin, xmax), y=slice(ymin, ymax))
+    if not (part.sizes["x"] and part.sizes["y"]):
+        raise InputError(
+            f"{path}: no cell of the map lies in the bounds {bounds}; it covers x from "
+            f"{float(dataset['x'][0]):g} to {float(dataset['x'][-1]):g} and y from "
+            f"{float(dataset['y'][0]):g} to {float(dataset['y'][-1]):g}."
+        )
+    return part
 
 
 def _refuse_other(path: Path) -> None:
@@ -160,6 +187,11 @@ def _check_format(path: Path, root: Path) -> bool:
             f"{attributes.get('ambinav_version', '?')}), and this ambinav "
             f"{importlib.metadata.version('ambinav')} reads formats up to {FORMAT}; install a "
             "newer ambinav, or make the map again."
+        )
+    if UNFINISHED in attributes:
+        raise InputError(
+            f"{path}: this map is not finished, some of its {attributes[UNFINISHED]} are still to "
+            "be made; give the same `ambinav map --tile` command again."
         )
     return version >= 2
 

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.kernel import compare
 from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.returns import BeamTable, beam_returns
 from ambinav.geometry.environment import Environment
 from ambinav.sensing import RangeScanner

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity import reference
 from ambinav.ambiguity.build import build_map
-from ambinav.ambiguity.kernel import reach
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
+from ambinav.ambiguity.reach import reach
 from ambinav.ambiguity.standing import can_stand, standing_lattice
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.errors import InputError

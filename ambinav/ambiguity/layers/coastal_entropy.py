@@ -52,11 +52,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.indistinguishability import FINE, Z_MAX, Z_STEP, evidence
-from ambinav.ambiguity.kernel import FAST, compare, reach
 from ambinav.ambiguity.layers.bands import bands
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.ambiguity.pair import compare
+from ambinav.ambiguity.reach import reach
 from ambinav.ambiguity.returns import BeamTable, beam_returns
 from ambinav.ambiguity.standing import can_stand
 from ambinav.config import as_number
@@ -252,7 +254,7 @@ def _evidence(table: BeamTable, share: NDArray[np.float32]) -> NDArray[np.float3
     """
     if table.width.max() <= FINE:
         return None
-    width = np.pad(table.width, (0, len(share) - table.beams), constant_values=table.width[0])
+    width = np.pad(table.width, (0, len(share) - table.columns), constant_values=table.width[0])
     kinds, beam = np.unique(np.stack([width, share], axis=1), axis=0, return_inverse=True)
     # As in `evidence_table`.
     z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
@@ -269,6 +271,8 @@ def _known(
     """Beam returns with twice the evidence, as at a known pose, as far as no one is in between."""
     # The evidence goes with 1 / variance.
     met = np.float32(people) * np.minimum(data[:, 0], table.limit)
+    # Whoever is in the way of a beam hides its intensity too.
+    met[:, table.beams : table.columns] = met[:, table.intensity]
     data[:, 4] *= np.exp(np.minimum(met, CROWD)) / (np.float32(2.0) * share)
     return data
 
@@ -383,6 +387,11 @@ def _entropies(low, high, begin, around, data, comparison, evidence, posterior, 
         out[0, i], out[1, i] = bits, most - bits
 
 
+def _reach(context: LayerContext, **_: object) -> float:
+    """Scans within the radius are compared, from all over their cells."""
+    return context.sight + context.radius + context.spacing
+
+
 LAYER = Layer(
     name="coastal_entropy",
     title="expected entropy of the pose after a scan",
@@ -390,5 +399,6 @@ LAYER = Layer(
     source="after Roy, Burgard, Fox and Thrun 1999, Coastal navigation (ICRA)",
     worse="high",
     compute=coastal_entropy,
+    reach=_reach,
     companions={"coastal_entropy_gain": ("what a scan is expected to tell of the pose", "bits")},
 )

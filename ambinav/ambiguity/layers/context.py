@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.layers.hits import Hits, beam_hits
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.returns import BeamTable, Returns, beam_returns
+from ambinav.ambiguity.returns import BEYOND, BeamTable, Returns, beam_returns
 from ambinav.ambiguity.standing import standing, standing_lattice
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -57,13 +57,19 @@ class LayerContext:
     _kept: dict[str, tuple[object, Any]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(cls, amap: AmbiguityMap, environment: Environment | None = None) -> LayerContext:
+    def of(
+        cls,
+        amap: AmbiguityMap,
+        environment: Environment | None = None,
+        scanner: RangeScanner | None = None,
+    ) -> LayerContext:
         """Take everything from a map.
 
         Args:
             amap: The map.
             environment: What it was built of, where that is at hand: its triangles are then not
                 made again. None: as the map stores it.
+            scanner: What the map is for, likewise.
 
         Raises:
             InputError: the map does not say how it was made.
@@ -78,9 +84,10 @@ class LayerContext:
                 f"{amap.source}: its parameters lack {', '.join(missing) or 'the scanner'}, so no "
                 "layer can be added; make the map again with `ambinav map`."
             )
-        scanner = RangeScanner.from_yaml_text(
-            amap.dataset.attrs["scanner_yaml"], file=f"{amap.source}: scanner_yaml"
-        )
+        if scanner is None:
+            scanner = RangeScanner.from_yaml_text(
+                amap.dataset.attrs["scanner_yaml"], file=f"{amap.source}: scanner_yaml"
+            )
         if not amap.has_theta:
             scanner = scanner.centred
         building = amap.environment if environment is None else environment
@@ -129,6 +136,12 @@ class LayerContext:
         return self.lattice.links_among(self.possible[:, heading])
 
     @property
+    def sight(self) -> float:
+        """How far from the robot's centre a wall may be that a beam's return tells of, metres."""
+        scanner = self.full_scanner
+        return float(np.hypot(*scanner.mounts[:, :2].T).max()) + scanner.max_range + BEYOND
+
+    @property
     def turns_in_place(self) -> bool:
         """Whether one heading stands for all: turned on the spot the beams are the same again."""
         return self.scanner.turns_in_place
@@ -161,7 +174,10 @@ class LayerContext:
     @cached_property
     def table(self) -> BeamTable:
         """The beams, tabulated for the ambiguity kernel."""
-        return BeamTable.of(self.scanner, self.model.map_std, self.model.outlier_share)
+        return BeamTable.of(
+            self.scanner, self.model.map_std, self.model.outlier_share,
+            self.environment.has_reflectors,
+        )  # fmt: skip
 
     def poses(self, heading: int = 0) -> NDArray[np.float64]:
         """x, y, theta of the free cells at the heading of this index, shape (P, 3)."""

@@ -171,6 +171,11 @@ def _lines(low, high, poses, cast, noise, out):
         )
 
 
+def _reach(context: LayerContext, **_: object) -> float:
+    """A pose's own scan."""
+    return context.sight
+
+
 LAYER = Layer(
     name="fisher",
     title="Fisher bound, major radius",
@@ -178,6 +183,7 @@ LAYER = Layer(
     source="Censi 2007, On achievable accuracy for range-finder localization (ICRA)",
     worse="high",
     compute=fisher,
+    reach=_reach,
     companions={
         "fisher_minor": ("Fisher bound, minor radius", "m"),
         "fisher_direction": ("Fisher bound, axis of the major radius", "rad"),

@@ -250,6 +250,11 @@ def full_rank(distance, k, east, west, north, south, cosine, sine, step, toleran
     return (ab * ab + ac * ac + bc * bc) / largest > tolerance * tolerance
 
 
+def _reach(context: LayerContext, step: float = STEP) -> float:
+    """Rays from the pose, and from those a step away."""
+    return context.sight + 2.0 * step
+
+
 LAYER = Layer(
     name="gfm",
     title="share of rays whose hit point moves along one straight wall",
@@ -257,5 +262,6 @@ LAYER = Layer(
     source="after Lin et al. 2025, GFM-Planner (IROS): hit-point Jacobians of rank 1",
     worse="high",
     compute=gfm,
+    reach=_reach,
     why_not=_why_not,
 )

@@ -28,7 +28,7 @@ class Hits:
             frame; nan where nothing is met.
         angle: Direction of the ray that the range is of, float32, shape (N, B), radians, map
             frame; nan where nothing is met.
-        kind: int8, shape (N, B): `segments.WALL`, `segments.FRONTIER` or `NOTHING`.
+        kind: int8, shape (N, B): one of `ambinav.geometry.segments`, or `NOTHING`.
     """
 
     distance: NDArray[np.float32]

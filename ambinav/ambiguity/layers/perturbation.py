@@ -35,7 +35,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import invert
+from ambinav.ambiguity.gaussian import invert
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.ambiguity.returns import BEYOND

@@ -85,6 +85,11 @@ def position(context: LayerContext, views: float = VIEWS) -> dict[str, NDArray[n
     }
 
 
+def _reach(context: LayerContext, **_: object) -> float:
+    """That of the tensor, which compares scans within the radius."""
+    return context.sight + context.radius
+
+
 LAYER = Layer(
     name="position",
     title="position radius, as a share of the neighbourhood's",
@@ -92,5 +97,6 @@ LAYER = Layer(
     source="own, from the ambiguity tensors of all headings: docs/truth.md",
     worse="high",
     compute=position,
+    reach=_reach,
     companions={"position_radius": ("position radius, all headings together", "m")},
 )

@@ -44,6 +44,10 @@ class Layer(LayerRecord):
             (radians, period pi).
         high_is_good: Companions that are high where a robot is well localized: no costs.
         slow: Left out of `ALL`; it has to be named.
+        reach: From the context and the options, how far from a cell a change of the building may
+            be and still change the layer there, metres, whatever stands between; what lies
+            further off must not matter, nor cells beyond the map's radius. None: no limit is
+            known, so that for a changed building (`AmbiguityMap.update`) it is computed in full.
     """
 
     compute: Callable[..., Mapping[str, NDArray[np.float32]]]
@@ -51,6 +55,7 @@ class Layer(LayerRecord):
     companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     high_is_good: tuple[str, ...] = ()
     slow: bool = False
+    reach: Callable[..., float] | None = None
 
     def __post_init__(self) -> None:
         """Check the names, for they become variables of the dataset.
@@ -98,6 +103,8 @@ LAYERS: Final = Registry(
         "clearance": "ambinav.ambiguity.layers.clearance:LAYER",
         "perturbation": "ambinav.ambiguity.layers.perturbation:LAYER",
         "aliasing": "ambinav.ambiguity.layers.aliasing.layer:LAYER",
+        "best_yaw": "ambinav.ambiguity.layers.best_yaw:LAYER",
+        "best_aperture": "ambinav.ambiguity.layers.best_aperture:LAYER",
     },
 )
 """The layers that can be added to a map; `build_map`, `with_layers` and the plots know them all."""

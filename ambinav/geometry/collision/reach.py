@@ -95,7 +95,7 @@ def find_reach(
         raise InputError(
             f"robot radius: {radius:g} is not above zero; give metres, e.g. {ROBOT_RADIUS:g}."
         )
-    fits = _shrunk(environment, radius)
+    fits = room_for(environment, radius)
     pieces = _pieces(fits)
     if not pieces:
         raise InputError(
@@ -123,8 +123,8 @@ def find_reach(
     return Reach(float(radius), where, fits, floor, tuple(notes))
 
 
-def _shrunk(environment: Environment, radius: float) -> BaseGeometry:
-    """Where the centre of the disc can stand."""
+def room_for(environment: Environment, radius: float) -> BaseGeometry:
+    """Where the centre of a disc of `radius` metres can stand, connected or not; may be empty."""
     inner = radius - min(SLACK, 0.5 * radius)
     # As planners have it: no cell that the map calls occupied is floor for a body.
     geometry = environment.collision
@@ -149,7 +149,7 @@ def _widest(environment: Environment, radius: float) -> float:
         middle = 0.5 * (low + high)
         if middle < SLACK:
             break
-        if _pieces(_shrunk(environment, middle)):
+        if _pieces(room_for(environment, middle)):
             low = middle
         else:
             high = middle

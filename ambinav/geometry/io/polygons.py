@@ -27,7 +27,7 @@ from ambinav.mistaken import PLAN, kind_of, refuse
 
 __all__ = ["environment_from_shapes", "load_polygons"]
 
-KINDS: Final = ("room", "obstacle", "wall", "opening")
+KINDS: Final = ("room", "obstacle", "wall", "opening", "reflector")
 LINES: Final = ("LineString", "MultiLineString")
 POLYGONS: Final = ("Polygon", "MultiPolygon")
 POINTS: Final = ("Point", "MultiPoint")
@@ -79,7 +79,10 @@ def load_polygons(
     - "obstacle": Polygon that is not free;
     - "wall": LineString; with the property `thickness` (in the unit of the coordinates) it has
       two sides and flat ends;
-    - "opening": LineString along the edge of a room that makes it a frontier there.
+    - "opening": LineString along the edge of a room that makes it a frontier there;
+    - "reflector": LineString along the edge of a room (a tag on the wall) or within one (a panel;
+      with `thickness` it has two sides), or Polygon (a post): a wall or an obstacle whose
+      reflection is stronger. WKT cannot say this of a geometry.
 
     Without `kind`, lines are walls, a polygon is an obstacle if it lies in another one and else
     a room. Without any room, the member `bbox` (else the bounds of everything) is the room and
@@ -141,6 +144,7 @@ def load_polygons(
         shapes["opening"],
         None if bbox is None else [scale * v for v in bbox],
         path.stem if len(names) < 2 else f"{path.stem} {floor}",
+        reflectors=shapes["reflector"],
         source=path,
         checksum=checksum,
         notes=notes,
@@ -350,7 +354,7 @@ def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[str, BaseGeo
     for item in items:
         kind = item.tags.kind
         wanted = LINES if kind in ("wall", "opening") else POLYGONS
-        if kind is not None and item.geometry.geom_type not in wanted:
+        if kind not in (None, "reflector") and item.geometry.geom_type not in wanted:
             raise InputError(
                 f"{item.label}: kind {kind} is drawn as a {item.geometry.geom_type}; it must "
                 f"be a {wanted[0]}."
@@ -370,8 +374,9 @@ def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[str, BaseGeo
             covering = tree.query(geometry, predicate="covered_by")
             inside = any(around[k].area > geometry.area for k in covering)
             kind = "obstacle" if inside else "room"
-        if kind in (None, "wall") and item.tags.thickness > 0.0:
-            kind = "obstacle"
+        is_line = geometry.geom_type in LINES
+        if kind in (None, "wall", "reflector") and is_line and item.tags.thickness > 0.0:
+            kind = kind if kind == "reflector" else "obstacle"
             geometry = shapely.buffer(
                 geometry, 0.5 * item.tags.thickness, cap_style="flat", join_style="mitre"
             )

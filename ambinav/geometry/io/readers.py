@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +13,9 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.mistaken import kind_of_path, refuse, refuse_image
 from ambinav.plugins import Registry
+
+HEIGHT: Final = 0.3
+"""Metres above the floor at which a building model is cut unless another height is given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +45,8 @@ READERS: Final = Registry(
         "geojson": "ambinav.geometry.io.readers:FLOOR_PLAN",
         "json": "ambinav.geometry.io.readers:FLOOR_PLAN",
         "wkt": "ambinav.geometry.io.readers:FLOOR_PLAN",
+        "ifc": "ambinav.geometry.io.readers:BUILDING_MODEL",
+        "dxf": "ambinav.geometry.io.readers:CAD_DRAWING",
     },
     names_of=lambda reader: reader.suffixes,
 )
@@ -100,6 +106,42 @@ def _read_floor_plan(
     return load_polygons(path, level=level, unit=unit)
 
 
+def _read_ifc(
+    path: Path,
+    *,
+    level: str | int | None = None,
+    height: float = HEIGHT,
+    doors: str = "open",
+    glass: str = "solid",
+    furniture: bool = True,
+) -> Environment:
+    _need(path, "ifcopenshell")
+    from ambinav.geometry.io.ifc_file import load_ifc
+
+    return load_ifc(path, level=level, height=height, doors=doors, glass=glass, furniture=furniture)
+
+
+def _read_dxf(
+    path: Path,
+    *,
+    unit: str | None = None,
+    doors: str = "open",
+    glass: str = "solid",
+    furniture: bool = True,
+    layers: Mapping[str, str] | None = None,
+) -> Environment:
+    _need(path, "ezdxf")
+    from ambinav.geometry.io.dxf_file import load_dxf
+
+    return load_dxf(path, unit=unit, doors=doors, glass=glass, furniture=furniture, layers=layers)
+
+
+def _need(path: Path, package: str) -> None:
+    """Say what to install if the package that reads a plan is missing."""
+    if find_spec(package) is None:
+        raise InputError(f'{path}: reading it needs {package}; run: pip install "ambinav[plans]".')
+
+
 MAP_SERVER: Final = MapReader(
     title="an occupancy map", suffixes=("yaml", "yml"), read=_read_map_server
 )
@@ -109,3 +151,9 @@ FLOOR_PLAN: Final = MapReader(
     title="a drawn plan", suffixes=("geojson", "json", "wkt"), read=_read_floor_plan
 )
 """Polygons and lines, as GeoJSON or WKT."""
+
+BUILDING_MODEL: Final = MapReader(title="a building model", suffixes=("ifc",), read=_read_ifc)
+"""A storey of an IFC file."""
+
+CAD_DRAWING: Final = MapReader(title="a CAD drawing", suffixes=("dxf",), read=_read_dxf)
+"""The layers of a DXF file."""

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.segments import FRONTIER, WALL, Segments
+from ambinav.geometry.segments import FRONTIER, GLASS, REFLECTOR, WALL, Segments
 
 Shape: TypeAlias = BaseGeometry | ArrayLike
 
@@ -39,6 +39,9 @@ def environment_from_shapes(
     bbox: Sequence[float] | None = None,
     name: str = "environment",
     *,
+    reflectors: Iterable[Shape] = (),
+    glass: Iterable[Shape] = (),
+    drivable: BaseGeometry | None = None,
     source: Path | None = None,
     checksum: str = "",
     notes: Iterable[str] = (),
@@ -59,13 +62,19 @@ def environment_from_shapes(
             stretch of it into frontier: a door to space that is not mapped.
         bbox: (xmin, ymin, xmax, ymax), used if there is no room; bounds of all shapes if None.
         name: What reports call the environment.
+        reflectors: What returns more light than a wall (`REFLECTOR`): a line on the boundary of the
+            free space (to a millimetre) is a tag on the wall there, a line within it a panel
+            without thickness that reflects on both sides, a polygon an obstacle with such a face.
+        glass: Lines along which the wall is of glass (`GLASS`), as `reflectors`.
+        drivable: What no footprint may leave; see `Environment`.
         source: The file that the shapes come from.
         checksum: SHA-256 of that file.
         notes: Remarks to keep with the environment; repairs are added to them.
 
     Raises:
         InputError: A shape is empty, not finite or of the wrong type, a polygon has no area, an
-            opening is not on the boundary, or no free space is left.
+            opening is not on the boundary, a reflector borders no free space, or no free space is
+            left.
 
     Warns:
         InputWarning: A polygon that crosses itself was repaired.
@@ -76,6 +85,11 @@ def environment_from_shapes(
     solid_list = [_polygon(label, "obstacle", k, s, remarks) for k, s in enumerate(obstacles)]
     wall_list = [_line(label, "wall", k, s) for k, s in enumerate(walls)]
     opening_list = [_line(label, "opening", k, s) for k, s in enumerate(openings)]
+    tags, posts = _reflectors(label, reflectors, remarks)
+    solid_list += posts
+    panes = [_line(label, "glass", k, s) for k, s in enumerate(glass)]
+    wall_list += [*tags, *panes]
+    faces = [*tags, *(post.boundary for post in posts)]
     frontier = list(opening_list)
     extent = None
     if room_list:
@@ -107,11 +121,27 @@ def environment_from_shapes(
     zone = shapely.union_all([_around(line) for line in frontier])
     zone = shapely.difference(zone, shapely.union_all([_around(line) for line in wall_list]))
     solid, open_ = _split(edges, zone)
-    free = _noded(free, np.concatenate([solid, open_]).reshape(-1, 2))
+    bright = clear = np.empty((0, 4))
+    if panes:
+        solid, clear = _split(solid, shapely.union_all([_around(line) for line in panes]))
+    if faces:
+        solid, bright = _split(solid, shapely.union_all([_around(line) for line in faces]))
+    free = _noded(free, np.concatenate([solid, clear, bright, open_]).reshape(-1, 2))
     inside = _within(free, wall_list)
-    xy = np.concatenate([solid, inside, open_])
-    kind = np.full(len(xy), WALL, dtype=np.uint8)
-    kind[len(solid) + len(inside) :] = FRONTIER
+    lit = _on(inside, tags)
+    glazed = ~lit & _on(inside, panes)
+    bright = np.concatenate([bright, inside[lit]])
+    clear = np.concatenate([clear, inside[glazed]])
+    for face in faces:
+        if not _on(bright, [face]).any():
+            raise InputError(
+                f"{label}: the reflector at {_start(face)} borders no free space for {SHORTEST:g} "
+                "m; draw it along the edge of a room or within one."
+            )
+    parted = [solid, inside[~lit & ~glazed], open_, bright, clear]
+    xy = np.concatenate(parted)
+    kinds = np.array([WALL, WALL, FRONTIER, REFLECTOR, GLASS], dtype=np.uint8)
+    kind = np.repeat(kinds, [len(part) for part in parted])
     return Environment(
         Segments(xy, kind),
         free,
@@ -120,6 +150,7 @@ def environment_from_shapes(
         checksum=checksum,
         notes=tuple(remarks),
         extent=extent,
+        drivable=drivable,
     )
 
 
@@ -180,6 +211,19 @@ def _line(label: str, what: str, number: int, shape: Shape) -> BaseGeometry:
     if shape.length <= 0.0:
         raise InputError(f"{label} has no length; give it two different points.")
     return shape
+
+
+def _reflectors(
+    label: str, shapes: Iterable[Shape], remarks: list[str]
+) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
+    """The lines among the reflectors, and the polygons."""
+    lines, polygons = [], []
+    for k, shape in enumerate(shapes):
+        if isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
+            polygons.append(_polygon(label, "reflector", k, shape, remarks))
+        else:
+            lines.append(_line(label, "reflector", k, shape))
+    return lines, polygons
 
 
 def _points(label: str, shape: ArrayLike, least: int) -> NDArray[np.float64]:
@@ -270,6 +314,12 @@ def _split(
                 end = a + high * run if high < 1.0 else edge[2:]
                 (inside if k % 2 else outside).append(np.concatenate([start, end]))
     return np.array(outside).reshape(-1, 4), np.array(inside).reshape(-1, 4)
+
+
+def _on(pieces: NDArray[np.float64], lines: Sequence[BaseGeometry]) -> NDArray[np.bool_]:
+    """Mask of the pieces, shape (n, 4), whose middle lies on a line."""
+    middle = shapely.points(0.5 * (pieces[:, :2] + pieces[:, 2:]))
+    return np.asarray(shapely.dwithin(shapely.union_all(lines), middle, NEAR), dtype=np.bool_)
 
 
 def _noded(free: BaseGeometry, points: NDArray[np.float64]) -> BaseGeometry:

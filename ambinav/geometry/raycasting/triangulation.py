@@ -118,10 +118,10 @@ class Triangulation:
         rows, columns = int(height / cell) + 3, int(width / cell) + 3
         origin = lower - cell
         counts = np.zeros(rows * columns + 1, dtype=np.int64)
-        _sort_triangles(corner, origin, cell, columns, counts, np.empty(0, dtype=np.int32))
+        sort_triangles(corner, origin, cell, columns, counts, np.empty(0, dtype=np.int32))
         start = np.cumsum(counts)
         item = np.empty(int(start[-1]), dtype=np.int32)
-        _sort_triangles(corner, origin, cell, columns, start[:-1].copy(), item)
+        sort_triangles(corner, origin, cell, columns, start[:-1].copy(), item)
         return cls(
             corner,
             twin.astype(np.int32),
@@ -157,7 +157,7 @@ class Triangulation:
 
 
 @kernel
-def _sort_triangles(corner, origin, cell, columns, cursor, item):
+def sort_triangles(corner, origin, cell, columns, cursor, item):
     """Count into cursor[k + 1] if `item` is empty, else write and advance cursor[k]."""
     for t in range(corner.shape[0] // 3):
         x = corner[3 * t : 3 * t + 3, 0] - origin[0]

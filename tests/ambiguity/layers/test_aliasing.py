@@ -11,7 +11,7 @@ from numba import njit
 
 from ambinav import environment_from_shapes
 from ambinav.ambiguity import reference
-from ambinav.ambiguity.build import _evidence, build_map
+from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.heading import turns
 from ambinav.ambiguity.layers.aliasing.kernel import compare_fully
 from ambinav.ambiguity.layers.aliasing.layer import (
@@ -24,7 +24,7 @@ from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 
 
 def laser(beams: int = 36, reach: float = 4.0, aperture: float = math.tau) -> RangeScanner:
@@ -47,8 +47,14 @@ def floor() -> Environment:
     rooms = [shapely.box(0, 0, 2.1, 1.7), shapely.box(5, 0, 7.1, 1.6)]
     hall = shapely.box(1.9, 0.4, 5.2, 1.1)
     return environment_from_shapes(
-        [shapely.union_all([*rooms, hall])], openings=[shapely.LineString([(0, 0), (0, 1.7)])]
-    )
+        [shapely.union_all([*rooms, hall])], openings=[shapely.LineString([(0, 0), (0, 1.7)])],
+        reflectors=[shapely.LineString([(0.3, 0), (1.1, 0)])],
+    )  # fmt: skip
+
+
+def seeing(scanner: RangeScanner) -> RangeScanner:
+    """The same with intensities, which tell the tag of the one room."""
+    return scanner.with_intensity(Intensity(wall=0.3, reflector=1.0, std=0.15))
 
 
 def context(env: Environment, scanner: RangeScanner, spacing: float, **more) -> LayerContext:
@@ -86,8 +92,11 @@ def all_pairs(data, beams, xy, limit, icap, use, evidence, tau, c0, c2, near, mo
         (sonar(), None, 0.01),
         (mixed(), None, 0.2),
         (laser(20, 4, 2.0), 4, 1e-3),
+        (seeing(laser()), None, 0.01),
+        (seeing(mixed()), None, 0.2),
+        (seeing(laser(20, 4, 2.0)), 4, 1e-3),
     ],
-    ids=["laser", "sonar", "mixed", "fan"],
+    ids=["laser", "sonar", "mixed", "fan", "seeing", "mixed seeing", "fan seeing"],
 )
 def test_search_equals_brute_force(scanner, headings, least):
     here = context(floor(), scanner, 0.4, headings=headings)
@@ -95,13 +104,15 @@ def test_search_equals_brute_force(scanner, headings, least):
     scans, table = Scans.of(here), here.table
     around = headings is None
     beams = turns(here.scanner) if around else np.arange(here.scanner.beams, dtype=np.uint64)[None]
+    beams = table.turned(beams)
+    assert (beams.shape[1] > here.scanner.beams) == (len(here.scanner.intensity_beams) > 0)
     data = np.stack([here.returns(k).data for k in range(len(here.headings))], axis=1)
     data = data.reshape(-1, *data.shape[2:])[scans.explored]
     xy = np.column_stack([scans.x, scans.y])[scans.explored]
     most = -math.log(least)
     phis = np.empty((len(xy), len(xy), len(beams)))
     mass = all_pairs(
-        data, beams, xy, table.limit, table.inverse_cap, table.use, _evidence(table), scans.tau,
+        data, beams, xy, table.limit, table.inverse_cap, table.use, table.evidence, scans.tau,
         *scans.cell_variance, here.radius, most, phis,
     )  # fmt: skip
     assert (np.abs(phis - most) > 1e-4).all(), "a tie: let the test use another map"

@@ -48,6 +48,7 @@ def scans(data: np.ndarray, turns: int) -> Scans:
         cell_variance=CELL,
         tau=TAU,
         spacing=0.2,
+        ranges=beams,
     )
 
 

@@ -138,7 +138,7 @@ def test_audit_command(folder: Path) -> None:
     ("scanner", "names", "message"),
     [
         ("laser.yaml", "fishr", "there is no layer 'fishr'; did you mean fisher"),
-        ("laser.yaml", "fisher,", "there is no layer ''; choose from aliasing, clearance, "),
+        ("laser.yaml", "fisher,", "there is no layer ''; choose from aliasing, best_aperture, "),
         (
             "sonar.yaml",
             "fisher,wall_normals",

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
-from ambinav.ambiguity.kernel import (
+from ambinav.ambiguity.gaussian import (
     F0,
     F1,
     FAST,
@@ -25,8 +24,8 @@ from ambinav.ambiguity.kernel import (
     U,
     X,
     Y,
-    compare,
 )
+from ambinav.ambiguity.indistinguishability import Z_MAX, Z_STEP
 from ambinav.ambiguity.layers.aliasing.scans import Scans
 from ambinav.ambiguity.layers.aliasing.sieve import (
     SignatureArrays,
@@ -38,8 +37,9 @@ from ambinav.ambiguity.layers.aliasing.sieve import (
 )
 from ambinav.ambiguity.layers.aliasing.signature import SLACK, Signatures, slides
 from ambinav.ambiguity.layers.aliasing.tree import Tree
-from ambinav.ambiguity.returns import LANES
+from ambinav.ambiguity.pair import compare
 from ambinav.kernels import kernel
+from ambinav.lanes import LANES
 from ambinav.threads import run_rows
 
 # Row of the slides, beside those of `Returns.data`.

@@ -19,6 +19,8 @@ from ambinav.maps.zones import UNEXPLORED
 class Scans:
     """What `kernel` of this room compares: N poses, B beams in orbits of n.
 
+    What a beam reads of intensity counts as a further beam, see `BeamTable`; ranges come first.
+
     Turning the robot by k steps of 2 pi / n puts beam j n + i where beam j n + (i + k) mod n was:
     every orbit of n beams is shifted by k. Poses are the P free cells of a map, or its P free
     cells times K headings where a turn of the robot shows other things (n is 1 then).
@@ -44,6 +46,7 @@ class Scans:
             radians).
         tau: Beams per independent piece of evidence.
         spacing: Of the lattice, metres.
+        ranges: How many of the beams are ranges: a pose without echoes is explored all the same.
     """
 
     data: NDArray[np.float32]
@@ -63,6 +66,7 @@ class Scans:
     cell_variance: tuple[float, float]
     tau: float
     spacing: float
+    ranges: int
 
     @classmethod
     def of(cls, context: LayerContext) -> Scans:
@@ -72,12 +76,12 @@ class Scans:
         up evenly; where the map's headings stand alone it is the map's `sigma_theta`.
         """
         shifts, n = context.turns_in_place, 1
-        order = np.arange(context.scanner.beams)
+        table = context.table
+        order = np.arange(table.columns)
         if shifts:
-            around = turns(context.scanner).astype(np.intp)
+            around = table.turned(turns(context.scanner)).astype(np.intp)
             order, n = _orbits(around), len(around)
         headings = context.headings[:1] if shifts else context.headings
-        table = context.table
         width = len(table.limit)
         full = np.concatenate([order, np.arange(len(order), width)])
         x, y = context.points
@@ -112,6 +116,7 @@ class Scans:
             cell_variance=(context.spacing**2 / 4.0, theta),
             tau=context.model.tau,
             spacing=context.spacing,
+            ranges=table.beams,
         )
 
     @property
@@ -122,7 +127,8 @@ class Scans:
     @property
     def explored(self) -> NDArray[np.bool_]:
         """Possible poses where fewer than half of the beams end in unknown space, shape (N,)."""
-        return np.asarray(self.possible & (1.0 - self.known.mean(axis=1) < UNEXPLORED))
+        known = self.known[:, : self.ranges].mean(axis=1)
+        return np.asarray(self.possible & (1.0 - known < UNEXPLORED))
 
 
 def _orbits(around: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -89,7 +89,7 @@ def _settle(
     evidence = None
     if table.width.max() > FINE:
         rows = evidence_table(table.width)
-        evidence = np.pad(rows, ((0, len(table.limit) - beams), (0, 0)))
+        evidence = np.pad(rows, ((0, len(table.limit) - len(rows)), (0, 0)))
     poses = poses.copy()
     best = np.full((len(cell), 4), np.nan)
     least = np.full(len(cell), np.inf)

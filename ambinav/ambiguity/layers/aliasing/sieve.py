@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import U
+from ambinav.ambiguity.gaussian import U
 from ambinav.ambiguity.layers.aliasing.signature import Signatures
 from ambinav.ambiguity.layers.aliasing.tree import Tree
 from ambinav.kernels import kernel

@@ -1,0 +1,85 @@
+"""Where two buildings differ: rows of segments and edges, and boxes around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.geometry.border_cover import repeated, row_keys
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import Segments, edges_of
+
+Floats = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """What one building has and another has not.
+
+    A segment is the same if its ends, their order and its kind are, to the last bit. A region that
+    is free in one of the two alone is bounded by edges that one of the two alone has.
+
+    Attributes:
+        removed: End points of the segments that the first alone has, shape (K, 4), metres.
+        added: Those that the second alone has, likewise.
+        edges: All of these, and the edges of the spaces for scans and for footprints that one of
+            the two alone has.
+    """
+
+    removed: Floats
+    added: Floats
+    edges: Floats
+
+    @classmethod
+    def between(cls, old: Environment, new: Environment, footprints: bool) -> Changes:
+        """Compare two buildings.
+
+        Args:
+            old: The first.
+            new: The second.
+            footprints: Whether it matters where a body fits (`Environment.collision`).
+        """
+        removed, added = _rows(old.segments, new.segments), _rows(new.segments, old.segments)
+        pairs = [(edges_of(old.free), edges_of(new.free))]
+        if footprints:
+            pairs.append((_body_edges(old), _body_edges(new)))
+        edges = [removed, added]
+        for one, other in pairs:
+            edges += [one[~repeated(one, other)], other[~repeated(other, one)]]
+        return cls(removed, added, np.concatenate(edges))
+
+    def boxes(self, margin: float) -> list[Box]:
+        """Boxes (xmin, ymin, xmax, ymax) that hold all edges with a margin, metres.
+
+        They do not meet each other, and each region that is free in one building alone lies in one
+        of them.
+        """
+        low = np.minimum(self.edges[:, :2], self.edges[:, 2:]) - margin
+        high = np.maximum(self.edges[:, :2], self.edges[:, 2:]) + margin
+        return merged(np.hstack([low, high]))
+
+
+def merged(boxes: Floats) -> list[Box]:
+    """Boxes, shape (N, 4), with those that meet joined to the box around them, till none do."""
+    while True:
+        parts = shapely.get_parts(shapely.union_all(shapely.box(*boxes.T)))
+        around = shapely.bounds(parts)
+        if len(around) == len(boxes):
+            return [(a, b, c, d) for a, b, c, d in around.tolist()]
+        boxes = around
+
+
+def _rows(some: Segments, others: Segments) -> Floats:
+    """Rows of the one that the other does not have."""
+    known = set(row_keys(np.column_stack([others.xy, others.kind])))
+    rows = row_keys(np.column_stack([some.xy, some.kind]))
+    return some.xy[[row not in known for row in rows]].reshape(-1, 4)
+
+
+def _body_edges(env: Environment) -> Floats:
+    """Edges that a footprint may not cross."""
+    return edges_of(env.free if env.drivable is None else env.drivable)

@@ -1,0 +1,87 @@
+"""Ambiguity at some poses of a lattice: what of the others is near is cast, but not computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.build import tiled
+from ambinav.ambiguity.dataset import LatticeSums
+from ambinav.ambiguity.heading import turning_moments, turns
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.neighbourhoods import Neighbourhoods, disc
+from ambinav.ambiguity.returns import BeamTable, Returns, blind_share, panorama_returns
+from ambinav.geometry.lattice import Lattice
+from ambinav.sensing.scanner import RangeScanner
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenPoses:
+    """How poses are computed.
+
+    Attributes:
+        scanner: The beams that take part.
+        table: These, tabulated.
+        model: The parameters.
+        headings: Radians, shape (H,).
+        turning: Whether the map tells how far the robot can turn unseen.
+    """
+
+    scanner: RangeScanner
+    table: BeamTable
+    model: AmbiguityModel
+    headings: NDArray[np.float64]
+    turning: bool
+
+    def sums(
+        self, lattice: Lattice, possible: Mask, chosen: Mask, report: Callable[[float], None]
+    ) -> LatticeSums:
+        """What `build_map` computes at the chosen poses, to the last bit.
+
+        Args:
+            lattice: N free points: the chosen ones and all within the radius of these.
+            possible: Whether the robot can stand there, shape (N, H).
+            chosen: Mask of the M points that are wanted, shape (N,).
+            report: Called with the share done.
+
+        Returns:
+            Of the M points.
+        """
+        steps = int(disc(self.model.radius, lattice.spacing).max())
+        headings, count = len(self.headings), int(chosen.sum())
+        found = LatticeSums(
+            np.empty((count, headings, 7)),
+            np.empty(count),
+            np.empty((count, 2)) if self.turning else None,
+        )
+        done = 0
+        for band in tiled(lattice, steps, headings * 5 * len(self.table.limit) * 4):
+            some = np.zeros_like(chosen)
+            some[band.begin : band.end] = chosen[band.begin : band.end]
+            added = int(some.sum())
+            if added:
+                part = Neighbourhoods.around(lattice, possible, some, self.model.radius)
+                self._fill(part, found, slice(done, done + added))
+                done += added
+                report(done / count)
+        return found
+
+    def _fill(self, part: Neighbourhoods, found: LatticeSums, where: slice) -> None:
+        scanner, table, headings = self.scanner, self.table, self.headings
+        x, y = part.lattice.points
+        data = np.empty((len(headings), len(x), 5, len(table.limit)), dtype=np.float32)
+        building = part.lattice.environment
+        panorama_returns(building, scanner, table, x, y, headings, data)
+        found.sums[where] = part.sums(data, table, self.model)
+        if found.turning is not None:
+            found.turning[where] = turning_moments(
+                Returns(data[0, part.poses]), 0, len(part.poses), turns(scanner), table,
+                table.evidence, self.model.tau, part.lattice.spacing,
+            )  # fmt: skip
+        blind = blind_share(data, 0, len(x), table.beams)[part.poses]
+        found.unknown[where] = blind.mean(axis=1, where=part.possible[part.poses])

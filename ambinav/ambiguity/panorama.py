@@ -1,0 +1,253 @@
+"""Many scanners at the same poses: each of them is a window of one panorama of returns.
+
+A beam is what a sensor returns from a point along a direction. Two scanners that share these
+share the beam, whichever way the robot faces and wherever in their fans it lies. So the beams of
+all of them are cast once, and what one scanner sees are columns copied out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.model import AmbiguityModel
+from ambinav.ambiguity.neighbourhoods import Neighbourhoods
+from ambinav.ambiguity.returns import SAME_RAY, BeamTable, panorama_returns
+from ambinav.ambiguity.tensor import relative_radii
+from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.morton import morton
+from ambinav.kernels import kernel
+from ambinav.lanes import LANES
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+from ambinav.threads import run_rows
+
+Numbers = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+# Beams of one panorama at the most, unless a single view has more.
+MOST_BEAMS: Final = 2048
+# Bytes of a panorama's returns that are held at a time.
+TILE_BYTES: Final = 128_000_000
+# A tile of so few poses is not divided further.
+TILE_POSES: Final = 16
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A scanner at one heading of the robot.
+
+    Attributes:
+        scanner: The beams that take part.
+        heading: Of the robot, radians.
+        tau: See `AmbiguityModel`.
+        standing: Which column of the possible poses holds for it.
+    """
+
+    scanner: RangeScanner
+    heading: float
+    tau: float
+    standing: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Views that see the same at every pose.
+
+    Attributes:
+        views: Their running numbers, ascending.
+        columns: Their beams, in order, among those of the panorama.
+    """
+
+    views: tuple[int, ...]
+    columns: Numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Panorama:
+    """The beams of some views, each once.
+
+    Attributes:
+        scanner: These beams, in the frame of a robot at heading 0.
+        rows: Where each view finds its own.
+    """
+
+    scanner: RangeScanner
+    rows: tuple[Row, ...]
+
+
+def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
+    """Lay views into panoramas, in their order: one takes on views while it has room.
+
+    Args:
+        views: V views; those that share beams had best be neighbours.
+        most: Beams of a panorama, unless a single view has more.
+    """
+    sensors: dict[RangeSensor, int] = {}
+    keys, mounts = [], []
+    for view in views:
+        mount, key = view_beams(view, sensors)
+        mounts.append(mount)
+        keys.append(key)
+    ends = np.cumsum([len(key) for key in keys])
+    _, first, beam = np.unique(np.concatenate(keys), axis=0, return_index=True, return_inverse=True)
+    table = np.concatenate(mounts)[first], np.concatenate(keys)[first, 0]
+    own = np.split(beam.ravel(), ends[:-1])
+    found, begin, held = [], 0, np.zeros(len(first), dtype=np.bool_)
+    for i in range(len(views) + 1):
+        full = i == len(views) or held.sum() + (~held[own[i]]).sum() > most
+        if full and i > begin:
+            found.append(_panorama(range(begin, i), views, own, tuple(sensors), table))
+            begin, held = i, np.zeros_like(held)
+        if i < len(views):
+            held[own[i]] = True
+    return found
+
+
+def view_radii(
+    lattice: Lattice,
+    possible: Mask,
+    point: NDArray[np.int64],
+    views: Sequence[View],
+    model: AmbiguityModel,
+) -> Iterator[tuple[tuple[int, ...], Numbers, NDArray[np.float64], NDArray[np.float64]]]:
+    """The ambiguity of poses for each of the views, as `build_map` computes it for that scanner.
+
+    Piece by piece within `TILE_BYTES` of returns; all pieces are as long to compute.
+
+    Args:
+        lattice: N free points, as `standing_lattice` gives them.
+        possible: Whether the robot can stand there, shape (N, S).
+        point: Running numbers of the points that are wanted, each once, shape (K,).
+        views: The views.
+        model: The parameters; each view has its own tau.
+
+    Yields:
+        Running numbers of views; which of the K points they are, shape (M,); and there for each of
+        these views the radii `major` and `minor` over those of the free neighbourhood, shape (M,),
+        nan where the pose is impossible.
+    """
+    first, column = _distinct(possible)
+    views = [replace(view, standing=column[view.standing]) for view in views]
+    possible = possible[:, first]
+    every = panoramas(views, MOST_BEAMS)
+    noise = model.map_std, model.outlier_share, lattice.environment.has_reflectors
+    tables = [BeamTable.of(one.scanner, *noise) for one in every]
+    own: dict[RangeScanner, BeamTable] = {}
+    for one, table in zip(every, tables, strict=True):
+        for row in one.rows:
+            scanner = views[row.views[0]].scanner
+            if scanner not in own:
+                own[scanner] = table.subset(row.columns)
+    width = max(len(table.limit) for table in tables)
+    order = np.empty(len(lattice.rows_columns), dtype=np.intp)
+    order[point] = np.arange(len(point))
+    for around in _tiles(lattice, possible, point, model.radius, 20 * width):
+        x, y = around.lattice.points
+        at = order[around.among[around.poses]]
+        held = np.empty(len(x) * 5 * width, dtype=np.float32)
+        for one, table in zip(every, tables, strict=True):
+            data = held[: len(x) * 5 * len(table.limit)].reshape(1, len(x), 5, -1)
+            panorama_returns(lattice.environment, one.scanner, table, x, y, np.zeros(1), data)
+            for row in one.rows:
+                view = views[row.views[0]]
+                its = own[view.scanner]
+                radii = relative_radii(
+                    _standing_at(around, view.standing).sums(
+                        _copied(data, table.columns_of(row.columns)),
+                        its,
+                        replace(model, tau=view.tau),
+                    )[:, 0]
+                )
+                yield row.views, at, radii["major"], radii["minor"]
+
+
+def view_beams(
+    view: View, sensors: dict[RangeSensor, int]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mounts of a view's beams at heading 0, (B, 3), and what tells one from another, (B, 4)."""
+    x, y, yaw = view.scanner.mounts.T
+    c, s = math.cos(view.heading), math.sin(view.heading)
+    mounts = np.column_stack([c * x - s * y, s * x + c * y, yaw + view.heading])
+    sensor = np.array([sensors.setdefault(one, len(sensors)) for one in view.scanner.sensors])
+    sensor_of_beam = sensor[view.scanner.sensor_of_beam]
+    turn = 2.0 * math.pi
+    keys = np.rint(np.column_stack([mounts[:, :2], mounts[:, 2] % turn]) / SAME_RAY)
+    # Just below a whole turn is none.
+    keys[:, 2] %= round(turn / SAME_RAY)
+    return mounts, np.column_stack([sensor_of_beam, keys.astype(np.int64)])
+
+
+def _panorama(
+    numbers: range,
+    views: Sequence[View],
+    own: Sequence[Numbers],
+    sensors: tuple[RangeSensor, ...],
+    table: tuple[NDArray[np.float64], NDArray[np.int64]],
+) -> Panorama:
+    """Of the views of these numbers.
+
+    Beams stand in the order in which the views use them: what is copied out of the returns for
+    one view lies side by side, which takes a quarter of the time.
+    """
+    used, first = np.unique(np.concatenate([own[i] for i in numbers]), return_index=True)
+    used = used[np.argsort(first)]
+    column = np.empty(len(table[0]), dtype=np.intp)
+    column[used] = np.arange(len(used))
+    rows: dict[object, tuple[list[int], Numbers]] = {}
+    for i in numbers:
+        columns = column[own[i]]
+        same = columns.tobytes(), views[i].tau, views[i].standing
+        rows.setdefault(same, ([], columns))[0].append(i)
+    scanner = RangeScanner.from_mounts(sensors, table[0][used], table[1][used], name="panorama")
+    return Panorama(scanner, tuple(Row(tuple(i), columns) for i, columns in rows.values()))
+
+
+def _distinct(possible: Mask) -> tuple[list[int], list[int]]:
+    """Columns no two of which are the same, and which of them each column is."""
+    found: dict[bytes, int] = {}
+    numbers = [found.setdefault(column.tobytes(), len(found)) for column in possible.T]
+    return [numbers.index(i) for i in range(len(found))], numbers
+
+
+def _tiles(
+    lattice: Lattice, possible: Mask, point: NDArray[np.int64], radius: float, bytes_per_pose: int
+) -> Iterator[Neighbourhoods]:
+    """The poses by pieces that are compact, with their neighbours."""
+    left = [point[np.argsort(morton(lattice.rows_columns[point]), kind="stable")]]
+    while left:
+        some = left.pop()
+        chosen = np.zeros(len(lattice.rows_columns), dtype=np.bool_)
+        chosen[some] = True
+        around = Neighbourhoods.around(lattice, possible, chosen, radius)
+        if len(some) > TILE_POSES and len(around.among) * bytes_per_pose > TILE_BYTES:
+            left += [some[len(some) // 2 :], some[: len(some) // 2]]
+        else:
+            yield around
+
+
+def _standing_at(around: Neighbourhoods, column: int) -> Neighbourhoods:
+    """The same for one heading alone."""
+    pick = slice(column, column + 1)
+    return replace(around, possible=around.possible[:, pick], links=around.links[pick])
+
+
+def _copied(data: NDArray[np.float32], columns: Numbers) -> NDArray[np.float32]:
+    """Columns of the returns (1, N, 5, P) and padding that is finite, (1, N, 5, P')."""
+    padded = np.pad(columns, (0, -len(columns) % LANES), mode="edge")
+    out = np.empty((*data.shape[:3], len(padded)), dtype=np.float32)
+    run_rows(_copy, data.shape[1], data, padded, out, least=256)
+    return out
+
+
+@kernel
+def _copy(low, high, data, columns, out):
+    for n in range(low, high):
+        for row in range(data.shape[2]):
+            for b in range(columns.size):
+                out[0, n, row, b] = data[0, n, row, columns[b]]

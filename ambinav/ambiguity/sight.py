@@ -1,0 +1,125 @@
+"""Which poses see a segment: one of their rays meets it, or comes as near as rounding."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.raycasting.grid import SegmentGrid
+from ambinav.geometry.raycasting.raycast import cast_one
+from ambinav.kernels import kernel
+from ambinav.threads import run_rows
+
+# A ray that passes a segment's end this near may meet it, metres; how rays that graze a corner go
+# on is decided by rounding, so rays turned by as many radians are asked too.
+GRAZE = 1e-6
+# Ranges are float32: what is nearer by this much, metres, hides for certain.
+HIDDEN = 1e-5
+
+
+class SightRays(NamedTuple):
+    """Rays of a robot: origin and direction in its frame, and how far each looks.
+
+    Attributes:
+        x: Origins, shape (R,), metres.
+        y: Likewise.
+        angle: Directions, shape (R,), radians.
+        reach: Metres, shape (R,).
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    reach: NDArray[np.float64]
+
+    def turned(self, headings: NDArray[np.float64]) -> SightRays:
+        """The rays of robots at all of these headings, in the frame of the map."""
+        c, s = np.cos(headings)[:, None], np.sin(headings)[:, None]
+        return SightRays(
+            (c * self.x - s * self.y).ravel(),
+            (s * self.x + c * self.y).ravel(),
+            (headings[:, None] + self.angle).ravel(),
+            np.tile(self.reach, len(headings)),
+        )
+
+
+def sees(
+    grid: SegmentGrid,
+    lines: NDArray[np.float64],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    rays: SightRays,
+) -> NDArray[np.bool_]:
+    """Whether a ray of each pose, shape (N,), meets one of some segments of a building.
+
+    In doubt it does: at corners that a ray grazes, and at the ends of segments.
+
+    Args:
+        grid: All segments of the building.
+        lines: End points of the segments in question, shape (K, 4), metres.
+        x: Poses, shape (N,), metres.
+        y: Poses, shape (N,), metres.
+        rays: The rays of a pose at all headings, in the frame of the map (`SightRays.turned`).
+    """
+    seen = np.zeros(len(x), dtype=np.bool_)
+    if not len(lines):
+        return seen
+    ends = lines.reshape(-1, 2)
+    centre = (ends.min(axis=0) + ends.max(axis=0)) / 2
+    size = float(np.hypot(*(ends - centre).T).max()) + 2 * GRAZE
+    run_rows(
+        _sees, len(x), x, y, *rays[:2], np.cos(rays.angle), np.sin(rays.angle), rays.reach, lines,
+        centre, size, *grid.arrays, seen, least=64,
+    )  # fmt: skip
+    return seen
+
+
+@kernel(inline="always")
+def _meeting(px, py, ux, uy, reach, lines):
+    """How far along the ray the first of the lines is at the least; inf if it meets none."""
+    best = np.inf
+    for k in range(lines.shape[0]):
+        ax, ay = lines[k, 0] - px, lines[k, 1] - py
+        bx, by = lines[k, 2] - px, lines[k, 3] - py
+        left, right = ux * ay - uy * ax, ux * by - uy * bx
+        if min(left, right) > GRAZE or max(left, right) < -GRAZE:
+            continue
+        start, end = ax * ux + ay * uy, bx * ux + by * uy
+        nearest = min(start, end)
+        if abs(left - right) > 4 * GRAZE:
+            share = min(max(left / (left - right), 0.0), 1.0)
+            nearest = max(start + share * (end - start), nearest)
+        if max(start, end) >= -GRAZE and nearest <= reach:
+            best = min(best, nearest)
+    return best
+
+
+@kernel
+def _sees(
+    low, high, x, y, ray_x, ray_y, ray_cos, ray_sin, ray_reach, lines, centre, size, x0, y0, cell,
+    rows, columns, start, item, line, seen,
+):  # fmt: skip
+    for i in range(low, high):
+        for r in range(ray_cos.size):
+            px, py = x[i] + ray_x[r], y[i] + ray_y[r]
+            ux, uy = ray_cos[r], ray_sin[r]
+            cx, cy = centre[0] - px, centre[1] - py
+            along, across = cx * ux + cy * uy, ux * cy - uy * cx
+            if abs(across) > size or along < -size or along - size > ray_reach[r]:
+                continue
+            nearest = _meeting(px, py, ux, uy, ray_reach[r] + HIDDEN, lines)
+            if nearest == np.inf:
+                continue
+            reach = max(nearest, 0.0) + HIDDEN
+            for turn in range(-1, 2):
+                vx, vy = ux - turn * GRAZE * uy, uy + turn * GRAZE * ux
+                distance, _ = cast_one(
+                    px, py, vx, vy, reach, x0, y0, cell, rows, columns, start, line
+                )
+                if distance >= nearest - HIDDEN:
+                    seen[i] = True
+                    break
+            if seen[i]:
+                break

@@ -1,0 +1,420 @@
+"""The map of a changed building, computed again only where the change is seen.
+
+A pose's ambiguity depends on its own scan, on those of the poses in its neighbourhood, and on where
+a robot can stand and go there. So a pose is computed again if in its neighbourhood
+
+- a robot can stand where it could not before, or the other way round;
+- a changed wall is near enough to part neighbours of the lattice; or
+- a ray meets a wall that is new, or met one that is gone (`ambinav.ambiguity.sight`).
+
+All else is taken over. Numbers are those of `build_map`, which does the same at every pose.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from ambinav.ambiguity.build import reporter
+from ambinav.ambiguity.changes import Box, Changes
+from ambinav.ambiguity.chosen import ChosenPoses
+from ambinav.ambiguity.dataset import pose_layers, with_building
+from ambinav.ambiguity.layers.context import LayerContext
+from ambinav.ambiguity.neighbourhoods import disc
+from ambinav.ambiguity.returns import BEYOND
+from ambinav.ambiguity.sight import SightRays, sees
+from ambinav.ambiguity.standing import standing
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.lattice import Lattice
+from ambinav.maps import schema
+from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.maps.zones import NOT_FREE
+from ambinav.sensing.scanner import RangeScanner
+
+Mask = NDArray[np.bool_]
+
+# Points of the lattice within so many spacings of a wall may be parted by it from a neighbour.
+PARTED = 1.5
+# A window reaches this much farther than what is asked in it, metres.
+SLACK = 0.1
+# To ask who sees more edges takes longer than to compute all poses within reach of them.
+MOST_LINES = 1000
+# More places are looked at together.
+MOST_BOXES = 8
+
+
+def updated(
+    amap: AmbiguityMap, env: Environment, *, progress: bool | Callable[[float], None] = False
+) -> AmbiguityMap:
+    """The map that `build_map` makes of `env` with the scanner and the parameters of `amap`.
+
+    Args:
+        amap: A map.
+        env: The building as it is now, see `Environment.edited`.
+        progress: As `build_map` takes it.
+
+    Returns:
+        A map of its own, layers that were added to `amap` included.
+
+    Raises:
+        InputError: the map does not say how it was made, or was made by another version; or the
+            robot can stand nowhere in `env`.
+    """
+    with reporter(progress, f"{env.name}, {amap.dataset.attrs['scanner']}") as report:
+        return _Update.of(amap, env).run(report)
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """Lattice points from a first column and row on, in counts of spacings.
+
+    Attributes:
+        column: The first.
+        row: The first.
+        columns: How many.
+        rows: How many.
+    """
+
+    column: int
+    row: int
+    columns: int
+    rows: int
+
+    @classmethod
+    def of(cls, x: NDArray[np.float64], y: NDArray[np.float64], spacing: float) -> _Frame:
+        """The frame of a lattice."""
+        return cls(
+            round(float(x[0]) / spacing - 0.5), round(float(y[0]) / spacing - 0.5), len(x), len(y)
+        )
+
+    def around(self, other: _Frame) -> _Frame:
+        """The least frame that holds both."""
+        column, row = min(self.column, other.column), min(self.row, other.row)
+        right = max(self.column + self.columns, other.column + other.columns)
+        top = max(self.row + self.rows, other.row + other.rows)
+        return _Frame(column, row, right - column, top - row)
+
+    def axes(self, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Coordinates of columns and rows, metres: those of `Lattice.axes`, to the last bit."""
+        x = (np.arange(self.column, self.column + self.columns) + 0.5) * spacing
+        y = (np.arange(self.row, self.row + self.rows) + 0.5) * spacing
+        return np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+
+    def taken(self, values: NDArray[Any], frame: _Frame, empty: Any) -> NDArray[Any]:
+        """A copy of values over another frame, shape (rows, columns, ...), laid over this one."""
+        if frame == self:
+            return values.copy()
+        full = np.full((self.rows, self.columns, *values.shape[2:]), empty, dtype=values.dtype)
+        down, left = frame.row - self.row, frame.column - self.column
+        rows = slice(max(down, 0), max(min(down + frame.rows, self.rows), 0))
+        columns = slice(max(left, 0), max(min(left + frame.columns, self.columns), 0))
+        there = values[
+            max(-down, 0) : max(self.rows - down, 0), max(-left, 0) : max(self.columns - left, 0)
+        ]
+        full[rows, columns] = there
+        return full
+
+
+@dataclass(frozen=True, eq=False)
+class _Update:
+    """One map and the building as it is now.
+
+    Attributes:
+        amap: The map.
+        env: The building.
+        context: Scanner, headings and parameters of the map.
+        scanner: The scanner as it was given.
+        spacing: Of the lattice, metres.
+        before: Lattice of the map.
+        after: Lattice of the building.
+        frame: Around both.
+        changes: Between the two buildings.
+    """
+
+    amap: AmbiguityMap
+    env: Environment
+    context: LayerContext
+    scanner: RangeScanner
+    spacing: float
+    before: _Frame
+    after: _Frame
+    frame: _Frame
+    changes: Changes
+
+    @classmethod
+    def of(cls, amap: AmbiguityMap, env: Environment) -> _Update:
+        """Compare the building with that of the map."""
+        text = amap.dataset.attrs.get("scanner_yaml")
+        scanner = None if text is None else _scanner_of(text)
+        # It refuses a map without.
+        context = LayerContext.of(amap, env, scanner)
+        spacing = float(json.loads(amap.dataset.attrs["parameters"]).get("spacing", amap.spacing))
+        before = _Frame.of(amap.dataset["x"].values, amap.dataset["y"].values, spacing)
+        after = _Frame.of(*Lattice.axes(env, spacing), spacing)
+        body = context.model.robot_radius > 0.0
+        return cls(
+            amap,
+            env,
+            context,
+            scanner or context.scanner,
+            spacing,
+            before,
+            after,
+            before.around(after),
+            Changes.between(amap.environment, env, body),
+        )
+
+    @property
+    def theta(self) -> NDArray[np.float64] | None:
+        """Headings, radians; None for a map without."""
+        return self.context.headings if self.context.has_theta else None
+
+    def run(self, report: Callable[[float], None]) -> AmbiguityMap:
+        """Compute what changed, and take over the rest."""
+        was = self.frame.taken(self.amap.possible, self.before, False)
+        possible = self.possible(was)
+        free: Mask = np.any(possible, axis=2)
+        if not free.any():
+            raise InputError(
+                f"{self.env.name}: at no point of the lattice the robot fits; give it more room."
+            )
+        stale = self.stale(was, possible)
+        affected: Mask = self.dilated(stale) & free
+        patch = self.computed(possible, affected, report)
+        variables = self.merged(patch, self.inner(free), self.inner(affected))
+        x, y = self.after.axes(self.spacing)
+        lattice = Lattice(self.env, self.spacing, x, y, self.inner(free))
+        context = self.context
+        amap = AmbiguityMap(
+            with_building(
+                variables,
+                lattice,
+                self.scanner,
+                context.scanner,
+                context.model,
+                self.theta,
+                self.solid(lattice.free),
+            )
+        )
+        if schema.added(self.amap.dataset):
+            from ambinav.ambiguity.layers.again import Changed  # only where there are some
+
+            kept = self.inner(free & was.any(axis=2))
+
+            def taken(values: NDArray[Any]) -> NDArray[Any]:
+                found = self.after.taken(values, self.before, np.nan)
+                found[~kept] = np.nan
+                return found
+
+            amap = Changed(self.amap, amap, self.env, self.boxes, taken).with_layers()
+        report(1.0)
+        return amap
+
+    def solid(self, free: Mask) -> Mask | None:
+        """Solid cells of a building whose occupied cells are not known any more; else None.
+
+        A map keeps the walls that were fitted to an occupancy grid, and which cells are solid, but
+        not the grid (`AmbiguityMap.environment`).
+        """
+        if self.env.occupancy is not None or self.env.resolution is None:
+            return None
+        if schema.BACKDROP not in self.amap.dataset:
+            return None
+        was = self.after.taken(self.amap.dataset["free"].values.astype(bool), self.before, False)
+        solid = self.after.taken(self.amap.solid, self.before, False)
+        found: Mask = (solid & ~(free & ~was)) | (was & ~free)
+        return found
+
+    def inner(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values over the frame, on the new lattice alone."""
+        return self.after.taken(values, self.frame, False)
+
+    def possible(self, was: Mask) -> Mask:
+        """Where the robot can stand now, over the frame and the headings, given where it could."""
+        possible = was.copy()
+        context, x, y = self.context, *self.frame.axes(self.spacing)
+        offset = float(np.hypot(*context.full_scanner.mounts[:, :2].T).max())
+        margin = offset + context.model.robot_radius + SLACK
+        for box in self.boxes(margin):
+            rows, columns = _cells(box, x, y)
+            window = self.window(box, margin)
+            here = possible[rows, columns]
+            here[:] = False
+            if window is None or not here.size:
+                continue
+            xs, ys = np.meshgrid(x[columns], y[rows])
+            inside = window.triangulation.contains(xs.ravel(), ys.ravel()).reshape(xs.shape)
+            lattice = Lattice(window, self.spacing, x[columns], y[rows], inside)
+            here[inside] = standing(
+                lattice, context.full_scanner, context.headings, context.model.robot_radius
+            )
+        return possible
+
+    def boxes(self, margin: float) -> list[Box]:
+        """Boxes around all that changed, with a margin, metres; one, if they are many."""
+        ends = self.changes.edges.reshape(-1, 2)
+        if len(ends) <= 2 * MOST_LINES:
+            boxes = self.changes.boxes(margin)
+            if len(boxes) <= MOST_BOXES:
+                return boxes
+        (left, low), (right, high) = ends.min(axis=0) - margin, ends.max(axis=0) + margin
+        return [(float(left), float(low), float(right), float(high))]
+
+    def stale(self, was: Mask, possible: Mask) -> Mask:
+        """Cells of the frame at which a scan, a link or the possibility to stand changed."""
+        stale: Mask = (was != possible).any(axis=2)
+        changes, (x, y) = self.changes, self.frame.axes(self.spacing)
+        if not len(changes.edges):
+            return stale
+        free = possible.any(axis=2)
+        rays = self.rays()
+        reach = float((np.hypot(rays.x, rays.y) + rays.reach).max()) + SLACK
+        asked = np.zeros_like(stale)
+        for box in self.boxes(reach):
+            asked[_cells(box, x, y)] = True
+        if len(changes.edges) > MOST_LINES:
+            return stale | (asked & free)
+        edges = shapely.multilinestrings(list(changes.edges.reshape(-1, 2, 2)))
+        shapely.prepare(edges)
+        near = PARTED * self.spacing
+        for box in self.boxes(near):
+            rows, columns = _cells(box, x, y)
+            xs, ys = np.meshgrid(x[columns], y[rows])
+            stale[rows, columns] |= shapely.dwithin(edges, shapely.points(xs, ys), near)
+        row, column = np.nonzero(asked & free & ~stale)
+        for env, lines in ((self.amap.environment, changes.removed), (self.env, changes.added)):
+            stale[row, column] |= sees(env.grid, lines, x[column], y[row], rays)
+        return stale
+
+    def rays(self) -> SightRays:
+        """The rays of the beams at all headings."""
+        scanner = self.context.scanner
+        rays, table = scanner.rays(), self.context.table
+        limit = table.limit[: table.beams].astype(np.float64) + BEYOND
+        reach = np.repeat(limit, np.diff(rays.start))
+        x, y = rays.origin.T
+        return SightRays(x, y, rays.angle, reach).turned(self.context.headings)
+
+    def window(self, box: Box, margin: float) -> Environment | None:
+        """The building in a box and around it, metres; None where no free space is."""
+        around = (box[0] - margin, box[1] - margin, box[2] + margin, box[3] + margin)
+        return self.env.window(around, footprints=self.context.model.robot_radius > 0.0)
+
+    def dilated(self, cells: Mask) -> Mask:
+        """Cells within the neighbourhood's radius of one of these."""
+        found = np.zeros_like(cells)
+        row, column = np.nonzero(cells)
+        if not len(row):
+            return found
+        reach = int(disc(self.context.model.radius, self.spacing).max())
+        part = (
+            slice(max(int(row.min()) - reach, 0), int(row.max()) + reach + 1),
+            slice(max(int(column.min()) - reach, 0), int(column.max()) + reach + 1),
+        )
+        away = distance_transform_edt(~cells[part])
+        # As `disc` has it.
+        found[part] = away <= self.context.model.radius / self.spacing * (1 + 5e-10)
+        return found
+
+    def computed(
+        self, possible: Mask, affected: Mask, report: Callable[[float], None]
+    ) -> dict[str, NDArray[Any]]:
+        """Layers at the M affected cells, row by row, shape (M, ...); none if there are none."""
+        if not affected.any():
+            return {}
+        context, table = self.context, self.context.table
+        needed = self.dilated(affected) & possible.any(axis=2)
+        x, y = self.frame.axes(self.spacing)
+        row, column = np.nonzero(needed)
+        rows, columns = (slice(int(v.min()), int(v.max()) + 1) for v in (row, column))
+        reach = float(np.hypot(*context.scanner.mounts[:, :2].T).max())
+        reach += context.scanner.max_range + BEYOND + SLACK
+        box = (x[column.min()], y[row.min()], x[column.max()], y[row.max()])
+        window = self.window(box, reach) or self.env
+        whole = Lattice(window, self.spacing, x[columns], y[rows], needed[rows, columns])
+        chosen = affected[rows, columns]
+        poses = ChosenPoses(
+            context.scanner, table, context.model, context.headings,
+            "heading" in self.amap.dataset,
+        )  # fmt: skip
+        stands, picked = possible[rows, columns][whole.free], chosen[whole.free]
+        found = poses.sums(whole, stands, picked, lambda share: report(0.95 * share))
+        lattice = Lattice(window, self.spacing, x[columns], y[rows], chosen)
+        layers = pose_layers(lattice, context.model, self.theta, found)
+        return {name: one.values[chosen] for name, one in layers.items()}
+
+    def merged(
+        self, patch: dict[str, NDArray[Any]], free: Mask, affected: Mask
+    ) -> dict[str, xr.DataArray]:
+        """The map's own layers on the new lattice, with those of the patch where it has them."""
+        old = self.amap.dataset
+        names = [
+            str(name)
+            for name in old.data_vars
+            if name in self.amap.layers
+            and schema.base_name(str(name)) in CORE_LAYERS
+            and name not in ("free", "clearance")
+        ]
+        if patch and set(patch) != set(names):
+            odd = ", ".join(sorted(set(patch) ^ set(names)))
+            raise InputError(
+                f"{self.amap.source}: it was made by another version of ambinav, which differs in "
+                f"{odd}; make the map again with `ambinav map`."
+            )
+        # Many times faster than the masks themselves.
+        was = self.after.taken(self.amap.possible, self.before, False).any(axis=2)
+        gone, fresh = np.nonzero(was & ~free), np.nonzero(affected)
+        variables = {}
+        for name in patch or names:
+            before = old.variables[name]
+            values = self.after.taken(before.values, self.before, _empty(name))
+            values[gone] = _empty(name)
+            if patch:
+                values[fresh] = patch[name]
+            variables[name] = xr.DataArray(values, dims=before.dims, attrs=before.attrs)
+        variables["clearance"] = self.clearance(free)
+        return variables
+
+    def clearance(self, free: Mask) -> xr.DataArray:
+        """The layer, asked again where a change is not farther than the nearest wall was."""
+        old = self.amap.dataset.variables["clearance"]
+        values = self.after.taken(old.values, self.before, np.nan)
+        values[~free] = np.nan
+        asked = free & np.isnan(values)
+        x, y = self.after.axes(self.spacing)
+        for xmin, ymin, xmax, ymax in self.boxes(SLACK):
+            across = np.maximum(np.maximum(xmin - x, x - xmax), 0.0)
+            along = np.maximum(np.maximum(ymin - y, y - ymax), 0.0)
+            asked |= np.hypot(along[:, None], across) <= values
+        asked &= free
+        row, column = np.nonzero(asked)
+        values[row, column] = self.env.clearance(x[column], y[row])
+        return xr.DataArray(values, dims=old.dims, attrs=old.attrs)
+
+
+@functools.lru_cache(maxsize=8)
+def _scanner_of(text: str) -> RangeScanner:
+    """The scanner that a map keeps; a map that follows a hand is updated several times a second."""
+    return RangeScanner.from_yaml_text(text, file="scanner_yaml")
+
+
+def _empty(name: str) -> float:
+    """What a layer holds where it has no value."""
+    return NOT_FREE if schema.base_name(name) == "zone" else np.nan
+
+
+def _cells(box: Box, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[slice, slice]:
+    """Rows and columns of the lattice in a box."""
+    columns = slice(int(np.searchsorted(x, box[0])), int(np.searchsorted(x, box[2], "right")))
+    return slice(int(np.searchsorted(y, box[1])), int(np.searchsorted(y, box[3], "right"))), columns

@@ -1,0 +1,288 @@
+"""A building with obstacles added and parts removed: what becomes of its free space and segments.
+
+Whatever the edit does not touch stays as it is to the last bit, segments in their order, so that
+what changed is a difference of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError
+from ambinav.geometry.border_cover import bare_pieces, meeting, repeated
+from ambinav.geometry.obstacle import Obstacle, checked_outline
+from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, OccupancyGrid
+from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of
+
+Floats = NDArray[np.float64]
+
+# Metres. What is this near to the border lies on it (as in `Environment`).
+ON_BORDER: Final = 1e-6
+# Metres. A drawn line this near to a wall lies along it.
+NEAR: Final = 1e-3
+# Metres. Shorter pieces of a line merely touch the floor.
+SHORTEST: Final = 1e-2
+# Square metres. Smaller pieces of floor come from rounding.
+SLIVER: Final = 1e-6
+# Metres. A corner this near to an edge of the floor lies on it but for rounding.
+ON_EDGE: Final = 1e-9
+# Half of what a wall without thickness takes from where footprints may be, metres.
+HALF_WALL: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Building:
+    """What an edit may change of an environment; see `Environment` for each."""
+
+    segments: Segments
+    free: BaseGeometry
+    drivable: BaseGeometry | None
+    occupancy: OccupancyGrid | None
+    name: str
+
+
+def removed(building: Building, shape: BaseGeometry) -> Building:
+    """Make floor of all that lies in a Polygon or MultiPolygon.
+
+    Where its edge lies in what is solid or unknown, a wall stands afterwards.
+
+    Raises:
+        InputError: it is of another type, crosses itself, or a coordinate is not finite.
+    """
+    if not isinstance(shape, shapely.Polygon | shapely.MultiPolygon):
+        raise InputError(
+            f"{building.name}: what is to be removed is a "
+            f"{getattr(shape, 'geom_type', type(shape).__name__)}; give a Polygon."
+        )
+    shape = checked_outline(shape, f"{building.name}: remove")
+    drivable, grid = building.drivable, building.occupancy
+    return replace(
+        _with_floor(building, polygons_of(shapely.union(building.free, shape)), shape, []),
+        drivable=None if drivable is None else polygons_of(shapely.union(drivable, shape)),
+        occupancy=None if grid is None else _painted(grid, shape, FREE),
+    )
+
+
+def obstructed(building: Building, obstacles: Sequence[Obstacle]) -> Building:
+    """Put obstacles on the floor.
+
+    Raises:
+        InputError: one does not lie on the floor, not even in part, or no floor is left.
+    """
+    solids = [one for one in obstacles if one.solid]
+    for one in solids:
+        share = shapely.intersection(building.free, one.outline).area / one.outline.area
+        _check_on_floor(building, one, share)
+    if solids:
+        building = _cut(building, solids)
+    for one in obstacles:
+        if not one.solid:
+            building = _walled(building, one)
+    return building
+
+
+def _cut(building: Building, solids: Sequence[Obstacle]) -> Building:
+    """Cut polygons out of the floor."""
+    solid = shapely.union_all([one.outline for one in solids])
+    free = polygons_of(shapely.difference(building.free, solid))
+    if free.is_empty:
+        raise InputError(
+            f"{building.name}: the obstacles cover all of its floor; make them smaller."
+        )
+    faces = [one.outline.boundary for one in solids if one.reflective]
+    drivable, grid = building.drivable, building.occupancy
+    return replace(
+        _with_floor(building, free, solid, faces),
+        drivable=None if drivable is None else polygons_of(shapely.difference(drivable, solid)),
+        occupancy=None if grid is None else _painted(grid, solid, OCCUPIED),
+    )
+
+
+def _with_floor(
+    building: Building, free: BaseGeometry, shape: BaseGeometry, bright: Sequence[BaseGeometry]
+) -> Building:
+    """The building with another free space, which differs within `shape` alone.
+
+    Args:
+        building: Before.
+        free: The free space afterwards.
+        shape: Segments that keep off it stay.
+        bright: Lines on which new segments are reflectors.
+    """
+    old = building.segments
+    shapely.prepare(shape)
+    near = meeting(old.xy, shape.bounds)
+    met = near[shapely.intersects(shape, shapely.linestrings(old.xy[near].reshape(-1, 2, 2)))]
+    thin = met[_inside(old.xy[met], building.free)]
+    border = np.setdiff1d(met, thin)
+    pieces: dict[int, Floats] = {}
+    for k in thin.tolist():
+        left = shapely.difference(shapely.LineString(old.xy[k].reshape(2, 2)), shape)
+        if left.length < old.lengths[k] - ON_BORDER:
+            pieces[k] = _straight(left)
+    owner, start, end = bare_pieces(old.xy[border], edges_of(free), ON_BORDER)
+    for k in np.unique(owner).tolist():
+        row, mine = old.xy[border[k]], owner == k
+        ends = np.column_stack([start[mine], end[mine]])
+        ends = ends[(ends[:, 1] - ends[:, 0]) * np.hypot(*(row[2:] - row[:2])) > 2.0 * ON_BORDER]
+        # A part that lies behind a new obstacle does no harm; in the floor it would be a wall.
+        gone = _inside(_between(row, ends), free)
+        left = _between(row, _rest(ends))
+        if gone.any() or not len(left):
+            pieces[int(border[k])] = left
+    stays = np.ones(len(old), dtype=np.bool_)
+    stays[list(pieces)] = False
+    cut = np.concatenate([np.empty((0, 4)), *pieces.values()])
+    kinds = np.repeat(old.kind[list(pieces)], [len(one) for one in pieces.values()])
+    kept = np.concatenate([old.xy[stays], cut])
+    edges = edges_of(free)
+    edges = edges[~repeated(edges, kept)]
+    owner, start, end = bare_pieces(edges, kept, ON_BORDER)
+    fresh = np.concatenate(
+        [np.empty((0, 4)), *map(_between, edges[owner], np.column_stack([start, end])[:, None])]
+    )
+    fresh = fresh[np.hypot(*(fresh[:, 2:] - fresh[:, :2]).T) > 2.0 * ON_BORDER]
+    lit = shapely.dwithin(shapely.union_all(bright), _middles(fresh), ON_BORDER)
+    kinds = np.concatenate([old.kind[stays], kinds, np.where(lit, REFLECTOR, WALL)])
+    return replace(building, segments=Segments(np.concatenate([kept, fresh]), kinds), free=free)
+
+
+def _walled(building: Building, one: Obstacle) -> Building:
+    """Put a wall without thickness on the floor, or a tag on a wall."""
+    line, free, drivable = one.outline, building.free, building.drivable
+    pieces = _straight(shapely.intersection(line, free))
+    pieces = pieces[~shapely.dwithin(free.boundary, _middles(pieces), NEAR)]
+    pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > SHORTEST]
+    tagged = _tagged(building, line) if one.reflective else building
+    if tagged is building:
+        _check_on_floor(building, one, float(len(pieces)))
+    if len(pieces) == 0:
+        return tagged
+    old, grid = tagged.segments, building.occupancy
+    if drivable is not None:
+        walls = shapely.union_all(shapely.linestrings(pieces.reshape(-1, 2, 2)))
+        drivable = polygons_of(shapely.difference(drivable, shapely.buffer(walls, HALF_WALL)))
+    kind = np.full(len(pieces), REFLECTOR if one.reflective else WALL, dtype=np.uint8)
+    return replace(
+        tagged,
+        segments=Segments(np.concatenate([old.xy, pieces]), np.concatenate([old.kind, kind])),
+        drivable=drivable,
+        occupancy=None if grid is None else _painted(grid, line, OCCUPIED),
+    )
+
+
+def _tagged(building: Building, line: BaseGeometry) -> Building:
+    """The building with its walls along a line called reflectors; itself where there are none."""
+    old = building.segments
+    lines = shapely.linestrings(old.xy.reshape(-1, 2, 2))
+    near = np.flatnonzero(shapely.dwithin(line, lines, NEAR))
+    owner, start, end = bare_pieces(old.xy[near], _straight(line), NEAR)
+    stays = np.ones(len(old), dtype=np.bool_)
+    rows, kinds = [np.empty((0, 4))], [old.kind[:0]]
+    for k in range(len(near)):
+        row = old.xy[near[k]]
+        length = np.hypot(*(row[2:] - row[:2]))
+        ends = np.column_stack([start[owner == k], end[owner == k]])
+        covered = _rest(ends[(ends[:, 1] - ends[:, 0]) * length > SHORTEST])
+        covered = covered[(covered[:, 1] - covered[:, 0]) * length > SHORTEST]
+        if len(covered):
+            stays[near[k]] = False
+            bare = _between(row, _rest(covered))
+            rows += [bare, _between(row, covered)]
+            kinds.append(np.full(len(bare), old.kind[near[k]]))
+            kinds.append(np.full(len(covered), REFLECTOR))
+    if stays.all():
+        return building
+    fresh = np.concatenate(rows)
+    # An edge of the free space is of one kind: scans take it to be.
+    corners = shapely.multipoints(np.unique(fresh.reshape(-1, 2), axis=0))
+    return replace(
+        building,
+        segments=Segments(
+            np.concatenate([old.xy[stays], fresh]), np.concatenate([old.kind[stays], *kinds])
+        ),
+        free=shapely.snap(building.free, corners, ON_EDGE),
+    )
+
+
+def _check_on_floor(building: Building, one: Obstacle, share: float) -> None:
+    """Refuse an obstacle of which no more than rounding is on the floor."""
+    if not share > ON_EDGE:
+        x, y = shapely.get_coordinates(one.outline)[0].tolist()
+        raise InputError(
+            f"{building.name}: the obstacle at ({x:g}, {y:g}) is outside the floor; put it within "
+            "the free space."
+        )
+
+
+def polygons_of(shape: BaseGeometry) -> BaseGeometry:
+    """The polygons of a shape, without slivers."""
+    parts = shapely.get_parts(shapely.get_parts(shape))
+    parts = parts[(shapely.get_dimensions(parts) == 2) & (shapely.area(parts) > SLIVER)]
+    return parts[0] if len(parts) == 1 else shapely.multipolygons(parts)
+
+
+def _middles(rows: Floats) -> NDArray[np.object_]:
+    return np.asarray(shapely.points((rows[:, :2] + rows[:, 2:]) / 2))
+
+
+def _inside(rows: Floats, free: BaseGeometry) -> NDArray[np.bool_]:
+    """Mask: rows whose middle lies in the free space, off its border."""
+    shapely.prepare(free)
+    middle = _middles(rows)
+    found: NDArray[np.bool_] = shapely.contains(free, middle)
+    found &= ~shapely.dwithin(free.boundary, middle, ON_BORDER)
+    return found
+
+
+def _straight(shape: BaseGeometry) -> Floats:
+    """The straight pieces of the lines in a shape, shape (n, 4)."""
+    parts = shapely.get_parts(shapely.get_parts(shape))
+    lines = parts[shapely.get_dimensions(parts) == 1]
+    xy, line = shapely.get_coordinates(lines, return_index=True)
+    pieces: Floats = np.hstack([xy[:-1], xy[1:]])[line[:-1] == line[1:]]
+    return pieces
+
+
+def _rest(ends: Floats) -> Floats:
+    """What is left of 0 to 1 beside ascending pieces, each of shape (n, 2)."""
+    inner = np.concatenate([[0.0], ends.ravel(), [1.0]]).reshape(-1, 2)
+    return inner[inner[:, 1] > inner[:, 0]]
+
+
+def _between(row: Floats, ends: Floats) -> Floats:
+    """Pieces of a row, from and to shares of its length; its own ends to the last bit."""
+    a, b = row[:2], row[2:]
+    at = a + ends[:, :, None] * (b - a)
+    at[ends == 0.0], at[ends == 1.0] = a, b
+    return at.reshape(-1, 4)
+
+
+def _painted(grid: OccupancyGrid, shape: BaseGeometry, state: int) -> OccupancyGrid:
+    """The grid with the cells that a shape meets (free: whose centre it holds) in another state."""
+    xmin, ymin, xmax, ymax = shape.bounds
+    columns, rows = grid.to_cells(
+        np.array([xmin, xmax, xmax, xmin]), np.array([ymin, ymin, ymax, ymax])
+    )
+    low = np.maximum(np.floor([rows.min(), columns.min()]).astype(int), 0)
+    high = np.floor([rows.max(), columns.max()]).astype(int) + 1
+    part = tuple(slice(a, max(a, b)) for a, b in zip(low, high, strict=True))
+    cells = grid.state[part]
+    row, column = np.indices(cells.shape) + low[:, None, None]
+    shapely.prepare(shape)
+    if state == FREE:
+        met = shapely.contains_xy(shape, *grid.to_world(column + 0.5, row + 0.5))
+    else:
+        corner = [(column, row), (column + 1, row), (column + 1, row + 1), (column, row + 1)]
+        squares = np.stack([np.stack(grid.to_world(*at), axis=-1) for at in corner], axis=-2)
+        met = shapely.intersects(shape, shapely.polygons(squares))
+    painted = grid.state.copy()
+    painted[part][met] = state
+    return replace(grid, state=painted, checksum="")

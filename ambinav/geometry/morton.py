@@ -1,0 +1,33 @@
+"""Order lattice points so that neighbours are mostly near each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def morton(rows_columns: NDArray[np.int32]) -> NDArray[np.uint64]:
+    """Position of lattice points on a curve on which neighbours are mostly near each other.
+
+    Args:
+        rows_columns: Shape (N, 2), at least 0.
+
+    Returns:
+        uint64, shape (N,): the bits of row and column by turns (Morton 1966).
+    """
+    row, column = (_spread_bits(axis) for axis in rows_columns.T)
+    return (row << np.uint64(1)) | column
+
+
+def _spread_bits(values: NDArray[np.int32]) -> NDArray[np.uint64]:
+    """Bit k of each value at place 2 k."""
+    spread = values.astype(np.uint64)
+    for shift, mask in (
+        (16, 0x0000FFFF0000FFFF),
+        (8, 0x00FF00FF00FF00FF),
+        (4, 0x0F0F0F0F0F0F0F0F),
+        (2, 0x3333333333333333),
+        (1, 0x5555555555555555),
+    ):
+        spread = (spread | (spread << np.uint64(shift))) & np.uint64(mask)
+    return spread

@@ -1,0 +1,158 @@
+"""Things that can be put on a building's floor: walls, panels, posts, reflectors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError
+
+FURTHEST: Final = 1e8
+"""Metres; coordinates beyond are not those of a building."""
+# How far the sides of a post's polygon may lie within its circle, metres.
+ROUNDNESS: Final = 1e-3
+FEWEST_SIDES: Final = 16
+MOST_SIDES: Final = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """Something opaque on the floor, which neither rays nor robots pass.
+
+    Attributes:
+        outline: A LineString is a wall without thickness, a Polygon is cut out of the floor; map
+            frame, metres.
+        reflective: Whether its faces are `ambinav.geometry.segments.REFLECTOR` and not `WALL`. A
+            reflective line along a wall is a tag on it.
+
+    Raises:
+        InputError: the outline is of another type, crosses itself, has no extent, or a coordinate
+            is not finite.
+    """
+
+    outline: BaseGeometry
+    reflective: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the outline."""
+        outline = self.outline
+        if not isinstance(outline, shapely.LineString | shapely.Polygon):
+            found = getattr(outline, "geom_type", type(outline).__name__)
+            raise InputError(
+                f"obstacle: its outline is a {found}; give a LineString for a wall without "
+                "thickness, or a Polygon."
+            )
+        outline = checked_outline(outline, "obstacle")
+        if not (outline.area if isinstance(outline, shapely.Polygon) else outline.length) > 0.0:
+            raise InputError(
+                f"obstacle: its outline around {_place(outline)} has no extent; give a wall two "
+                "different ends, or a polygon three corners that are not in line."
+            )
+        object.__setattr__(self, "outline", outline)
+
+    @property
+    def solid(self) -> bool:
+        """Whether it has an area, that is not floor."""
+        return isinstance(self.outline, shapely.Polygon)
+
+
+def post(x: float, y: float, radius: float, *, reflective: bool = False) -> Obstacle:
+    """A round post at (x, y), a polygon whose corners lie on its circle; metres, map frame.
+
+    Raises:
+        InputError: the radius is not above 0, or a number is not finite.
+    """
+    if not (math.isfinite(radius) and radius > 0.0):
+        raise InputError(f"post: radius is {radius}; give a positive number of metres.")
+    _finite("post", x=x, y=y)
+    sides = math.ceil(math.pi / math.acos(max(1.0 - ROUNDNESS / radius, 0.0)) / 4) * 4
+    sides = min(max(sides, FEWEST_SIDES), MOST_SIDES)
+    angle = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides
+    ring = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+    return Obstacle(shapely.Polygon(ring), reflective)
+
+
+def panel(
+    x0: float, y0: float, x1: float, y1: float, thickness: float = 0.0, *, reflective: bool = False
+) -> Obstacle:
+    """A straight panel from (x0, y0) to (x1, y1); metres, map frame.
+
+    Args:
+        x0: One end.
+        y0: One end.
+        x1: The other.
+        y1: The other.
+        thickness: Metres, half on each side of the line; 0: none, so that it is a line.
+        reflective: Whether it is a reflector.
+
+    Raises:
+        InputError: the ends are the same, the thickness is negative, or a number is not finite.
+    """
+    _finite("panel", x0=x0, y0=y0, x1=x1, y1=y1)
+    return wall([(x0, y0), (x1, y1)], thickness, reflective=reflective)
+
+
+def wall(points: ArrayLike, thickness: float = 0.0, *, reflective: bool = False) -> Obstacle:
+    """A wall along points, shape (n, 2), n at least 2; metres, map frame.
+
+    Args:
+        points: Its course.
+        thickness: Metres, half on each side, with flat ends; 0: none.
+        reflective: Whether it is a reflector.
+
+    Raises:
+        InputError: there are fewer than two different points, the thickness is negative, or a
+            number is not finite.
+    """
+    course = np.asarray(points, dtype=np.float64)
+    if course.ndim != 2 or course.shape[1] != 2 or len(course) < 2:
+        raise InputError(
+            f"wall: points have the shape {course.shape}; give (n, 2) with n at least 2."
+        )
+    if not (math.isfinite(thickness) and thickness >= 0.0):
+        raise InputError(f"wall: thickness is {thickness}; give at least 0 metres.")
+    line = Obstacle(shapely.LineString(course), reflective)
+    if thickness == 0.0:
+        return line
+    thick = shapely.buffer(line.outline, thickness / 2, cap_style="flat", join_style="mitre")
+    return Obstacle(thick, reflective)
+
+
+def checked_outline(outline: BaseGeometry, what: str) -> BaseGeometry:
+    """A shape without heights.
+
+    Raises:
+        InputError: it is empty, a coordinate is not finite, or a polygon crosses itself.
+    """
+    outline = shapely.force_2d(outline)
+    points = shapely.get_coordinates(outline)
+    if len(points) == 0:
+        raise InputError(f"{what}: its outline is empty; give it points.")
+    if not (np.abs(points) <= FURTHEST).all():
+        raise InputError(
+            f"{what}: a coordinate is not finite, or beyond any building; give metres in the map "
+            "frame."
+        )
+    if outline.geom_type.endswith("Polygon") and not outline.is_valid:
+        raise InputError(
+            f"{what}: its outline is no simple polygon ({shapely.is_valid_reason(outline)}); "
+            "give edges that do not cross."
+        )
+    return outline
+
+
+def _finite(what: str, **values: float) -> None:
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise InputError(f"{what}: {name} is {value}; give a finite number of metres.")
+
+
+def _place(outline: BaseGeometry) -> str:
+    x, y = shapely.get_coordinates(outline)[0].tolist()
+    return f"({x:g}, {y:g})"

@@ -1,0 +1,152 @@
+"""Rays in three dimensions, and what a caster of them has to offer: the seam between 2D and 3D.
+
+Everything above the ray caster asks it for three things, whole scans at a time: how far each ray
+goes, which surface it ends on, and at what angle; and for the normal and the kind of each surface.
+In the plane that is `scan_rays` with `Environment.normals` and `Segments.kind`. In space it is
+`SpaceCaster`: the same three arrays, with the same meaning of inf, nan and -1.
+
+A ray keeps the azimuth that it has in the plane, and gains a height and an elevation. Not a unit
+vector: a robot turns about its upright axis, so its heading is added to azimuths and to nothing
+else, as in the plane. A scanner whose rays all have elevation 0 keeps the very numbers that the 2D
+caster is given, so that no 2D result changes by a bit; and rays of a level scanner that share an
+azimuth are recognised as such, and walk the building together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Scans = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]
+"""Distance, surface and incidence of R rays at N poses, each of shape (N, R); see `SpaceCaster`."""
+
+
+class SpaceRays(NamedTuple):
+    """Rays in the robot's frame: x forward, y left, z up from the floor.
+
+    Attributes:
+        origin: Where they start, float64, shape (R, 3), metres.
+        azimuth: Where they look, float64, shape (R,), radians counter-clockwise from x.
+        elevation: Radians above the horizon, in [-pi/2, pi/2], float64, shape (R,).
+    """
+
+    origin: NDArray[np.float64]
+    azimuth: NDArray[np.float64]
+    elevation: NDArray[np.float64]
+
+    @classmethod
+    def layers(
+        cls, elevation: NDArray[np.float64], azimuth: NDArray[np.float64], height: float
+    ) -> SpaceRays:
+        """Rays of a spinning scanner above the robot's centre: layer after layer.
+
+        Args:
+            elevation: Of the layers, shape (L,), radians.
+            azimuth: Of the rays of each layer, shape (A,), radians.
+            height: Metres above the floor.
+
+        Returns:
+            L * A rays.
+        """
+        count = len(elevation) * len(azimuth)
+        origin = np.zeros((count, 3))
+        origin[:, 2] = height
+        return cls(origin, np.tile(azimuth, len(elevation)), np.repeat(elevation, len(azimuth)))
+
+    def mounted(
+        self, x: float, y: float, z: float, yaw: float, pitch: float, roll: float
+    ) -> SpaceRays:
+        """The rays of a sensor that is mounted at a place of the robot.
+
+        Args:
+            x: Metres forward.
+            y: Metres to the left.
+            z: Metres up.
+            yaw: Radians about z, applied last.
+            pitch: Radians about y: positive looks down (REP 103).
+            roll: Radians about x, applied first.
+
+        Returns:
+            The rays in the robot's frame. Without pitch and roll only `yaw` is added to azimuths.
+        """
+        cy, sy, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+        cr, sr = math.cos(roll), math.sin(roll)
+        tilt = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+        turn = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+        origin = self.origin @ (turn @ tilt).T + (x, y, z)
+        if pitch == 0.0 and roll == 0.0:
+            return SpaceRays(origin, self.azimuth + yaw, self.elevation)
+        u = self.direction @ tilt.T
+        return SpaceRays(
+            origin,
+            np.arctan2(u[:, 1], u[:, 0]) + yaw,
+            np.arctan2(u[:, 2], np.hypot(u[:, 0], u[:, 1])),
+        )
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Unit vectors, shape (R, 3)."""
+        flat = np.cos(self.elevation)
+        return np.stack(
+            [flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)],
+            axis=-1,
+        )
+
+    def at(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Origins and unit directions in the map frame at N poses, each of shape (N, R, 3)."""
+        c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+        turned = [
+            np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=-1)
+            for v in (self.origin, self.direction)
+        ]
+        origin, direction = np.empty((2, len(x), len(self.azimuth), 3))
+        origin[..., :2] = turned[0] + np.stack([x, y], axis=-1)[:, None]
+        origin[..., 2] = self.origin[:, 2]
+        direction[..., :2] = turned[1]
+        direction[..., 2] = self.direction[:, 2]
+        return origin, direction
+
+
+class SpaceCaster(Protocol):
+    """A building that rays in space are cast against: `Prisms`, or a `Mesh`."""
+
+    @property
+    def surface_normal(self) -> NDArray[np.float64]:
+        """Unit normal of each of the S surfaces, shape (S, 3), map frame; its sign says nothing."""
+
+    @property
+    def surface_kind(self) -> NDArray[np.uint8]:
+        """What each surface is: a kind of `ambinav.geometry.segments`, shape (S,)."""
+
+    def cast_scans(
+        self,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        theta: NDArray[np.float64],
+        rays: SpaceRays,
+        max_range: float,
+        *,
+        incidence: bool = True,
+    ) -> Scans:
+        """Cast the same rays from many poses of the robot.
+
+        Args:
+            x: Poses, shape (N,), metres, map frame.
+            y: Poses, shape (N,), metres.
+            theta: Headings, shape (N,), radians.
+            rays: R rays; heights count from z = 0 of the building.
+            max_range: How far to look, metres.
+            incidence: Work out the angles of incidence too.
+
+        Returns:
+            distance: float32, shape (N, R), metres; inf where nothing is met within `max_range`,
+                nan where the ray starts in what is known to be solid, or the pose is not finite.
+            surface: int32, shape (N, R), index of the surface that was met, -1 for none.
+            incidence: float32, shape (N, R), angle between ray and normal, radians in
+                [0, pi/2]; nan where nothing is met. Shape (0, 0) if not asked for.
+        """
