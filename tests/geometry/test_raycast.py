@@ -12,7 +12,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.grid import SegmentGrid
 from ambinav.geometry.raycasting.raycast import cast_rays, clearances
-from ambinav.geometry.raycasting.walk import walk_rays
+from ambinav.geometry.raycasting.walk import LEAST, walk_rays
 from tests.geometry import scenes
 
 SEEDS = (1, 2, 3)
@@ -40,6 +40,24 @@ def test_cast_is_exact(env: Environment) -> None:
         alone, _ = scenes.cast_slowly(env.segments.xy[[segment[i]]], *xy[[i]].T, angle[[i]])
         assert alone[0] == pytest.approx(expected[i], abs=1e-9)
     assert len(other) < 5
+
+
+def test_order_of_rays_changes_nothing(env: Environment) -> None:
+    # Many enough to be put in order, some outside, some far beyond any building.
+    rng = np.random.default_rng(8)
+    xmin, ymin, xmax, ymax = env.bounds
+    x, y = rng.uniform((xmin - 2.0, ymin - 2.0), (xmax + 2.0, ymax + 2.0), (3 * LEAST, 2)).T
+    x[:3], y[3:6] = (1e308, -1e308, 1e9), (1e308, -1e308, -1e9)
+    angle = rng.uniform(-7, 7, len(x))
+    together = walk_rays(env, x, y, angle, REACH)
+    few = LEAST // 2
+    for low in range(0, len(x), few):
+        part = slice(low, low + few)
+        alone = walk_rays(env, x[part], y[part], angle[part], REACH)
+        inside = alone[2]
+        assert np.array_equal(together[2][part], inside)
+        for one, other in zip(together[:2], alone[:2], strict=True):
+            assert np.array_equal(one[part][inside], other[inside])
 
 
 @pytest.mark.parametrize("cell", [0.05, 0.3, 1.0, 7.0, 60.0])

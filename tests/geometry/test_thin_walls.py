@@ -202,6 +202,7 @@ def buildings(draw: st.DrawFn) -> OccupancyGrid:
     return grid
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(grid=buildings())
 def test_any_building_of_thin_walls(grid: OccupancyGrid) -> None:

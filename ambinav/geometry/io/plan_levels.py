@@ -40,7 +40,12 @@ def in_order(names: Iterable[str]) -> tuple[str, ...]:
         return distinct
 
 
-def chosen_level(where: str, names: Sequence[str], level: str | int | None) -> str | None:
+def chosen_level(
+    where: str,
+    names: Sequence[str],
+    level: str | int | None,
+    listed: Sequence[str] | None = None,
+) -> str | None:
     """The level that is meant, of those in a file.
 
     Args:
@@ -48,6 +53,7 @@ def chosen_level(where: str, names: Sequence[str], level: str | int | None) -> s
         names: Its levels, in order.
         level: A name, whatever its case, or a position from 0 on among `names`: a name that is a
             number goes before a position. None: the only one.
+        listed: What messages say of each instead of its name.
 
     Returns:
         One of `names`, or None if there are none and none is asked for.
@@ -55,7 +61,7 @@ def chosen_level(where: str, names: Sequence[str], level: str | int | None) -> s
     Raises:
         InputError: there is no such level, or there are several and none is chosen.
     """
-    known = _listed(names)
+    known = _listed(listed or names)
     if level is None:
         if len(names) > 1:
             raise InputError(

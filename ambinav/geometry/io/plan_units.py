@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError, InputWarning
 
-UNITS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+UNITS: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres in each unit that a plan may be drawn in."""
 
 # In the plan's own numbers. No robot drives in a plan smaller than this in metres; a kilometre of

@@ -1,0 +1,342 @@
+"""The zarr store that tiles are written to, each with a checksum, by any number of processes.
+
+    <store>/<layer>             arrays of the map, a chunk a tile
+    <store>/tiles/record        of each tile SHA-256 and number of free points, 40 bytes; 0: none
+
+The template comes first: all that is known before any tile is. A process then writes a tile's
+chunks, and its record last, so that what a killed one leaves counts as not made.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.ambiguity.tiles.job import Tile
+from ambinav.errors import InputError
+from ambinav.files import holding_interrupts
+from ambinav.maps import schema
+from ambinav.maps.store import FORMAT, FORMAT_ATTR, UNFINISHED
+from ambinav.maps.zones import NOT_FREE
+
+if TYPE_CHECKING:
+    import zarr
+
+TILES: Final = "tiles"
+RECORD: Final = "record"
+KEY: Final = "key"
+
+_DIGEST: Final = 32
+_LENGTH: Final = _DIGEST + 8
+
+
+@dataclass(frozen=True)
+class TileStore:
+    """A store of a map that is made tile by tile.
+
+    Attributes:
+        place: Folder, or the URL of one that fsspec knows (`s3://bucket/office.zarr`).
+        cells: Rows and columns of a tile.
+        options: Of the file system of a URL (`storage_options`).
+    """
+
+    place: str
+    cells: int
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_url(self) -> bool:
+        """Whether fsspec writes it."""
+        return "://" in self.place
+
+    @cached_property
+    def _store(self) -> Any:
+        import zarr.storage
+
+        if not self.is_url:
+            return zarr.storage.LocalStore(self.place)
+        return zarr.storage.FsspecStore.from_url(self.place, storage_options=dict(self.options))
+
+    @cached_property
+    def files(self) -> tuple[Any, str]:
+        """File system and root of a URL."""
+        import fsspec
+
+        system, root = fsspec.core.url_to_fs(self.place, **self.options)
+        return system, str(root)
+
+    @cached_property
+    def _group(self) -> zarr.Group:
+        import zarr
+
+        return zarr.open_group(self._store, mode="r+", use_consolidated=False)
+
+    @cached_property
+    def _arrays(self) -> dict[str, zarr.Array[Any]]:
+        """Arrays of the lattice, by name; chunks that hold nothing are written too."""
+        import zarr
+
+        with zarr.config.set({"array.write_empty_chunks": True}):
+            found = {
+                name: array
+                for name, array in zarr.open_group(
+                    self._store, mode="r+", use_consolidated=False
+                ).arrays()
+                if tuple(array.metadata.dimension_names or ())[:2] == ("y", "x")  # type: ignore[union-attr]
+            }
+        return dict(sorted(found.items()))
+
+    @cached_property
+    def _record(self) -> zarr.Array[Any]:
+        import zarr
+
+        return zarr.open_array(self._store, path=f"{TILES}/{RECORD}", mode="r+")
+
+    # -- template ----------------------------------------------------------------------------
+
+    def check_access(self) -> None:
+        """Write a probe to a URL, and remove it.
+
+        Raises:
+            InputError: that is not possible, for want of rights say.
+        """
+        try:
+            system, root = self.files
+            system.makedirs(root, exist_ok=True)
+            system.pipe_file(f"{root}/.ambinav-probe", b"probe")
+            system.rm_file(f"{root}/.ambinav-probe")
+        # Whatever a file system raises: each has errors of its own.
+        except Exception as error:
+            raise InputError(
+                f"{self.place}: nothing can be written there ({reason_of(error)}); check the "
+                "address and your rights, or choose another output."
+            ) from error
+
+    def key(self) -> str | None:
+        """The key of the map that is being made, or was made, there.
+
+        Returns:
+            None: nothing is there; empty: a template that was not laid to its end.
+
+        Raises:
+            InputError: something else is there.
+        """
+        if not self._exists("zarr.json"):
+            if self._is_empty():
+                return None
+            raise InputError(
+                f"{self.place}: this folder is not an ambiguity map and is not replaced; choose "
+                "another output, e.g. one that ends in .zarr."
+            )
+        import zarr
+
+        with contextlib.suppress(FileNotFoundError, KeyError, ValueError):
+            group = zarr.open_group(self._store, path=TILES, mode="r", use_consolidated=False)
+            return str(group.attrs[KEY])
+        whole = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
+        if self.is_url and len(whole) and UNFINISHED not in whole:
+            raise InputError(
+                f"{self.place}: a map is there that was not made in tiles, and it is not replaced; "
+                "choose another output."
+            )
+        return ""
+
+    def lay(
+        self,
+        key: str,
+        shape: tuple[int, int],
+        layers: Mapping[str, xr.DataArray],
+        building: xr.Dataset,
+    ) -> None:
+        """Write all but the tiles.
+
+        Args:
+            key: See `TilePlan.key`.
+            shape: Rows and columns of the lattice.
+            layers: Variables of some tile.
+            building: Coordinates, attributes and all variables that are not over the lattice.
+        """
+        import zarr
+        from zarr.codecs import ZstdCodec
+
+        codec = ZstdCodec(level=0, checksum=True)
+        small = xr.Dataset({n: v.isel(y=slice(1), x=slice(1)).variable for n, v in layers.items()})
+        fresh = building.drop_encoding().assign_attrs({FORMAT_ATTR: FORMAT, UNFINISHED: "tiles"})
+        memory = zarr.storage.MemoryStore()
+        with warnings.catch_warnings(), holding_interrupts():
+            warnings.filterwarnings("ignore", message="Consolidated metadata")
+            small.to_zarr(memory, mode="w", consolidated=False, zarr_format=3)
+            fresh.to_zarr(
+                self._store,
+                mode="w",
+                consolidated=False,
+                zarr_format=3,
+                encoding={name: {"compressors": [codec]} for name in fresh.variables},
+                write_empty_chunks=True,
+            )
+            for name, array in zarr.open_group(memory, mode="r").arrays():
+                rest = array.shape[2:]
+                zarr.create_array(
+                    self._store,
+                    name=name,
+                    shape=(*shape, *rest),
+                    chunks=(*(min(self.cells, n) for n in shape), *rest),
+                    dtype=array.dtype,
+                    fill_value=array.fill_value,
+                    compressors=[codec],
+                    attributes=dict(array.attrs),
+                    dimension_names=array.metadata.dimension_names,  # type: ignore[union-attr]
+                    zarr_format=3,
+                )
+            tiles = tuple(-(-n // self.cells) for n in shape)
+            zarr.create_array(
+                self._store,
+                name=f"{TILES}/{RECORD}",
+                shape=(*tiles, _LENGTH),
+                chunks=(1, 1, _LENGTH),
+                dtype="uint8",
+                fill_value=0,
+                compressors=None,
+                zarr_format=3,
+            )
+            # Last: a template without its key is laid again.
+            group = zarr.open_group(self._store, path=TILES, mode="a", use_consolidated=False)
+            group.attrs[KEY] = key
+
+    # -- tiles -------------------------------------------------------------------------------
+
+    def records(self) -> NDArray[np.bool_]:
+        """Which tiles have a record, shape (rows, columns) of tiles."""
+        found = np.asarray(self._record[...])
+        return np.asarray(found.any(axis=2))
+
+    def write(self, tile: Tile, variables: Mapping[str, xr.DataArray]) -> int:
+        """Write a tile, and its record after it.
+
+        Args:
+            tile: The tile.
+            variables: See `tile_variables`.
+
+        Returns:
+            Number of its free points.
+
+        Raises:
+            InputError: it cannot be written, for want of room say.
+        """
+        whole = hashlib.sha256()
+        free = 0
+        try:
+            # zarr writes in threads, which would go on without this one.
+            with holding_interrupts():
+                for name, array in self._arrays.items():
+                    if name in variables:
+                        values = variables[name].values.astype(array.dtype)
+                    else:
+                        values = np.full((*tile.shape, *array.shape[2:]), _empty(name, array.dtype))
+                        values = values.astype(array.dtype)
+                    if name == "free":
+                        free = int(values.astype(np.bool_).sum())
+                    array[tile.window] = values
+                    _digest(whole, name, values)
+                record = whole.digest() + free.to_bytes(8, "little")
+                row, column = self._index(tile)
+                self._record[row, column] = np.frombuffer(record, dtype=np.uint8)
+        except Exception as error:
+            if isinstance(error, OSError) or self.is_url:
+                raise InputError(
+                    f"{self.place}: a tile cannot be written ({reason_of(error)}); what was made "
+                    "is kept: make room or check your rights, and give the same command again."
+                ) from error
+            raise
+        return free
+
+    def holds(self, tile: Tile) -> int | None:
+        """Number of free points of a tile that is as it was written; None: it is not."""
+        try:
+            row, column = self._index(tile)
+            record = np.asarray(self._record[row, column]).tobytes()
+            whole = hashlib.sha256()
+            for name, array in self._arrays.items():
+                chunk = array.metadata.encode_chunk_key((row, column, *([0] * (array.ndim - 2))))
+                # Of one that is lost zarr reads the fill value.
+                if not self._exists(f"{name}/{chunk}"):
+                    return None
+                _digest(whole, name, np.asarray(array[tile.window]))
+        # Whatever zarr or a codec raises on a damaged chunk: the tile is made again.
+        except Exception:
+            return None
+        if whole.digest() != record[:_DIGEST]:
+            return None
+        return int.from_bytes(record[_DIGEST:], "little")
+
+    def finish(self, attributes: Mapping[str, Any]) -> None:
+        """Make it a map like others, all of whose tiles are there.
+
+        Args:
+            attributes: Of the map, in place of those that were laid.
+        """
+        import zarr
+
+        if not self.is_url:
+            for left in Path(self.place).rglob("*.partial"):  # by a process that was killed
+                with contextlib.suppress(FileNotFoundError):
+                    left.unlink()
+        with warnings.catch_warnings(), holding_interrupts():
+            warnings.filterwarnings("ignore", message="Consolidated metadata")
+            self._group.attrs.put({**attributes, FORMAT_ATTR: FORMAT})
+            zarr.consolidate_metadata(self._store, zarr_format=3)
+
+    def attributes(self) -> dict[str, Any]:
+        """Of the map, as they were laid."""
+        found = dict(self._group.attrs)
+        for name in (FORMAT_ATTR, UNFINISHED):
+            found.pop(name, None)
+        return found
+
+    def _index(self, tile: Tile) -> tuple[int, int]:
+        return tile.rows[0] // self.cells, tile.columns[0] // self.cells
+
+    def _exists(self, key: str) -> bool:
+        if not self.is_url:
+            return (Path(self.place) / key).is_file()
+        system, root = self.files
+        return bool(system.exists(f"{root}/{key}"))
+
+    def _is_empty(self) -> bool:
+        if not self.is_url:
+            folder = Path(self.place)
+            return not folder.exists() or not any(folder.iterdir())
+        system, root = self.files
+        return not system.exists(root) or not system.ls(root, detail=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is told; each process opens it for itself."""
+        return {"place": self.place, "cells": self.cells, "options": dict(self.options)}
+
+
+def _digest(whole: Any, name: str, values: NDArray[Any]) -> None:
+    whole.update(f"{name} {values.dtype.str} {values.shape}".encode())
+    whole.update(np.ascontiguousarray(values).tobytes())
+
+
+def _empty(name: str, dtype: np.dtype[Any]) -> float:
+    """What a layer holds where a robot cannot stand."""
+    if dtype.kind == "f":
+        return np.nan
+    return NOT_FREE if schema.base_name(name) == "zone" else 0
+
+
+def reason_of(error: BaseException) -> str:
+    """What went wrong, in a few words."""
+    told = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
+    return f"{type(error).__name__}: {told}"[:200] if told else type(error).__name__

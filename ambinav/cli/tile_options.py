@@ -1,0 +1,173 @@
+"""Options of a map that is made in tiles."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import typer
+
+from ambinav.cli.running import INTERRUPTED, above_zero, note, progress_bars
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.ambiguity.build import MapSettings
+    from ambinav.ambiguity.tiles.plan import TileEstimate, TilePlan
+    from ambinav.geometry.environment import Environment
+
+
+@dataclass(frozen=True, kw_only=True)
+class TileOptions:
+    """How a map is cut into tiles, and who makes them."""
+
+    PANEL: ClassVar[str] = "Tiles"
+
+    tile: Annotated[
+        float | None,
+        typer.Option(
+            "--tile",
+            metavar="M",
+            help="Make the map in tiles of so many metres: it need not fit into memory, and the "
+            "same command goes on where one was ended.",
+            show_default="in one piece",
+        ),
+    ] = None
+    dry_run: Annotated[
+        bool,
+        typer.Option(
+            "--dry-run",
+            help="Only say how many poses and tiles there are and what they take; a small sample "
+            "is timed.",
+        ),
+    ] = False
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers",
+            metavar="N",
+            help="Processes that make tiles; 0: this one, with its threads.",
+            show_default="one a processor",
+        ),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Let the workers of a Dask scheduler make the tiles, e.g. tcp://10.0.0.5:8786.",
+            show_default="processes of this computer",
+        ),
+    ] = None
+
+    def check(self, output: str) -> None:
+        """Check what can be checked before the building is read.
+
+        Raises:
+            InputError: an option has a value that cannot be used, or needs --tile; the scheduler
+                does not answer, or nothing can be written to the output's URL.
+        """
+        above_zero(self.tile, "--tile", "20")
+        if self.workers is not None and self.workers < 0:
+            raise InputError(f"--workers: {self.workers} is less than none; give 0 or more.")
+        if self.workers is not None and self.scheduler is not None:
+            raise InputError(
+                "--workers: processes of this computer and --scheduler exclude each other; give "
+                "one of them."
+            )
+        if self.tile is not None:
+            from ambinav.ambiguity.tiles.build import check_place
+
+            check_place(output, self.scheduler)
+            return
+        needing = {
+            "--dry-run": self.dry_run,
+            "--workers": self.workers is not None,
+            "--scheduler": self.scheduler is not None,
+        }
+        for option, is_given in needing.items():
+            if is_given:
+                raise InputError(f"{option}: this is for maps in tiles; give --tile 20 with it.")
+        if "://" in output:
+            raise InputError(
+                f"--output: {output} is a URL, to which maps are written in tiles; give --tile 20 "
+                "with it, or name a folder."
+            )
+
+    def build(
+        self, environment: Environment, settings: MapSettings, output: str, as_json: bool
+    ) -> None:
+        """Say what the map takes, and make it.
+
+        Raises:
+            InputError: see `run_plan`.
+        """
+        from ambinav.ambiguity.tiles.build import run_plan
+        from ambinav.ambiguity.tiles.plan import TilePlan
+
+        assert self.tile is not None
+        plan = TilePlan.of(environment, settings, self.tile)
+        count = self._count()
+        needs = plan.estimate(count)
+        text = self._announcement(plan, needs, count)
+        if self.dry_run:
+            figures: dict[str, Any] = vars(needs) | {"workers": count}
+            typer.echo(json.dumps(figures, indent=2) if as_json else text)
+            return
+        if not as_json:
+            note(text)
+        start = time.perf_counter()
+        try:
+            with progress_bars(as_json) as bars:
+                done = run_plan(
+                    plan, output, workers=self.workers, scheduler=self.scheduler,
+                    progress=bars("tiles"),
+                )  # fmt: skip
+        except KeyboardInterrupt:
+            note("interrupted; finished tiles are kept, and the same command goes on from there.")
+            raise typer.Exit(INTERRUPTED) from None
+        seconds = round(time.perf_counter() - start, 3)
+        if as_json:
+            typer.echo(json.dumps(vars(done) | {"seconds": seconds}, indent=2))
+            return
+        kept = f", {done.kept} were there" if done.kept else ""
+        again = f", {done.damaged} of them damaged and made again" if done.damaged else ""
+        typer.echo(f"{done.poses} poses, {done.tiles} tiles: {done.made} made{kept}{again}")
+        typer.echo(f"map: {output}")
+
+    def _count(self) -> int:
+        """Workers that the time is given for: those of a scheduler are asked for."""
+        if self.scheduler is None:
+            return os.cpu_count() or 1 if self.workers is None else max(self.workers, 1)
+        from ambinav.ambiguity.tiles.cluster import threads_of
+
+        return max(threads_of(self.scheduler), 1)
+
+    def _announcement(self, plan: TilePlan, needs: TileEstimate, count: int) -> str:
+        rows, columns = plan.shape
+        headed = f" with {needs.headings} headings" if needs.headings > 1 else ""
+        by = "1 worker" if count == 1 else f"{count} workers"
+        return (
+            f"about {needs.poses} poses{headed} in {needs.tiles} tiles ({rows} x {columns}); "
+            f"{_minutes(needs.seconds)} on {by}, up to {_size(needs.stored)} on disk, "
+            f"{_size(needs.sent)} of the building sent to workers, {_size(needs.memory)} of memory "
+            "in each"
+        )
+
+
+def _minutes(seconds: float) -> str:
+    if seconds < 45.0:
+        return "less than a minute"
+    minutes = seconds / 60.0
+    if minutes < 90.0:
+        return f"about {max(round(minutes), 1)} min"
+    return f"about {minutes / 60.0:.1f} h"
+
+
+def _size(count: float) -> str:
+    for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{max(round(count / 1e3), 1)} kB"

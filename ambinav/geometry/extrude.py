@@ -1,0 +1,36 @@
+"""A plan as a building of one height: what a 2D environment is to rays in space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.prisms import Prisms
+
+
+def extruded(environment: Environment, height: float, floor: float = 0.0) -> Prisms:
+    """Every segment of a plan as a wall of one height, between a floor and a ceiling.
+
+    Walls are numbered as the plan's segments are, and keep their kinds. A level ray goes as far as
+    in the plan, at every height in between, and is nan where it starts beside the free space.
+
+    Args:
+        environment: The plan.
+        height: Of the walls, metres.
+        floor: z of the floor, metres.
+
+    Raises:
+        InputError: the height is no positive number, or the floor no finite one.
+    """
+    if not height > 0.0:
+        raise InputError(f"height is {height}; give a positive number of metres.")
+    xy = environment.segments.xy
+    return Prisms(
+        xy,
+        np.tile((floor, floor + height), (len(xy), 1)),
+        environment.segments.kind,
+        floor=floor,
+        ceiling=floor + height,
+        free=environment.free,
+    )

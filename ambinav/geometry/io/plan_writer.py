@@ -1,0 +1,43 @@
+"""A building as a drawn plan in GeoJSON, which `load_environment` reads again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+from shapely.geometry import mapping
+
+from ambinav.geometry.environment import Environment
+
+
+def plan_geojson(environment: Environment) -> dict[str, Any]:
+    """A building as a FeatureCollection: rooms with holes, thin walls, openings and reflectors.
+
+    What is read of it has the same free space and the same segments, up to where collinear ones
+    begin and end. Occupied cells beside the free space (`Environment.drivable`) are left out.
+    """
+    segments = environment.segments
+    bright = {tuple(row) for row in segments.xy[segments.reflectors].tolist()}
+    thin = [row for row in environment.thin_walls.tolist() if tuple(row) not in bright]
+    return {
+        "type": "FeatureCollection",
+        "features": [
+            *(_feature("room", one) for one in shapely.get_parts(environment.free)),
+            *_lines("wall", thin),
+            *_lines("opening", segments.xy[~segments.walls]),
+            *_lines("reflector", sorted(bright)),
+        ],
+    }
+
+
+def _lines(kind: str, rows: ArrayLike) -> list[dict[str, Any]]:
+    """Segments, those that join as one line."""
+    pieces = shapely.linestrings(np.asarray(rows, dtype=np.float64).reshape(-1, 2, 2))
+    merged = shapely.line_merge(shapely.multilinestrings(pieces))
+    return [_feature(kind, one) for one in shapely.get_parts(merged)]
+
+
+def _feature(kind: str, shape: Any) -> dict[str, Any]:
+    return {"type": "Feature", "properties": {"kind": kind}, "geometry": mapping(shape)}

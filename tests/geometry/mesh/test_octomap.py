@@ -1,0 +1,84 @@
+"""OctoMaps: one written bit by bit here, broken ones, and a recorded building beside its voxels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ambinav.errors import InputError
+from ambinav.geometry.mesh.octomap import read_leaves, read_octomap
+
+HEAD = "# Octomap OcTree binary file\n# (feel free to add / change comments)\n#\nid {}\nsize 9\n"
+UNKNOWN, FREE, OCCUPIED, INNER = 0b00, 0b01, 0b10, 0b11
+
+
+def written(path: Path, nodes: list[int], kind: str = "OcTree", res: str = "0.1") -> Path:
+    head = HEAD.format(kind) + f"res {res}\ndata\n"
+    path.write_bytes(head.encode() + np.array(nodes, dtype="<u2").tobytes())
+    return path
+
+
+def node(*children: int) -> int:
+    return sum(child << (2 * i) for i, child in enumerate(children))
+
+
+def test_two_voxels_beside_each_other(tmp_path: Path) -> None:
+    # The child towards +x, +y, +z, and then always the lowest one: that ends at the middle.
+    down = [node(*[UNKNOWN] * 7, INNER), *[node(INNER)] * 14]
+    path = written(tmp_path / "two.bt", [*down, node(OCCUPIED, OCCUPIED, FREE)])
+    leaves, edge = read_leaves(path)
+    assert edge == 0.1
+    assert leaves.size.tolist() == [1, 1, 1]
+    assert leaves.occupied.tolist() == [True, True, False]
+    mesh = read_octomap(path)
+    assert mesh.bounds == pytest.approx(np.array([(0.0, 0.0, 0.0), (0.2, 0.1, 0.1)]))
+    assert (len(mesh.faces), mesh.open_edges) == (20, 0)
+    # Faces look outward.
+    middle = mesh.triangles.mean(axis=1) - (0.1, 0.05, 0.05)
+    assert ((middle * mesh.surface_normal).sum(axis=1) > 0.0).all()
+
+
+def test_a_large_leaf_is_its_voxels(tmp_path: Path) -> None:
+    down = [node(*[UNKNOWN] * 7, INNER), *[node(INNER)] * 12]
+    mesh = read_octomap(written(tmp_path / "large.bt", [*down, node(OCCUPIED)]))
+    assert mesh.bounds == pytest.approx(np.array([(0.0, 0.0, 0.0), (0.4, 0.4, 0.4)]))
+    assert len(mesh.faces) == 6 * 16 * 2
+
+
+def test_refused(tmp_path: Path) -> None:
+    down = [node(*[UNKNOWN] * 7, INNER), *[node(INNER)] * 14]
+    other = tmp_path / "other.bt"
+    other.write_bytes(b"ply\nformat ascii 1.0\n")
+    for path, text in (
+        (written(tmp_path / "cut.bt", down), "cut off or damaged"),
+        (written(tmp_path / "none.bt", []), "cut off or damaged"),
+        (written(tmp_path / "more.bt", [*down, node(OCCUPIED), 7]), "cut off or damaged"),
+        (written(tmp_path / "deep.bt", [node(INNER)] * 20), "cut off or damaged"),
+        (written(tmp_path / "free.bt", [*down, node(FREE)]), "nothing in it is occupied"),
+        (written(tmp_path / "color.bt", down, "ColorOcTree"), "id is 'ColorOcTree'"),
+        (written(tmp_path / "res.bt", down, res="-1"), "res is '-1'"),
+        (written(tmp_path / "word.bt", down, res="fine"), "res is 'fine'"),
+        (other, "no binary OctoMap"),
+        (tmp_path / "missing.bt", "cannot be read"),
+        (tmp_path, "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=text) as caught:
+            read_octomap(path)
+        assert str(path) in str(caught.value)
+
+
+def test_a_recorded_building_has_the_voxels_that_others_read_from_it(data_dir: Path) -> None:
+    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
+    leaves, edge = read_leaves(data_dir / "mesh3d" / "geb079.bt")
+    # As data/README.md has it.
+    assert (edge, int(leaves.occupied.sum()), int((~leaves.occupied).sum())) == (
+        0.08, 143_729, 284_415,
+    )  # fmt: skip
+    key, size = leaves.key[leaves.occupied], leaves.size[leaves.occupied]
+    cells = trimesh.load(data_dir / "mesh3d" / "geb079_occupied_voxels.ply").vertices
+    cells = np.unique(np.floor(np.asarray(cells) / edge).astype(int) + (1 << 15), axis=0)
+    assert len(cells) == int((size**3).sum())
+    single = {tuple(row) for row in key[size == 1].tolist()}
+    assert single <= {tuple(row) for row in cells.tolist()}
