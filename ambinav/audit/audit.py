@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from ambinav.audit.aliasing import AliasingFindings
 from ambinav.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.audit.sight import Sight, look
+from ambinav.audit.what_helps import WhatHelps
 from ambinav.errors import InputError
-from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach, find_reach
+from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES
+from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
 
 _HEADING_MATTERS = 0.1
@@ -52,6 +54,7 @@ class Audit:
         regions: Number of all such places, listed or not.
         extents: Length of each of them in metres, by zone, the longest first.
         aliasing: Aliased pairs, or None if not asked for.
+        helps: Posts that would help, or None if not asked for.
     """
 
     amap: AmbiguityMap
@@ -65,6 +68,7 @@ class Audit:
     regions: int
     extents: Mapping[str, tuple[float, ...]]
     aliasing: AliasingFindings | None = None
+    helps: WhatHelps | None = None
 
     @property
     def area(self) -> float:
@@ -150,6 +154,7 @@ def audit(
     heading: str | float = "mean",
     aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
+    helps: WhatHelps | None = None,
 ) -> Audit:
     """Find the worst places of a map and look at each through the scanner.
 
@@ -164,6 +169,7 @@ def audit(
         aliasing: Aliased pairs to report, see `ambinav.audit.aliasing.find_aliasing`.
         reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             what a disc of `robot_radius(scanner)` reaches of the largest piece.
+        helps: Posts to report, see `ambinav.audit.what_helps.find_what_helps`.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or
@@ -176,12 +182,7 @@ def audit(
         raise InputError(f"places: {places} is negative; give 0 or more.")
     if reach is None:
         reach = find_reach(environment, robot_radius(scanner))
-    parts = FloorParts.of(amap, reach)
-    if not parts.reachable.any():
-        raise InputError(
-            f"spacing: none of the map's cells, {amap.spacing:g} m apart, lies on floor that a "
-            f"robot of radius {reach.radius:g} m reaches; give a smaller spacing."
-        )
+    parts = FloorParts.reached(amap, reach)
     found = find_ambiguous_regions(amap, None, heading, parts=parts)
     findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
     return Audit(
@@ -199,12 +200,8 @@ def audit(
             for name in ZONES
         },
         aliasing=aliasing,
+        helps=helps,
     )
-
-
-def robot_radius(scanner: RangeScanner) -> float:
-    """Radius of the robot where nobody gives one, metres: the scanner's, or `ROBOT_RADIUS`."""
-    return ROBOT_RADIUS if scanner.robot_radius is None else scanner.robot_radius
 
 
 def _look(environment: Environment, scanner: RangeScanner, place: AmbiguousRegion) -> Sight:

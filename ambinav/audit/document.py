@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from ambinav.audit.aliased_pairs import AliasedPair
 from ambinav.audit.aliasing import AliasingFindings
 from ambinav.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.audit.audit import Audit, Finding, heading_words
+from ambinav.audit.help_part import HelpPart, help_part
 from ambinav.audit.sight import Sight
 from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
+from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
 
-FORMAT = "ambinav-audit/3"
+FORMAT = "ambinav-audit/4"
 
 FLOOR_ZONES = "floor-zones"
 FLOOR_LEVEL = "floor-level"
@@ -28,21 +30,7 @@ FLOOR_ALIASING = "floor-aliasing"
 """Pictures of the floor; files end in the format."""
 
 
-def _rounded(digits: int) -> AfterValidator:
-    return AfterValidator(lambda value: round(value, digits) + 0.0)
-
-
-Metres = Annotated[float, _rounded(3)]
-SquareMetres = Annotated[float, _rounded(2)]
-Share = Annotated[float, _rounded(4), Field(ge=0.0, le=1.0 + 1e-6)]
-Degrees = Annotated[float, _rounded(1)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class EnvironmentPart(_Part):
+class EnvironmentPart(Part):
     """What was audited."""
 
     name: str
@@ -54,7 +42,7 @@ class EnvironmentPart(_Part):
     notes: tuple[str, ...] = Field(description="what was repaired or left out in the input")
 
 
-class ScannerPart(_Part):
+class ScannerPart(Part):
     """What it was audited for."""
 
     name: str
@@ -67,7 +55,7 @@ class ScannerPart(_Part):
     yaml: str = Field(description="the whole scanner, as a file that --scanner takes")
 
 
-class FloorPart(_Part):
+class FloorPart(Part):
     """Which floor counts, and for which robot."""
 
     robot_radius_m: Metres = Field(description="of the disc that covers the robot")
@@ -91,7 +79,7 @@ class FloorPart(_Part):
     unreachable_share: Share = Field(description="of the free floor")
 
 
-class ZonePart(_Part):
+class ZonePart(Part):
     """How much of the explored, reachable floor lies in a zone."""
 
     zone: str
@@ -110,7 +98,7 @@ class ZonePart(_Part):
     colour: str
 
 
-class HeadingPart(_Part):
+class HeadingPart(Part):
     """The whole floor with the robot at one heading."""
 
     heading_deg: Degrees
@@ -120,7 +108,7 @@ class HeadingPart(_Part):
     shares: dict[str, Share] = Field(description="share of that floor in each zone")
 
 
-class SightPart(_Part):
+class SightPart(Part):
     """What the scanner sees at a place."""
 
     heading_deg: Degrees
@@ -132,7 +120,7 @@ class SightPart(_Part):
     sentence: str
 
 
-class PlacePart(_Part):
+class PlacePart(Part):
     """A region where the robot may get lost."""
 
     number: int
@@ -159,7 +147,7 @@ class PlacePart(_Part):
     picture: str
 
 
-class LayerPart(_Part):
+class LayerPart(Part):
     """A layer of another measure that was added to the map."""
 
     name: str
@@ -170,7 +158,7 @@ class LayerPart(_Part):
     picture: str
 
 
-class AliasedPairPart(_Part):
+class AliasedPairPart(Part):
     """Two regions from which the scanner sees the same: an aliased pair."""
 
     letter: str
@@ -184,7 +172,7 @@ class AliasedPairPart(_Part):
     likeness: Share = Field(description="mean likeness of the scans, 1 for the same")
 
 
-class AliasingPart(_Part):
+class AliasingPart(Part):
     """Where else a scan could be from."""
 
     sought: bool
@@ -199,10 +187,10 @@ class AliasingPart(_Part):
     picture: str | None
 
 
-class Document(_Part):
+class Document(Part):
     """The whole audit."""
 
-    format: Literal["ambinav-audit/3"] = "ambinav-audit/3"
+    format: Literal["ambinav-audit/4"] = "ambinav-audit/4"
     created: str = Field(description="ISO 8601, UTC; when the map was built")
     ambinav_version: str
     summary: str
@@ -219,6 +207,9 @@ class Document(_Part):
     layers: tuple[LayerPart, ...] = ()
     aliasing: AliasingPart | None = Field(
         default=None, description="perceptual aliasing; null: not asked for"
+    )
+    helps: HelpPart | None = Field(
+        default=None, description="posts that would help; null: not asked for"
     )
     pictures: tuple[str, ...]
     parameters: dict[str, Any]
@@ -259,6 +250,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
         places_in_all=audit.regions,
         layers=_layers(audit, image_format),
         aliasing=None if audit.aliasing is None else _aliasing(audit.aliasing, image_format),
+        helps=None if audit.helps is None else help_part(audit.helps),
         pictures=tuple(f"{name}.{image_format}" for name in floor_pictures(audit)),
         parameters=json.loads(attrs["parameters"]) | {"cost_layer": audit.amap.cost_layer},
         versions=json.loads(attrs.get("versions", "{}")),

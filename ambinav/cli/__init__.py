@@ -14,8 +14,11 @@ from ambinav.cli import interrupts
 from ambinav.cli.audit import audit
 from ambinav.cli.benchmark import benchmark
 from ambinav.cli.calibrate import calibrate
+from ambinav.cli.card import card
 from ambinav.cli.compare import compare
+from ambinav.cli.dataset import dataset
 from ambinav.cli.demo import demo
+from ambinav.cli.design import design
 from ambinav.cli.diff import diff
 from ambinav.cli.evaluate import evaluate
 from ambinav.cli.export import export
@@ -42,10 +45,13 @@ app.command("diff")(diff)
 app.command("train")(train)
 app.command("evaluate")(evaluate)
 app.command("benchmark")(benchmark)
+app.command("card")(card)
+app.command("dataset")(dataset)
 app.command("demo")(demo)
 app.command("serve")(serve)
 app.command("presets")(presets)
 app.command("calibrate")(calibrate)
+app.add_typer(design)
 app.add_typer(store)
 
 

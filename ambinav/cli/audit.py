@@ -51,6 +51,14 @@ class ReportOptions:
             show_default="not stored",
         ),
     ] = None
+    posts: Annotated[
+        int,
+        typer.Option(
+            "--posts",
+            metavar="N",
+            help="Tell where N posts would help most; 0: do not ask, which is quicker.",
+        ),
+    ] = 3
     pictures: options.Pictures = "png"
 
     def check(self, output: Path) -> None:
@@ -64,6 +72,8 @@ class ReportOptions:
         options.check_pictures(self.pictures)
         if self.places < 0:
             raise InputError(f"--places: {self.places} is negative; give 0 or more.")
+        if self.posts < 0:
+            raise InputError(f"--posts: {self.posts} is negative; give 0 or more.")
         check_writable(output)
         FOLDER.check(output)
         if self.keep is not None:
@@ -115,8 +125,8 @@ def audit(
         reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
         reported.check(output)
         environment, chosen = making.load(map_file, scanner, building)
-        from ambinav.audit.audit import robot_radius
         from ambinav.geometry.collision.reach import find_reach
+        from ambinav.sensing.robot_radius import robot_radius
 
         # Before the long work: a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
@@ -151,9 +161,17 @@ def _examine(
         aliasing = find_aliasing(
             amap, environment, reported.aliasing, reach=reach, report=bars("aliasing")
         )
+    helps = None
+    if reported.posts:
+        from ambinav.audit.what_helps import find_what_helps
+
+        helps = find_what_helps(
+            environment, scanner, amap, reach, reported.posts, bars("what would help")
+        )
     found = examine(
-        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
-    )
+        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach,
+        helps=helps,
+    )  # fmt: skip
     report = write_report(found, output, progress=bars("report"), image_format=reported.pictures)
     if reported.keep is not None:
         amap.save(reported.keep)
@@ -190,6 +208,7 @@ def _show(report: Document, output: Path) -> None:
     console.print(Text(report.summary), "", zones, sep="\n")
     _show_places(report, console)
     _show_aliasing(report, console)
+    _show_help(report, console)
     console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
 
 
@@ -246,3 +265,29 @@ def _show_aliasing(report: Document, console: Console) -> None:
                 f"{pair.likeness:.2f}",
             )
         console.print("", pairs, sep="\n")
+
+
+def _show_help(report: Document, console: Console) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.audit.audit import metres2
+
+    if report.helps is None:
+        return
+    if report.helps.reason:
+        console.print("", Text(f"what would help: {report.helps.reason}"), sep="\n")
+    if not report.helps.posts:
+        return
+    posts = Table(box=None, pad_edge=False)
+    for title in ("post", "x, y", "stands", "takes away", "bad floor left"):
+        posts.add_column(title, justify="left" if title == "stands" else "right")
+    for one in report.helps.posts:
+        posts.add_row(
+            str(one.number),
+            f"{one.x_m:.1f}, {one.y_m:.1f} m",
+            "at a wall" if one.on_wall else "free",
+            metres2(one.gain),
+            metres2(one.left),
+        )
+    console.print("", posts, sep="\n")

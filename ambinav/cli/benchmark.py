@@ -32,7 +32,7 @@ SHOWN = {
     "exposure": "exposure per m",
 }
 """Figures on the terminal, with their intervals."""
-WIDTH = 130
+WIDTH = 150
 """Columns of text where there is no terminal."""
 
 
@@ -61,6 +61,7 @@ class MethodOptions:
         ),
     ] = None
     force: options.Force = False
+    trust: options.Trust = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +149,8 @@ def benchmark(
 
     Writes report.md, report.json, table.csv and a picture. docs/leaderboard.md explains them. A
     policy that was trained with another scanner or robot is refused (a shipped one left out),
-    unless --force is given. Policies may hold code: use those that you trust.
+    unless --force is given. Policy files are data: nothing in them is run. module:callable is code
+    and needs --trust.
 
     Example: `ambinav benchmark -o out/board --policy run/best.zip`
     """
@@ -185,13 +187,12 @@ def _board(
 
     count, buildings = (QUICK_EPISODES, QUICK_BUILDINGS) if driven.quick else (EPISODES, BUILDINGS)
     return Board(
-        all_methods(methods.planner or [], methods.policy or []),
+        all_methods(methods.planner or [], methods.policy or [], trust=methods.trust),
         settings_for(
             driven.map_file or [],
             buildings,
             driven.suite or [],
-            level=building.level,
-            unit=building.unit,
+            **building.reading(),
         ),
         driven.episodes or count,
         driven.seed,
@@ -205,7 +206,7 @@ def _show(rows: Sequence[Row], report: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ambinav.reports.table import value_text
+    from ambinav.reports.table import interval_text, value_text
 
     console = Console(highlight=False)
     if not console.is_terminal:
@@ -215,9 +216,11 @@ def _show(rows: Sequence[Row], report: Path) -> None:
         table.add_column("method", no_wrap=True)
         for title in SHOWN.values():
             table.add_column(title, justify="right")
+        table.add_column("normalized", justify="right")
         for row in rows:
             if row.setting == setting:
                 cells = (value_text(row[key], brief=True) for key in SHOWN)
-                table.add_row(Text(row.method), *(Text(cell) for cell in cells))
+                score = "-" if row.score is None else interval_text(row.score, 2)
+                table.add_row(Text(row.method), *(Text(cell) for cell in (*cells, score)))
         console.print(table, "")
     console.print(Text(f"report: {report}"), soft_wrap=True)

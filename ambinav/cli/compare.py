@@ -64,6 +64,7 @@ def compare(
     ] = None,
     pictures: options.Pictures = "png",
     force: options.Force = False,
+    trust: options.Trust = False,
     no_store: options.NoStore = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -71,7 +72,8 @@ def compare(
 
     Writes report.html (stands alone), report.md, report.json, table.csv, routes, pictures and, if
     the scenario asks for them, drives for other programs. docs/compare.md explains the scenario. A
-    policy that was trained with another scanner or robot is refused, unless --force is given.
+    policy that was trained with another scanner or robot is refused, unless --force is given; one
+    that is code (module:callable), unless --trust is given.
 
     Example: `ambinav compare configs/compare-demo.yaml -o out/compare`
     """
@@ -84,7 +86,7 @@ def compare(
         from ambinav.compare.report import compare as run
         from ambinav.compare.scenario_file import load_scenario
 
-        loaded = load_scenario(scenario_file, runs=episodes, force=force)
+        loaded = load_scenario(scenario_file, runs=episodes, force=force, trust=trust)
         check_writable(output)
         FOLDER.check(output)
         with resumable(output, "the drives so far are"), progress_bars(as_json) as bars:

@@ -28,16 +28,7 @@ def diff(
     first: Annotated[Path, typer.Argument(metavar="A", help=_MAP, show_default=False)],
     second: Annotated[Path, typer.Argument(metavar="B", help=_MAP, show_default=False)],
     *,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder for the report; an earlier one there is replaced.",
-            show_default="only printed",
-        ),
-    ] = None,
+    output: options.ReportFolder = None,
     scanner: Annotated[
         str | None,
         typer.Option(
@@ -196,8 +187,8 @@ def _reach(amap: AmbiguityMap, robot: ReachOptions) -> Reach:
     Raises:
         InputError: it fits nowhere, or not at the start.
     """
-    from ambinav.audit.audit import robot_radius as radius_of
     from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
+    from ambinav.sensing.robot_radius import robot_radius as radius_of
     from ambinav.sensing.scanner import RangeScanner
 
     robot_radius = robot.robot_radius

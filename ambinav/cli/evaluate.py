@@ -14,7 +14,13 @@ from ambinav.cli.running import check_writable, progress_bars, reporting
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ambinav_envs.leaderboard.evaluated import Evaluation
+    from ambinav_envs.leaderboard.twin_runs import TwinRuns
+
+TWIN_SHOWN = ("arrived", "spl", "return")
+"""Figures with the true pose on the terminal, each with its difference to those by the estimate."""
 
 
 @options.grouped
@@ -62,6 +68,24 @@ def evaluate(
             show_default=False,
         ),
     ] = None,
+    twins: Annotated[
+        bool,
+        typer.Option(
+            "--twins/--no-twins",
+            help="Let it drive with the true pose too, and the shortest routes be followed "
+            "blindly, for the normalized score; that takes several times as long.",
+        ),
+    ] = True,
+    trained_in: Annotated[
+        str | None,
+        typer.Option(
+            "--env",
+            metavar="ID",
+            help="For a file of model.save: where it was trained, together with KEY=VALUE.",
+            show_default=False,
+        ),
+    ] = None,
+    trust: options.Trust = False,
     force: options.Force = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -69,7 +93,8 @@ def evaluate(
 
     The environment is the one that the policy was trained in, but with buildings that it has not
     seen (number 1 000 000 and on of the suite). With another scanner or robot it is refused, unless
-    --force is given. A policy file may hold code: use those that you trust.
+    --force is given. A policy file is data: nothing in it is run. module:callable, and what
+    model.save of Stable-Baselines3 writes, is code and needs --trust; the latter also --env ID.
 
     Example: `ambinav evaluate run/best.zip --episodes 500 people=3 odometry_scale=2`
     """
@@ -93,13 +118,19 @@ def evaluate(
         if map_file is not None:
             changed["map"] = map_file
             if building != BuildingOptions():
-                from ambinav.geometry.io.load import load_environment
-
-                changed["map"] = load_environment(
-                    map_file, level=building.level, unit=building.unit
-                )
+                changed["map"] = building.load(map_file)
         with progress_bars(as_json) as bars:
-            found = evaluate_policy(policy, changed, episodes, seed, bars("episodes"), force=force)
+            found = evaluate_policy(
+                policy,
+                changed,
+                episodes,
+                seed,
+                bars("episodes"),
+                force=force,
+                twins=twins,
+                trust=trust,
+                trained_in=trained_in,
+            )
         if output is not None:
             write_evaluation(found, output)
         if as_json:
@@ -140,12 +171,39 @@ def _show(found: Evaluation, output: Path | None) -> None:
     row = found.row
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_row(Text(row.method), Text(f"{row.episodes} episodes in {row.setting}"))
+    if found.code:
+        table.add_row(Text("code"), Text("run with your rights, since it is trusted (--trust)"))
     for name, texts in found.differs.items():
         table.add_row(Text(f"not the {name} it was trained with"), Text("; ".join(texts)))
     for cell in row.cells:
         unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
         table.add_row(Text(f"{cell.figure.title}{unit}"), Text(value_text(cell)))
+    if found.twins is not None:
+        for title, text in _twin_texts(found.twins):
+            table.add_row(Text(title), Text(text))
     console = Console(highlight=False)
     console.print(table)
     if output is not None:
         console.print(Text(f"written to {output}"), soft_wrap=True)
+
+
+def _twin_texts(found: TwinRuns) -> Iterator[tuple[str, str]]:
+    """Lines about what a policy is held against: what it is, and the figure."""
+    from ambinav.reports.table import difference_text, interval_text, value_text
+    from ambinav_envs.leaderboard.twin_runs import OWN
+
+    scores = found.scores
+    shown = scores.room.low > 0.0
+    yield (
+        "normalized score",
+        interval_text(scores.scores[OWN], 2) if shown else "- (no room is shown)",
+    )
+    yield "blind, shortest route: arrived (%)", interval_text(scores.blind, 1)
+    yield "blind, by the true pose: arrived (%)", interval_text(scores.true_pose, 1)
+    yield "room between the two (points)", interval_text(scores.room, 1, "+")
+    for cell in (found.twin[key] for key in TWIN_SHOWN):
+        unit = f" ({cell.figure.unit})" if cell.figure.unit else ""
+        yield (
+            f"with the true pose: {cell.figure.title}{unit}",
+            f"{value_text(cell)}; {difference_text(cell)}",
+        )

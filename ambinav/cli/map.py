@@ -12,6 +12,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions
 from ambinav.cli.running import check_writable, not_negative, progress_bars, reporting
+from ambinav.cli.tile_options import TileOptions
 
 if TYPE_CHECKING:
     from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -22,17 +23,19 @@ def build(
     map_file: options.MapFile,
     scanner: options.Scanner,
     output: Annotated[
-        Path,
+        str,
         typer.Option(
             "--output",
             "-o",
             metavar="OUT.zarr",
-            help="The map to write; an older map there is replaced.",
+            help="The map to write; an older map there is replaced. With --tile also a URL of a "
+            "bucket, such as s3://maps/office.zarr.",
             show_default=False,
         ),
     ],
     building: BuildingOptions,
     making: MapOptions,
+    tiling: TileOptions,
     robot_radius: Annotated[
         float,
         typer.Option(
@@ -51,11 +54,17 @@ def build(
     with reporting():
         making.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
+        tiling.check(output)
         from ambinav.maps.store import check_target
 
-        check_writable(output)
-        check_target(output)
+        if "://" not in output:
+            check_writable(Path(output))
+            check_target(Path(output))
         environment, chosen = making.load(map_file, scanner, building)
+        if tiling.tile is not None:
+            settings = making.settings(environment, chosen, robot_radius)
+            tiling.build(environment, settings, output, as_json)
+            return
         start = time.perf_counter()
         with progress_bars(as_json) as bars:
             amap = making.build(environment, chosen, bars("ambiguity"), robot_radius)
@@ -63,7 +72,7 @@ def build(
         amap.save(output)
         if as_json:
             named = {"environment": environment.name, "scanner": chosen.name}
-            figures = {"output": str(output), **named, **_figures(amap)}
+            figures = {"output": output, **named, **_figures(amap)}
             typer.echo(json.dumps({**figures, "seconds": round(seconds, 3)}, indent=2))
         else:
             typer.echo(repr(amap))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -14,6 +14,7 @@ from ambinav.cli.running import Progress, above_zero, not_negative, note
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
+    from ambinav.ambiguity.build import MapSettings
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
@@ -22,6 +23,38 @@ LONG_SECONDS = 60.0
 """A map that takes longer is announced."""
 LARGE_BYTES = 4e9
 """A map that takes more memory is announced."""
+
+
+Spacing = Annotated[
+    float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
+]
+AmbiguityRadius = Annotated[
+    float,
+    typer.Option(
+        "--ambiguity-radius",
+        metavar="M",
+        help="How far around a pose its scan is compared with others, metres.",
+    ),
+]
+MapStd = Annotated[
+    float | None,
+    typer.Option(
+        "--map-std",
+        metavar="M",
+        help="Standard deviation of the walls in the map, metres.",
+        show_default="0.03 for occupancy maps, 0.02 for drawings",
+    ),
+]
+RobotRadius = Annotated[
+    float | None,
+    typer.Option(
+        "--robot-radius",
+        metavar="M",
+        help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
+        "count.",
+        show_default="the scanner's robot_radius, or 0.2",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +68,7 @@ class BuildingOptions:
         typer.Option(
             "--level",
             metavar="NAME|INDEX",
-            help="The floor of a plan whose features have several levels.",
+            help="The floor of a plan with several: its name, or its position from 0 on.",
             show_default="the only one",
         ),
     ] = None
@@ -43,11 +76,84 @@ class BuildingOptions:
         str | None,
         typer.Option(
             "--unit",
-            metavar="m|cm|mm",
+            metavar="m|cm|mm|in|ft",
             help="What a drawn plan's coordinates are in.",
-            show_default="metres, where they make a building",
+            show_default="metres, or what a .dxf says, where that makes a building",
         ),
     ] = None
+    height: Annotated[
+        float | None,
+        typer.Option(
+            "--height",
+            metavar="M",
+            help="Height above the floor at which an .ifc building is cut: the scanner's.",
+            show_default="0.3",
+        ),
+    ] = None
+    doors: Annotated[
+        str | None,
+        typer.Option(
+            "--doors",
+            metavar="open|closed",
+            help="Doors of an .ifc or .dxf plan.",
+            show_default="open",
+        ),
+    ] = None
+    glass: Annotated[
+        str | None,
+        typer.Option(
+            "--glass",
+            metavar="solid|clear",
+            help="Panes of an .ifc or .dxf plan: clear ones stop robots, not rays.",
+            show_default="solid",
+        ),
+    ] = None
+    no_furniture: Annotated[
+        bool,
+        typer.Option("--no-furniture", help="Leave out the furniture of an .ifc or .dxf plan."),
+    ] = False
+    cad_layer: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--cad-layer",
+            metavar="NAME=ROLE",
+            help="What a layer of a .dxf plan holds: walls, columns, glass, doors, furniture, "
+            "floor or ignore; once for each.",
+            show_default="by its name",
+        ),
+    ] = None
+
+    def load(self, map_file: Path) -> Environment:
+        """Load a building.
+
+        Raises:
+            InputError: it cannot be used.
+        """
+        from ambinav.geometry.io.load import load_environment
+
+        return load_environment(map_file, **self.reading())
+
+    def reading(self) -> dict[str, Any]:
+        """The keyword arguments of `load_environment`.
+
+        Raises:
+            InputError: a --cad-layer is no pair.
+        """
+        layers = {}
+        for given in self.cad_layer or ():
+            name, equals, role = given.rpartition("=")
+            if not (name and equals):
+                raise InputError(f"--cad-layer: {given!r} is no NAME=ROLE; give e.g. 0=walls.")
+            layers[name] = role
+        return {
+            "level": self.level,
+            "unit": self.unit,
+            "height": self.height,
+            "doors": self.doors,
+            "glass": self.glass,
+            "furniture": False if self.no_furniture else None,
+            "layers": layers or None,
+        }
 
     def check(self, map_file: object) -> None:
         """Check that they come with a building, where that is an option too.
@@ -55,10 +161,12 @@ class BuildingOptions:
         Raises:
             InputError: they come without.
         """
-        for option, value in (("--level", self.level), ("--unit", self.unit)):
-            if value is not None and not map_file:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value != field.default and not map_file:
                 raise InputError(
-                    f"{option}: {value!r} says something of a plan; give it with --map."
+                    f"--{field.name.replace('_', '-')}: {value!r} says something of a plan; give "
+                    "it with --map."
                 )
 
 
@@ -68,17 +176,8 @@ class MapOptions:
 
     PANEL: ClassVar[str] = "Map"
 
-    spacing: Annotated[
-        float, typer.Option("--spacing", metavar="M", help="Distance between map cells, metres.")
-    ] = 0.1
-    radius: Annotated[
-        float,
-        typer.Option(
-            "--ambiguity-radius",
-            metavar="M",
-            help="How far around a pose its scan is compared with others, metres.",
-        ),
-    ] = 0.5
+    spacing: Spacing = 0.1
+    radius: AmbiguityRadius = 0.5
     headings: Annotated[
         int | None,
         typer.Option(
@@ -88,22 +187,14 @@ class MapOptions:
             show_default="the scanner decides",
         ),
     ] = None
-    map_std: Annotated[
-        float | None,
-        typer.Option(
-            "--map-std",
-            metavar="M",
-            help="Standard deviation of the walls in the map, metres.",
-            show_default="0.03 for occupancy maps, 0.02 for drawings",
-        ),
-    ] = None
+    map_std: MapStd = None
     layers: Annotated[
         str | None,
         typer.Option(
             "--layers",
             metavar="NAMES",
             help="Further layers, e.g. fisher,gfm; all: those that the scanner can have, but "
-            "aliasing.",
+            "slow ones.",
             show_default="none",
         ),
     ] = None
@@ -132,7 +223,6 @@ class MapOptions:
             InputError: one cannot be used, the spacing exceeds the building, or there is no layer
                 of a name or not for the scanner.
         """
-        from ambinav.geometry.io.load import load_environment
         from ambinav.sensing.presets import preset_names
         from ambinav.sensing.scanner import RangeScanner
 
@@ -142,7 +232,7 @@ class MapOptions:
             raise InputError(
                 f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
             )
-        environment = load_environment(map_file, level=building.level, unit=building.unit)
+        environment = building.load(map_file)
         xmin, ymin, xmax, ymax = environment.bounds
         if self.spacing > max(xmax - xmin, ymax - ymin):
             raise InputError(
@@ -204,6 +294,27 @@ class MapOptions:
             store=options.store_of(self.no_store, lambda: self.announce(environment, scanner)),
         )
 
+    def settings(
+        self, environment: Environment, scanner: RangeScanner, robot_radius: float = 0.0
+    ) -> MapSettings:
+        """What the map is made with, where it is made in tiles.
+
+        Raises:
+            InputError: an option does not suit this building.
+        """
+        from ambinav.ambiguity.build import MapSettings
+
+        return MapSettings.of(
+            environment,
+            scanner,
+            spacing=self.spacing,
+            radius=self.radius,
+            headings=self.headings,
+            map_std=self.map_std,
+            layers=self._names(scanner),
+            robot_radius=robot_radius,
+        )
+
     def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
         """Names of the further layers."""
         if self.layers is None:
@@ -220,16 +331,7 @@ class ReachOptions:
 
     PANEL: ClassVar[str] = "Robot"
 
-    robot_radius: Annotated[
-        float | None,
-        typer.Option(
-            "--robot-radius",
-            metavar="M",
-            help="Of the disc that covers the robot, metres; floor that it cannot reach does not "
-            "count.",
-            show_default="the scanner's robot_radius, or 0.2",
-        ),
-    ] = None
+    robot_radius: RobotRadius = None
     start: Annotated[
         tuple[float, float] | None,
         typer.Option(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ambinav.store.map_store import MapStore
 
 
-def _complete_preset(begun: str) -> list[str]:
+def complete_preset(begun: str) -> list[str]:
     """Presets that the shell offers to complete what was begun with."""
     from ambinav.sensing.presets import preset_names
 
@@ -30,7 +30,7 @@ MapFile = Annotated[
     Path,
     typer.Argument(
         metavar="MAP",
-        help="The building: a map_server .yaml, a .geojson or a .wkt file.",
+        help="The building: a map_server .yaml, a .geojson, .wkt, .ifc or .dxf file.",
         show_default=False,
     ),
 ]
@@ -42,7 +42,17 @@ Scanner = Annotated[
         metavar="PRESET|FILE",
         help="A preset (see `ambinav presets`) or a scanner .yaml file.",
         show_default=False,
-        autocompletion=_complete_preset,
+        autocompletion=complete_preset,
+    ),
+]
+ReportFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="DIR",
+        help="Folder for the report; an earlier one there is replaced.",
+        show_default="only printed",
     ),
 ]
 Pictures = Annotated[
@@ -65,6 +75,15 @@ Force = Annotated[
         "--force",
         help="Let a policy drive another scanner or robot than it was trained with; what differs "
         "is said.",
+    ),
+]
+
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Run policies that are code, with your rights: module:callable, and files of "
+        "model.save. Policy files hold none and need no trust.",
     ),
 ]
 

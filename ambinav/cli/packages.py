@@ -9,7 +9,7 @@ from ambinav.errors import InputError
 
 ENVIRONMENTS = ("gymnasium",)
 """Of the environments."""
-TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch")
+TRAINED = (*ENVIRONMENTS, "stable_baselines3", "torch", "safetensors")
 """Of what is trained, or was."""
 
 

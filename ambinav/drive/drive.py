@@ -17,7 +17,7 @@ from ambinav.drive.localizer_spec import (
     chosen_localizer,
     suited,
 )
-from ambinav.drive.localizers import Localizer
+from ambinav.drive.localizers import Localizer, reads_intensities, updated
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.drive.people import Crowd, People
@@ -150,6 +150,10 @@ def drive(
         estimator.start(
             robots.truth + deviations * standard_normals(start_states, 3), np.diag(deviations**2)
         )
+    # Drawn only where they are read: all else is then what it is without them.
+    hears = estimator is not None and reads_intensities(estimator)
+    intensity_states = random_states(own.spawn(1)[0], runs) if hears else None
+    intensities = None
     record = Recorder(runs, steps, scanner.beams if keep_ranges else None)
     ranges = np.empty((runs, 0), dtype=np.float32)
     fresh = np.zeros(runs, dtype=np.bool_)
@@ -159,10 +163,15 @@ def drive(
     for k in range(steps):
         if looks:
             others = () if crowd is None else (crowd.places, crowd.people.radius)
-            ranges = sight.capture(sight.true_ranges(robots.truth, *others), reading_states)
+            if intensity_states is None:
+                ranges = sight.capture(sight.true_ranges(robots.truth, *others), reading_states)
+            else:
+                true, reflects = sight.look(robots.truth, *others)
+                ranges = sight.capture(true, reading_states)
+                intensities = sight.intensities(reflects, ranges, intensity_states)
         belief = robots.truth.copy()
         if estimator is not None:
-            fresh = np.asarray(estimator.update(robots.odometry.copy(), ranges), dtype=np.bool_)
+            fresh = updated(estimator, robots.odometry.copy(), ranges, intensities)
             belief, covariance = estimator.mean, estimator.covariance
         record.add(going, (robots.truth, robots.odometry, belief), covariance, fresh, ranges)
         if k + 1 == steps and not open_loop:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,40 @@ class Localizer(Protocol):
         Returns:
             Which runs took readings in, or how many of them, shape (R,).
         """
+
+
+class IntensityLocalizer(Localizer, Protocol):
+    """A localizer that may look at intensities beside the ranges."""
+
+    @property
+    def reads_intensities(self) -> bool:
+        """Whether it does; if not, it is never given any."""
+
+    def update(
+        self,
+        odometry: Floats,
+        ranges: NDArray[np.float32],
+        intensities: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.bool_] | NDArray[np.int64]:
+        """As a `Localizer` does, with the intensity of each reading, shape (R, B), nan for none."""
+
+
+def reads_intensities(localizer: Localizer) -> bool:
+    """Whether a localizer looks at intensities: an `IntensityLocalizer` that says so."""
+    return bool(getattr(localizer, "reads_intensities", False))
+
+
+def updated(
+    localizer: Localizer,
+    odometry: Floats,
+    ranges: NDArray[np.float32],
+    intensities: NDArray[np.float32] | None,
+) -> NDArray[np.bool_]:
+    """Which runs took readings in, shape (R,); with intensities where there are any."""
+    if intensities is None:
+        return np.asarray(localizer.update(odometry, ranges), dtype=np.bool_)
+    reader = cast("IntensityLocalizer", localizer)
+    return np.asarray(reader.update(odometry, ranges, intensities), dtype=np.bool_)
 
 
 class DeadReckoning:

@@ -30,6 +30,7 @@ class Readings:
 
     def __init__(self, environment: Environment, scanner: RangeScanner) -> None:
         self.environment = environment
+        self._reflects = environment.segments.reflectors
         self.scanner = scanner
         self._rays = scanner.rays()
         sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
@@ -50,9 +51,27 @@ class Readings:
             people: Where people stand, shape (R, P, 2 or more), metres; columns x and y.
             radius: Of a person, metres.
         """
+        rays = self._rays
+        return rays.nearest(self._cast(poses, people, radius)[0])
+
+    def look(
+        self, poses: Floats, people: Floats | None = None, radius: float = 0.0
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """As `true_ranges`, and whether the first ray of each beam meets a reflector, (R, B)."""
+        echo, distance, segment = self._cast(poses, people, radius)
+        first = self._rays.start[:-1]
+        met = segment[:, first]
+        # Nobody stands before it.
+        seen = echo[:, first] == distance[:, first]
+        return self._rays.nearest(echo), self._reflects[met] & (met >= 0) & seen
+
+    def _cast(
+        self, poses: Floats, people: Floats | None, radius: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """Echo of each ray, its distance to what it meets behind people, and what that is."""
         x, y, theta = np.ascontiguousarray(poses.T)
         rays = self._rays
-        distance, _, incidence = scan_rays(
+        distance, segment, incidence = scan_rays(
             self.environment, x, y, theta, rays.origin, rays.angle, self.scanner.max_range,
             incidence=rays.specular,
         )  # fmt: skip
@@ -62,7 +81,7 @@ class Readings:
                 poses, people, float(radius), rays.origin, rays.angle, rays.max_range, distance,
                 echo,
             )  # fmt: skip
-        return rays.nearest(echo)
+        return echo, distance, segment
 
     def capture(
         self, true_ranges: NDArray[np.float32], states: NDArray[np.uint64]
@@ -83,6 +102,28 @@ class Readings:
         out = np.empty(mean.shape, dtype=np.float32)
         _capture(mean, std, self._table, states, out)
         return out
+
+    def intensities(
+        self,
+        reflects: NDArray[np.bool_],
+        readings: NDArray[np.float32],
+        states: NDArray[np.uint64],
+    ) -> NDArray[np.float32]:
+        """The intensity beside each reading, float32, shape (R, B); nan where there is none.
+
+        Args:
+            reflects: Whether each beam meets a reflector, shape (R, B), as `look` gives it.
+            readings: Shape (R, B), as `capture` gives them.
+            states: Of the random numbers, shape (R, 4).
+        """
+        found = np.full(readings.shape, np.nan, dtype=np.float32)
+        noise = standard_normals(states, readings.shape[1])
+        for i, sensor in enumerate(self.scanner.sensors):
+            if sensor.intensity is not None:
+                beams = self.scanner.sensor_of_beam == i
+                found[:, beams] = sensor.intensity.reading(reflects[:, beams], noise[:, beams])
+        found[~np.isfinite(readings)] = np.nan
+        return found
 
 
 def standard_normals(states: NDArray[np.uint64], count: int) -> Floats:

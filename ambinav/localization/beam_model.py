@@ -20,14 +20,14 @@ import numpy as np
 
 from ambinav.kernels import kernel
 from ambinav.localization.casting import expected_ranges, work_space
-from ambinav.localization.likelihood_field import apply_factors
-from ambinav.localization.range_table import looked_up
+from ambinav.localization.likelihood_field import TINY, apply_factors
+from ambinav.localization.range_table import looked_up, reflectors_looked_up
 
 
 @kernel
 def beam_factors(
     particles, count, reading, near, far, z_hit, z_short, z_max, z_rand, sigma, decay, tables,
-    lookup, log, power, scratch,
+    lookup, log, power, scratch, channel=None, fits=None,
 ):  # fmt: skip
     """Multiply the weights by what the ray model says of one scan; return their factors' base.
 
@@ -50,6 +50,8 @@ def beam_factors(
         log: Product instead of the sum of cubes.
         power: Exponent of the product.
         scratch: Work space, float64, shape (M,).
+        channel: An `IntensityModel`, or None.
+        fits: How well the intensity of each beam fits a wall and a reflector, shape (B, 2).
 
     Returns:
         The logarithm that all factors were divided by (0 for the sum), so that products of many
@@ -60,6 +62,7 @@ def beam_factors(
     ranges = np.empty(beams)
     ray = np.empty(beams, dtype=np.int32)
     edge = np.empty(beams, dtype=np.int32)
+    met = np.empty(beams, dtype=np.bool_)
     short, rand = np.empty(beams), np.empty(beams)
     for b in range(beams):
         short[b] = z_short * decay * math.exp(-decay * reading[b])
@@ -73,7 +76,14 @@ def beam_factors(
             expected_ranges(
                 particles[i, 0], particles[i, 1], particles[i, 2], tables, work, ranges, ray, edge
             )
+        if channel is not None:
+            if by_table:
+                reflectors_looked_up(particles[i, 0], particles[i, 1], particles[i, 2], lookup, met)
+            else:
+                for b in range(beams):
+                    met[b] = edge[b] >= 0 and channel.reflects[edge[b]]
         total = 0.0 if log else 1.0
+        fit, log_fit = 1.0, 0.0
         for b in range(beams):
             if math.isnan(reading[b]):
                 continue
@@ -83,5 +93,14 @@ def beam_factors(
             if off < 0.0:
                 p += short[b]
             total += math.log(p) if log else p * p * p
+            if channel is not None:
+                hit = math.exp(off * off * per_square)
+                fit *= hit * fits[b, int(met[b])] + (1.0 - hit) * fits[b, 0]
+                if fit < TINY:
+                    log_fit += math.log(fit)
+                    fit = 1.0
         scratch[i] = power * total if log else total
+        if channel is not None:
+            log_fit = power * (log_fit + math.log(fit))
+            scratch[i] = scratch[i] + log_fit if log else scratch[i] * math.exp(log_fit)
     return apply_factors(particles, count, scratch, log)

@@ -1,5 +1,8 @@
 """A Kalman filter on the ranges themselves: what a drive knows of its pose, and what it will know.
 
+It takes in directions of reflectors as well, where intensities tell them (`tag_bearings`);
+`predicted_covariances` foresees ranges alone.
+
 For other kernels: `odometry.spread_motion` and `apply_motion`, then `ekf_update.update_pose`, are
 one step of the filter.
 """
@@ -22,12 +25,14 @@ from ambinav.localization.information import (
     beam_noise,
     informations,
 )
+from ambinav.localization.intensity import beside_ranges
 from ambinav.localization.odometry import (
     OdometryModel,
     apply_motion,
     motion_between,
     spread_motion,
 )
+from ambinav.localization.tag_bearings import tag_model, take_in_tags
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -72,7 +77,9 @@ class ExtendedKalmanFilter:
         if self.gate <= 0.0:
             raise InputError(f"gate is {gate}; give standard deviations above 0.")
         self.cast: CastTables = cast_tables(environment, scanner, np.arange(scanner.beams))
-        self.noise: BeamNoise = beam_noise(environment, scanner, as_map_std(environment, map_std))
+        deviation = as_map_std(environment, map_std)
+        self.noise: BeamNoise = beam_noise(environment, scanner, deviation)
+        self.tags = tag_model(environment, scanner, deviation)
         self._mean = np.full((self.runs, 3), np.nan)
         self._covariance = np.full((self.runs, 3, 3), np.nan)
         self._odometry: Floats | None = None
@@ -90,16 +97,25 @@ class ExtendedKalmanFilter:
         self._covariance[:] = cov
         self._odometry = None
 
-    def update(self, odometry: ArrayLike, ranges: ArrayLike) -> NDArray[np.int64]:
+    @property
+    def reads_intensities(self) -> bool:
+        """Whether `update` looks at intensities: it needs a channel, and reflectors on the map."""
+        return self.tags is not None
+
+    def update(
+        self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
+    ) -> NDArray[np.int64]:
         """Move on to an odometry pose and take in the scan made there.
 
         Args:
             odometry: Poses in the odometry frame, shape (R, 3), or (3,) for one run.
             ranges: Readings, shape (R, B), or (B,) for one run: inf no echo, -inf too near, nan
                 no reading.
+            intensities: Beside them, of the same shape, nan for none; None: of no beam. They tell
+                the directions of reflectors (`tag_bearings`).
 
         Returns:
-            How many beams each run has used, shape (R,).
+            How many beams each run has used, and how many reflectors, together, shape (R,).
 
         Raises:
             InputError: a shape does not fit, a pose is not finite, or the filter is not started.
@@ -115,9 +131,11 @@ class ExtendedKalmanFilter:
             )
         before = now if self._odometry is None else self._odometry
         used = np.empty(self.runs, dtype=np.int64)
+        tags = None if intensities is None else self.tags
+        beside = beside_ranges(tags, intensities, readings)
         _steps(
             self._mean, self._covariance, before, now, np.ascontiguousarray(readings),
-            self.odometry.array, self.gate, self.cast, self.noise, used,
+            self.odometry.array, self.gate, self.cast, self.noise, used, tags, beside,
         )  # fmt: skip
         self._odometry = now.copy()
         return used
@@ -165,7 +183,9 @@ class ExtendedKalmanFilter:
 
 
 @kernel
-def _steps(mean, cov, before, now, readings, alpha, gate, cast, noise, used):
+def _steps(
+    mean, cov, before, now, readings, alpha, gate, cast, noise, used, tags, intensities
+):  # fmt: skip
     scratch = scratch_for(noise.far.size, cast.cosine.size)
     for r in range(mean.shape[0]):
         rot1, trans, rot2 = motion_between(
@@ -175,7 +195,11 @@ def _steps(mean, cov, before, now, readings, alpha, gate, cast, noise, used):
         mean[r, 0], mean[r, 1], mean[r, 2] = apply_motion(
             mean[r, 0], mean[r, 1], mean[r, 2], rot1, trans, rot2
         )
-        used[r] = update_pose(
+        seen = 0
+        if tags is not None:
+            # First: with them the ranges are linear about a better place.
+            seen = take_in_tags(mean[r], cov[r], readings[r], intensities[r], gate, tags)
+        used[r] = seen + update_pose(
             mean[r], cov[r], readings[r], gate, ROUNDS, True, cast, noise, scratch
         )
 

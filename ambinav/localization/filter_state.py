@@ -201,6 +201,37 @@ def filter_model(
     )  # fmt: skip
 
 
+def casts_rays(model: FilterModel) -> bool:
+    """Whether filters of a model need `CastTables`.
+
+    Kernels that are given None for them are compiled without all that works on them, which halves
+    the time it takes.
+    """
+    return model.trust > 0.0 or model.kind >= BEAM_SUM
+
+
+def covariance_roots(covariances: Floats) -> Floats:
+    """Roots L of covariances L L^T, both of shape (R, 3, 3).
+
+    Raises:
+        InputError: one has a negative eigenvalue.
+    """
+    values, vectors = np.linalg.eigh(covariances)
+    if values.min() < -1e-9 * max(float(np.abs(values).max()), 1.0):
+        raise InputError(
+            f"covariance has the eigenvalue {values.min():g}; give a covariance, whose "
+            "eigenvalues are at least 0."
+        )
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis, :]
+    return np.ascontiguousarray(root)
+
+
+def filter_bytes(parameters: MclParameters) -> int:
+    """Bytes of a run's rows in a `FilterState`, but for a few hundred."""
+    most = parameters.max_particles
+    return 96 * most + 12 * table_size(most)
+
+
 def filter_state(parameters: MclParameters, runs: int, random: NDArray[np.uint64]) -> FilterState:
     """Make the state of filters that are not started yet."""
     most, size = parameters.max_particles, table_size(parameters.max_particles)

@@ -22,6 +22,9 @@ from ambinav.threads import run_rows
 
 # A lattice of more points than this (1.6 GB) is refused.
 MOST_POINTS = 400_000_000
+# A product of factors below this goes on as its logarithm: one for each factor takes four times
+# as long.
+TINY = 1e-100
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,7 @@ class LikelihoodField:
         max_distance: float = 2.0,
         *,
         frontiers: bool = False,
+        only: NDArray[np.bool_] | None = None,
     ) -> LikelihoodField:
         """Work out the field of an environment.
 
@@ -58,6 +62,7 @@ class LikelihoodField:
             resolution: Spacing of the lattice, metres.
             max_distance: Farther from a wall than this is all the same, metres.
             frontiers: Count the frontiers to unknown space as walls.
+            only: The segments that count, shape (N,); None: all walls.
 
         Raises:
             InputError: a number is not positive, the lattice would be too large, or there is no
@@ -68,7 +73,8 @@ class LikelihoodField:
             name, value = ("resolution", step) if step <= 0.0 else ("max_distance", reach)
             raise InputError(f"{name} is {value}; give metres above 0.")
         segments = environment.segments
-        xy = segments.xy if frontiers else segments.xy[segments.walls]
+        chosen = segments.walls | frontiers if only is None else only
+        xy = segments.xy[chosen]
         if len(xy) == 0:
             raise InputError(
                 f"environment {environment.name!r} has no walls; a likelihood field needs some."
@@ -154,8 +160,9 @@ def hit_at(u, v, hits, smooth):
 
 @kernel
 def field_factors(
-    particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, smooth, log, power, scratch
-):
+    particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, smooth, log, power, scratch,
+    channel=None, fits=None,
+):  # fmt: skip
     """Multiply the weights by what the field says of one scan; return their factors' base.
 
     Two ways of putting the beams together, p_i = z_hit hit_i + z_rand / max_range_i:
@@ -177,6 +184,8 @@ def field_factors(
         log: Product instead of the sum of cubes.
         power: Exponent of the product.
         scratch: Work space, float64, shape (M,).
+        channel: An `IntensityModel`, or None.
+        fits: How well the intensity of each beam fits a wall and a reflector, shape (B, 2).
 
     Returns:
         The logarithm that all factors were divided by (0 for the sum), so that products of many
@@ -186,12 +195,27 @@ def field_factors(
         px, py = (particles[i, 0] - x0) * inverse, (particles[i, 1] - y0) * inverse
         c, s = math.cos(particles[i, 2]) * inverse, math.sin(particles[i, 2]) * inverse
         total = 0.0 if log else 1.0
+        fit, log_fit = 1.0, 0.0
         for b in range(used):
             u = px + c * end[b, 0] - s * end[b, 1]
             v = py + s * end[b, 0] + c * end[b, 1]
-            p = z_hit * hit_at(u, v, hits, smooth) + floor[b]
+            if channel is None:
+                p = z_hit * hit_at(u, v, hits, smooth) + floor[b]
+            else:
+                dark = hit_at(u, v, channel.walls, smooth)
+                light = hit_at(u, v, channel.reflectors, smooth)
+                # The nearer of both, as in `hits`.
+                p = z_hit * max(dark, light) + floor[b]
+                met = max(fits[b, 0] * dark, fits[b, 1] * light)
+                fit *= met + fits[b, 0] * (1.0 - max(dark, light))
+                if fit < TINY:
+                    log_fit += math.log(fit)
+                    fit = 1.0
             total += math.log(p) if log else p * p * p
         scratch[i] = power * total if log else total
+        if channel is not None:
+            log_fit = power * (log_fit + math.log(fit))
+            scratch[i] = scratch[i] + log_fit if log else scratch[i] * math.exp(log_fit)
     return apply_factors(particles, count, scratch, log)
 
 

@@ -42,9 +42,12 @@ from ambinav.localization.filter_state import (
     FIELD_PRODUCT,
     FilterModel,
     FilterState,
+    casts_rays,
+    covariance_roots,
     filter_model,
     filter_state,
 )
+from ambinav.localization.intensity import beside_ranges, intensity_model, surface_fits
 from ambinav.localization.likelihood_field import LikelihoodField, field_factors
 from ambinav.localization.localizability_filter import localizability_filtered
 from ambinav.localization.odometry import (
@@ -110,6 +113,7 @@ class MonteCarloLocalizer:
         self.runs = as_count(runs, "runs")
         self.model: FilterModel = filter_model(environment, scanner, self.parameters, field)
         self.cast: CastTables = cast_tables(environment, scanner, self.model.beam)
+        self.channel = intensity_model(environment, scanner, parameters, self.model, field)
         self.state: FilterState = filter_state(self.parameters, self.runs, states(rng, self.runs))
 
     def start(self, poses: ArrayLike, covariance: ArrayLike | None = None) -> None:
@@ -128,26 +132,27 @@ class MonteCarloLocalizer:
             covariance = np.diag([p.initial_cov_xx, p.initial_cov_yy, p.initial_cov_aa])
         mean = self._rows(poses, "poses", (3,))
         spread = self._rows(covariance, "covariance", (3, 3))
-        values, vectors = np.linalg.eigh(spread)
-        if values.min() < -1e-9 * max(float(np.abs(values).max()), 1.0):
-            raise InputError(
-                f"covariance has the eigenvalue {values.min():g}; give a covariance, whose "
-                "eigenvalues are at least 0."
-            )
-        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis, :]
-        _start_all(mean, np.ascontiguousarray(root), self.model, self.state)
+        _start_all(mean, covariance_roots(spread), self.model, self.state)
 
     def start_globally(self) -> None:
         """Spread the particles evenly over the free space and all headings, in every run."""
         _start_all_globally(self.model, self.state)
 
-    def update(self, odometry: ArrayLike, ranges: ArrayLike) -> NDArray[np.bool_]:
+    @property
+    def reads_intensities(self) -> bool:
+        """Whether `update` looks at intensities: it needs a channel, and reflectors on the map."""
+        return self.channel is not None
+
+    def update(
+        self, odometry: ArrayLike, ranges: ArrayLike, intensities: ArrayLike | None = None
+    ) -> NDArray[np.bool_]:
         """Take in where odometry says that each robot is, and the scan made there.
 
         Args:
             odometry: Poses in the odometry frame, shape (R, 3), or (3,) for one run.
             ranges: Readings, shape (R, B), or (B,) for one run: metres, inf no echo, -inf too
                 near, nan no reading.
+            intensities: Beside them, of the same shape, nan for none; None: of no beam.
 
         Returns:
             Shape (R,): which runs took the scan in; the others have moved less than
@@ -167,14 +172,13 @@ class MonteCarloLocalizer:
                 f"ranges have the shape {readings.shape}; give {shape}: the {shape[1]} beams of "
                 f"scanner {self.scanner.name!r} for each of {self.runs} runs."
             )
+        channel = None if intensities is None else self.channel
+        beside = beside_ranges(channel, intensities, readings)
         updated = np.empty(self.runs, dtype=np.bool_)
-        # With None for what is not looked at, numba leaves out whatever works on it, which takes
-        # as long to compile as all the rest.
-        rays = self.model.trust > 0.0 or self.model.kind >= BEAM_SUM
-        cast = self.cast if rays else None
+        cast = self.cast if casts_rays(self.model) else None
         run_rows(
             _update, self.runs, poses, readings.reshape(shape), self.model, cast, self.state,
-            updated, least=LEAST_RUNS,
+            updated, channel, beside, least=LEAST_RUNS,
         )  # fmt: skip
         return updated
 
@@ -263,13 +267,16 @@ def update_estimate(r, bins, model, state):
 
 
 @kernel
-def weigh(particles, count, ranges, model, cast, scratch):
-    """Multiply the weights by the likelihood of a scan.
+def weigh(particles, count, ranges, model, cast, scratch, channel, intensities):
+    """Multiply the weights by the likelihood of a scan; `channel` as in `update_run`.
 
     Returns the logarithm that they were divided by, nan if no beam says anything.
     """
     beams = model.beam.size
     far = model.far
+    fits = np.empty((0 if channel is None else beams, 2))
+    if channel is not None:
+        surface_fits(ranges, intensities, model.beam, channel, fits)
     if cast is not None and model.kind >= BEAM_SUM:
         reading, least, some = np.empty(beams), np.zeros(beams), False
         for b in range(beams):
@@ -286,7 +293,7 @@ def weigh(particles, count, ranges, model, cast, scratch):
         base = beam_factors(
             particles, count, reading, least, far, model.z_hit, model.z_short, model.z_max,
             model.z_rand, model.sigma_hit, model.lambda_short, cast, model.table,
-            model.kind == BEAM_PRODUCT, model.power, scratch,
+            model.kind == BEAM_PRODUCT, model.power, scratch, channel, fits,
         )  # fmt: skip
         return base if some else math.nan
     end, floor = np.empty((beams, 2)), np.empty(beams)
@@ -297,20 +304,25 @@ def weigh(particles, count, ranges, model, cast, scratch):
             end[used, 0] = model.mount[b, 0] + z * model.mount[b, 2]
             end[used, 1] = model.mount[b, 1] + z * model.mount[b, 3]
             floor[used] = model.z_rand / far[b]
+            if channel is not None:
+                fits[used, 0], fits[used, 1] = fits[b, 0], fits[b, 1]
             used += 1
     if used == 0:
         return math.nan
     return field_factors(
         particles, count, end, floor, used, model.z_hit, model.hits, model.field_x, model.field_y,
-        model.inverse, model.smooth, model.kind == FIELD_PRODUCT, model.power, scratch,
+        model.inverse, model.smooth, model.kind == FIELD_PRODUCT, model.power, scratch, channel,
+        fits,
     )  # fmt: skip
 
 
 @kernel
-def update_run(r, x, y, theta, ranges, model, cast, state):
+def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensities=None):
     """Take one odometry pose and one scan into the filter of run r; see the module.
 
     `cast` may be None where no rays are cast: with a likelihood field and without `trust`.
+    `channel` is the localizer's own, with `intensities` beside the ranges, shape (B,), nan where
+    there are none; or None.
 
     Returns whether the scan was used: the first after a start always is, a later one if the
     robot has moved far enough since the last.
@@ -351,7 +363,7 @@ def update_run(r, x, y, theta, ranges, model, cast, state):
             particles, count, ranges, model, cast, state.spare[r], inliers
         )
         places, inliers = (state.spare[r], inliers) if filtered else (particles, ranges)
-    scale = weigh(places, count, inliers, model, cast, state.sums[r])
+    scale = weigh(places, count, inliers, model, cast, state.sums[r], channel, intensities)
     if filtered:
         for i in range(count):
             particles[i, 3] = places[i, 3]
@@ -409,11 +421,12 @@ def renew(r, model, state):
 
 
 @kernel
-def _update(low, high, poses, ranges, model, cast, state, updated):
+def _update(low, high, poses, ranges, model, cast, state, updated, channel, intensities):
     for r in range(low, high):
         updated[r] = update_run(
-            r, poses[r, 0], poses[r, 1], poses[r, 2], ranges[r], model, cast, state
-        )
+            r, poses[r, 0], poses[r, 1], poses[r, 2], ranges[r], model, cast, state, channel,
+            intensities[r],
+        )  # fmt: skip
 
 
 @kernel

@@ -74,8 +74,9 @@ class MclParameters:
         initial_cov_xx: Variance of the initial pose along x, square metres.
         initial_cov_yy: Along y.
         initial_cov_aa: Of its heading, square radians.
-        importance_factor: Exponent of the product in "likelihood_field_prob" and "beam_prob":
-            below 1 because neighbouring beams err together.
+        importance_factor: Exponent of the product in "likelihood_field_prob" and "beam_prob", and
+            of that over intensities (`ambinav.localization.intensity`): below 1 because
+            neighbouring beams err together.
         resampling: "multinomial" draws each particle by itself, as AMCL does. The other two lay
             one comb of even teeth over the weights, shifted by one random number (Probabilistic
             Robotics, table 4.4), and differ in how they come to KLD's count: "low_variance"

@@ -19,6 +19,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.kernels import kernel
+from ambinav.sensing.casting import cast_reflectors
 from ambinav.sensing.scanner import RangeScanner
 
 # Directions of a table, at least; a laser's are 1 degree apart, a cone's a sixth of its aperture.
@@ -40,6 +41,8 @@ class RangeTable(NamedTuple):
         inverse: Points per metre.
         sensor: Kind of each beam, int64, shape (U,).
         mount: x, y (metres) and direction (radians) of each beam in the robot frame, shape (U, 3).
+        reflects: Whether a reflector is met there, as `ranges`; of shape (0, 0, 1) where no sensor
+            reads intensities, or there is no reflector.
     """
 
     ranges: NDArray[np.float32]
@@ -49,13 +52,14 @@ class RangeTable(NamedTuple):
     inverse: float
     sensor: NDArray[np.int64]
     mount: NDArray[np.float64]
+    reflects: NDArray[np.bool_]
 
 
 def empty_range_table() -> RangeTable:
     """A table for filters that do not look at it."""
     return RangeTable(
         np.zeros((0, 0, 1), dtype=np.float32), np.zeros((1, 1), dtype=np.int32), 0.0, 0.0, 1.0,
-        np.zeros(0, dtype=np.int64), np.zeros((0, 3)),
+        np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 0, 1), dtype=np.bool_),
     )  # fmt: skip
 
 
@@ -105,16 +109,63 @@ def _cast(
         )
     x, y = lattice.x[columns], lattice.y[rows]
     ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)
+    heard = environment.has_reflectors and any(one.intensity is not None for one in sensors)
+    reflects = np.zeros(ranges.shape if heard else (0, 0, 1), dtype=np.bool_)
     for k, one in enumerate(sensors):
         around = RangeScanner.planar(sensor=one, beams=directions, aperture=2.0 * math.pi)
         for first in range(0, len(rows), CHUNK):
             part = slice(first, first + CHUNK)
             seen = around.scan(environment, x[part], y[part], 0.0)
             ranges[k, part] = np.roll(seen, -(directions // 2), axis=1)
+            if heard:
+                met = cast_reflectors(
+                    environment, around.rays(), one.max_range, x[part], y[part], 0.0
+                )
+                reflects[k, part] = np.roll(met, -(directions // 2), axis=1)
     return RangeTable(
         ranges, lattice.index, float(lattice.x[0]), float(lattice.y[0]), 1.0 / resolution,
-        sensor.astype(np.int64), np.ascontiguousarray(scanner.mounts[beams]),
+        sensor.astype(np.int64), np.ascontiguousarray(scanner.mounts[beams]), reflects,
     )  # fmt: skip
+
+
+# What follows takes arrays out of a table once for all beams: where they are taken, and where rows
+# of them are, references are counted, which takes twice as long as all the rest.
+@kernel(inline="always")
+def entry_of(x, y, heading, table_x, table_y, inverse, cells, directions):
+    """Point and direction in a table; -1 where the nearest point is not free.
+
+    Args:
+        x: Of the sensor, metres, map frame.
+        y: The same.
+        heading: Of the beam, radians.
+        table_x: See `RangeTable`, as the next two.
+        table_y: See there.
+        inverse: See there.
+        cells: See there.
+        directions: How many there are.
+    """
+    u = (x - table_x) * inverse + 0.5
+    v = (y - table_y) * inverse + 0.5
+    point = -1
+    if u >= 0.0 and v >= 0.0 and u < cells.shape[1] and v < cells.shape[0]:
+        point = cells[int(v), int(u)]
+    scale = directions / (2.0 * math.pi)
+    return point, int(math.floor(heading * scale + 0.5)) % directions
+
+
+@kernel
+def reflectors_looked_up(x, y, theta, table, met):
+    """Whether each beam ought to meet a reflector, as `looked_up`; written to `met`, shape (U,)."""
+    co, si = math.cos(theta), math.sin(theta)
+    cells, sensor, mount, reflects = table.cells, table.sensor, table.mount, table.reflects
+    left, low, inverse, directions = table.x, table.y, table.inverse, table.ranges.shape[2]
+    for b in range(sensor.size):
+        mx, my = mount[b, 0], mount[b, 1]
+        point, k = entry_of(
+            x + co * mx - si * my, y + si * mx + co * my, theta + mount[b, 2], left, low, inverse,
+            cells, directions,
+        )  # fmt: skip
+        met[b] = point >= 0 and reflects[sensor[b], point, k]
 
 
 @kernel
@@ -129,17 +180,13 @@ def looked_up(x, y, theta, table, ranges):
         ranges: Written, shape (U,), metres: inf without an echo, nan where the nearest point to
             the sensor is not free.
     """
-    rows, columns = table.cells.shape
-    directions = table.ranges.shape[2]
-    scale = directions / (2.0 * math.pi)
     co, si = math.cos(theta), math.sin(theta)
-    for b in range(table.sensor.size):
-        mx, my, yaw = table.mount[b]
-        u = (x + co * mx - si * my - table.x) * table.inverse + 0.5
-        v = (y + si * mx + co * my - table.y) * table.inverse + 0.5
-        ranges[b] = math.nan
-        if u >= 0.0 and v >= 0.0 and u < columns and v < rows:
-            point = table.cells[int(v), int(u)]
-            if point >= 0:
-                k = int(math.floor((theta + yaw) * scale + 0.5)) % directions
-                ranges[b] = table.ranges[table.sensor[b], point, k]
+    cells, sensor, mount, values = table.cells, table.sensor, table.mount, table.ranges
+    left, low, inverse, directions = table.x, table.y, table.inverse, values.shape[2]
+    for b in range(sensor.size):
+        mx, my = mount[b, 0], mount[b, 1]
+        point, k = entry_of(
+            x + co * mx - si * my, y + si * mx + co * my, theta + mount[b, 2], left, low, inverse,
+            cells, directions,
+        )  # fmt: skip
+        ranges[b] = values[sensor[b], point, k] if point >= 0 else math.nan

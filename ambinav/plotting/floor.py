@@ -19,6 +19,7 @@ from matplotlib.image import AxesImage
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MultipleLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
@@ -131,9 +132,9 @@ class FloorFigure:
         lines = weak_strokes(x, y, direction, strength, depth)
         self._lines(lines, zorder=_STROKES, colors=style.WALL, linewidths=1.7)
 
-    def part_patches(self, parts: FloorParts) -> list[Patch]:
+    def part_patches(self, parts: FloorParts) -> list[Artist]:
         """Entries of a legend for the parts of the floor that do not count, if there are any."""
-        patches = []
+        patches: list[Artist] = []
         if parts.unexplored.any():
             area = area_text(parts.area(parts.unexplored))
             patches.append(unexplored_patch(f"unexplored\n{area}"))
@@ -143,7 +144,7 @@ class FloorFigure:
             patches.append(colour_patch(style.UNREACHABLE, label))
         return patches
 
-    def outside_patches(self) -> list[Patch]:
+    def outside_patches(self) -> list[Artist]:
         """Entries of a legend for what is not free, as much of it as is shown."""
         x, y = self.amap.dataset["x"].values, self.amap.dataset["y"].values
         shown = np.ix_(
@@ -151,12 +152,31 @@ class FloorFigure:
             (x > self.bounds[0]) & (x < self.bounds[2]),
         )
         solid, free = self.amap.solid[shown], np.asarray(self.amap.dataset["free"].values)[shown]
-        patches = []
+        patches: list[Artist] = []
         if (~free & solid).any():
             patches.append(colour_patch(style.SOLID, "solid"))
         if (~free & ~solid).any():
             patches.append(colour_patch(self._unknown, "unknown"))
-        return patches
+        return patches + self.reflector_lines()
+
+    def reflector_lines(self) -> list[Artist]:
+        """Entries of a legend for glass and for reflectors, if some are shown."""
+        shown, segments = self._shown_segments(), self.amap.segments
+        entries: list[Artist] = []
+        if shown[segments.glass].any():
+            entries.append(Line2D([], [], color=style.GLASS, linewidth=1.5, label="glass"))
+        if not shown[segments.reflectors].any():
+            return entries
+        rim = [Stroke(linewidth=4.0, foreground=style.WALL), Normal()]
+        look: dict[str, Any] = {"linewidth": 2.2, "path_effects": rim}
+        return [*entries, Line2D([], [], color=style.REFLECTOR, label="reflector", **look)]
+
+    def _shown_segments(self) -> NDArray[np.bool_]:
+        """Mask, shape (N,), of the segments that the bounds show something of."""
+        left, low, right, high = self.bounds
+        x, y = np.split(self.amap.segments.xy.reshape(-1, 2, 2), 2, axis=-1)
+        seen = (x.max(1) >= left) & (x.min(1) <= right) & (y.max(1) >= low) & (y.min(1) <= high)
+        return np.asarray(seen[:, 0])
 
     def legend(
         self, handles: Sequence[Artist], caption: Sequence[str] = (), *, below: bool = False
@@ -258,11 +278,9 @@ class FloorFigure:
         )
 
     def _draw_walls(self, width: float) -> None:
-        """Walls as dark lines, frontiers to unknown space thin, grey and dashed."""
+        """Walls as dark lines, glass blue, reflectors bright, frontiers thin and dashed."""
         segments = self.amap.segments
-        left, low, right, high = self.bounds
-        x, y = segments.xy[:, 0::2], segments.xy[:, 1::2]
-        shown = (x.max(1) >= left) & (x.min(1) <= right) & (y.max(1) >= low) & (y.min(1) <= high)
+        shown = self._shown_segments()
         lines = segments.xy.reshape(-1, 2, 2)
         self._lines(
             lines[shown & ~segments.walls],
@@ -271,13 +289,17 @@ class FloorFigure:
             linewidths=0.6 * width,
             linestyles=(0, (4, 3)),
         )
-        self._lines(
-            lines[shown & segments.walls],
-            zorder=_WALLS,
-            colors=style.WALL,
-            linewidths=width,
-            capstyle="round",
-        )
+        for which, colour in ((segments.walls, style.WALL), (segments.glass, style.GLASS)):
+            self._lines(
+                lines[shown & which],
+                zorder=_WALLS,
+                colors=colour,
+                linewidths=width,
+                capstyle="round",
+            )
+        bright = lines[shown & segments.reflectors]
+        for colour, times in ((style.WALL, 4.5), (style.REFLECTOR, 2.5)):
+            self._lines(bright, zorder=_WALLS, colors=colour, linewidths=times * width)
 
     def _lines(self, lines: NDArray[np.float64], **look: Any) -> None:
         self.axes.add_collection(LineCollection(list(lines), **look), autolim=False)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps import schema
@@ -56,7 +58,7 @@ def plot_zones(
         floor.strokes(heading, parts)
     if legend:
         shares = zip(amap.zone_shares(heading, parts.counted), style.ZONE_COLOURS, strict=True)
-        handles = [
+        handles: list[Artist] = [
             colour_patch(colour, f"{share.zone}\n{share.share:.0%}, {area_text(share.area)}")
             for share, colour in shares
         ]
@@ -99,7 +101,9 @@ def plot_layer(
         values = np.where(parts.counted, values, np.nan)
     label = str(amap.dataset[layer].attrs.get("long_name", layer))
     scale = layer_scale(layer, data, values)
-    title = title or floor_title(amap, layer.replace("_", " ").capitalize(), heading)
+    # Of a layer that no heading changes there is no mean over them.
+    at = heading if "theta" in amap.dataset[layer].dims else None
+    title = title or floor_title(amap, layer.replace("_", " ").capitalize(), at)
     floor = FloorFigure(amap, ax, title, unknown=scale.unknown)
     image = floor.paint(scale.values, cmap=scale.colours, norm=scale.norm)
     if strokes:
@@ -115,17 +119,21 @@ def plot_layer(
 
 def paint_zones(floor: FloorFigure, heading: Heading, parts: FloorParts) -> None:
     """Lay the colours of the zones over a floor, stripes and grey where there is none."""
+    paint_zone_codes(floor, floor.amap.floor("zone", heading).values, parts)
+
+
+def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: FloorParts) -> None:
+    """The same of zones that are given as codes, shape (ny, nx): of a map on the same lattice."""
     palette = np.array([*map(to_rgba, style.ZONE_COLOURS), (0.0, 0.0, 0.0, 0.0)])
-    zone = floor.amap.floor("zone", heading).values
     picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]
     floor.paint_parts(picture, parts)
     floor.paint(picture)
 
 
-def floor_title(amap: AmbiguityMap, what: str, heading: Heading) -> str:
-    """What is shown, for which scanner, where, and at which heading if that matters."""
+def floor_title(amap: AmbiguityMap, what: str, heading: Heading | None) -> str:
+    """What is shown, for which scanner, where, and at which heading if that matters: not None."""
     text = f"{what}: {amap.dataset.attrs['scanner']} in {amap.dataset.attrs['environment']}"
-    if not amap.has_theta:
+    if heading is None or not amap.has_theta:
         return text
     if heading == "mean":
         return f"{text} (mean over all headings)"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -13,10 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure, root_figure
+from ambinav.plotting.labels import FAR, FONT, alignment, along, free_spot, touching
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.pareto import ParetoFront
 from ambinav.routes.route import Floats
@@ -26,22 +25,10 @@ Mask = NDArray[np.bool_]
 LINE_COLOUR: Final = style.BLUE
 DOMINATED_COLOUR: Final = style.SOLID
 LONGEST_COLOUR: Final = style.VERMILLION
-_FONT: Final = 10
-_TOUCHING: Final = 5.0
-"""Marks so near to each other, in points, share one label."""
-_AROUND: Final = (
-    (7, 4), (7, -15), (-7, -15), (-7, 4), (0, 8), (0, -20), (9, -6), (-9, -6),
-    (16, 14), (-16, 14), (16, -26), (-16, -26), (0, 22), (0, -34), (30, 18), (30, -28),
-    (-30, 18), (-30, -28), (0, 38), (30, 34), (-30, 34), (0, 54), (-40, 50), (-40, -44),
-)  # fmt: skip
-"""Where a label may stand from its point, in points; the first free one is taken."""
-
 _LONGEST: Final[dict[str, Any]] = {
     "marker": "s", "markersize": 4.5, "linestyle": (0, (4, 2)), "linewidth": 1.3
 }  # fmt: skip
 """Look of the line through longest stretches."""
-_FAR: Final = 20.5
-"""Labels further from their point than this, in points, are joined to it by a line."""
 
 
 def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
@@ -96,7 +83,7 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
     handles.append(Line2D([], [], color=LONGEST_COLOUR, label="longest stretch", **_LONGEST))
     handles.append(Line2D([], [], linestyle="none", label="numbers: weight"))
     figure.legend(
-        handles=handles, loc="outside lower left", frameon=False, fontsize=_FONT, ncol=len(handles)
+        handles=handles, loc="outside lower left", frameon=False, fontsize=FONT, ncol=len(handles)
     )
     # Positions are final only now; labels are laid by them.
     figure.draw_without_rendering()
@@ -107,9 +94,9 @@ def plot_pareto(front: ParetoFront, *, title: str | None = None) -> Figure:
 
 
 def _frame(axes: Axes, label: str) -> None:
-    axes.set_xlabel("extra length over the shortest route (%)", fontsize=_FONT + 1)
-    axes.set_ylabel(label, fontsize=_FONT + 1)
-    axes.tick_params(labelsize=_FONT)
+    axes.set_xlabel("extra length over the shortest route (%)", fontsize=FONT + 1)
+    axes.set_ylabel(label, fontsize=FONT + 1)
+    axes.tick_params(labelsize=FONT)
     axes.xaxis.set_major_locator(MaxNLocator(6))
     axes.grid(color="#DDDDDD", linewidth=0.8)
     axes.set_axisbelow(True)
@@ -165,69 +152,30 @@ def _label(
     place = axes.transData.transform(np.column_stack([extra, values])) * scale
     inside = axes.get_window_extent()
     frame = Bbox(inside.get_points() * scale)
-    drawn = [*place, *_along(place[best])]
+    drawn = [*place, *along(place[best])]
     if longest is not None and np.isfinite(longest).all():
         lower = axes.transData.transform(np.column_stack([extra, longest])) * scale
-        drawn += [*_along(lower[best])]
+        drawn += [*along(lower[best])]
     lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in drawn]
     written: list[Bbox] = []
-    for group in _touching(place):
+    for group in touching(place):
         text = _joined([weights[i] for i in group])
         x, y = place[group].mean(axis=0)
-        offset, box = _free_spot(x, y, 0.65 * _FONT * len(text), lines, written, frame)
+        offset, box = free_spot(x, y, 0.65 * FONT * len(text), lines, written, frame)
         written.append(box.padded(4.0, 1.0))
-        far = math.hypot(*offset) > _FAR
+        far = math.hypot(*offset) > FAR
         label = axes.annotate(
             text,
             (float(extra[group].mean()), float(values[group].mean())),
             xytext=offset,
             textcoords="offset points",
-            ha=_side(offset),
+            ha=alignment(offset),
             va="bottom",
-            fontsize=_FONT,
+            fontsize=FONT,
             zorder=5,
             arrowprops={"arrowstyle": "-", "color": "#777777", "lw": 0.8} if far else None,
         )
         label.set_in_layout(False)  # the positions are computed for the axes as they are
-
-
-def _free_spot(
-    x: float, y: float, width: float, lines: list[Bbox], written: list[Bbox], frame: Bbox
-) -> tuple[tuple[float, float], Bbox]:
-    """The best place around a point for a text, and its box; all in points.
-
-    That is the first one within the frame where it overlaps nothing, or else the one where it
-    overlaps the fewest other texts, and then the least of the lines.
-    """
-    choices = []
-    for dx, dy in _AROUND:
-        left = x + dx - {"left": 0.0, "right": width, "center": 0.5 * width}[_side((dx, dy))]
-        box = Bbox.from_bounds(left, y + dy, width, _FONT + 2.0)
-        within = box.x0 >= frame.x0 and box.x1 <= frame.x1
-        within = within and box.y0 >= frame.y0 and box.y1 <= frame.y1
-        faults = box.count_overlaps(written) + (0 if within else 1), box.count_overlaps(lines)
-        choices.append((faults, (dx, dy), box))
-    _, offset, box = min(choices, key=lambda choice: choice[0])
-    return offset, box
-
-
-def _side(offset: tuple[float, float]) -> str:
-    """How a text at this offset is aligned to its point."""
-    return "left" if offset[0] > 0 else "right" if offset[0] < 0 else "center"
-
-
-def _along(place: Floats) -> Floats:
-    """Points (M, 2) closely along the line through points (N, 2), from left to right."""
-    corners = place[np.argsort(place[:, 0], kind="stable")]
-    steps = [np.linspace(a, b, 60) for a, b in pairwise(corners)]
-    return np.concatenate([corners, *steps])
-
-
-def _touching(place: Floats) -> list[list[int]]:
-    """Groups of points (N, 2) that a chain of near neighbours joins, in rising order."""
-    near = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) < _TOUCHING
-    _, label = connected_components(near, directed=False)
-    return [np.flatnonzero(label == part).tolist() for part in dict.fromkeys(label.tolist())]
 
 
 def _joined(weights: list[str]) -> str:

@@ -97,7 +97,7 @@ def plot_scan(
     _draw_robot(axes, scan, reach)
     if slide is not None:
         _draw_slide(axes, scan, slide, reach)
-    floor.legend(_handles(returned, slide))
+    floor.legend(_handles(returned, slide) + floor.reflector_lines())
     return floor.finish()
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from ambinav.sensing.calibration import CalibrationFit
 from ambinav.sensing.curves import Polynomial, Table
+from ambinav.sensing.intensity import Intensity
+from ambinav.sensing.intensity_readings import read_intensity
 from ambinav.sensing.preset_summary import PresetSummary, preset_summaries
 from ambinav.sensing.presets import PRESETS, ScannerPreset, preset_names
 from ambinav.sensing.rays import RayTable
@@ -13,6 +15,7 @@ from ambinav.sensing.sensor import RangeSensor
 __all__ = [
     "PRESETS",
     "CalibrationFit",
+    "Intensity",
     "Polynomial",
     "PresetSummary",
     "RangeScanner",
@@ -22,4 +25,5 @@ __all__ = [
     "Table",
     "preset_names",
     "preset_summaries",
+    "read_intensity",
 ]

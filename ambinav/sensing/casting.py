@@ -44,14 +44,7 @@ def cast_beams(
     """
     from ambinav.geometry.raycasting import fan  # brings in numba: only when something is cast
 
-    poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
-    flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]
-    for axis, values in zip(("x", "y", "theta"), flat, strict=True):
-        finite = np.isfinite(values)
-        if not finite.all():
-            raise InputError(
-                f"pose: {axis} is {values[~finite][0]}; give finite metres and radians."
-            )
+    shape, flat = _poses(x, y, theta)
     beams = len(rays.start) - 1
     ranges = np.empty((len(flat[0]), beams), dtype=np.float32)
     step = max(1, RAYS_AT_ONCE // len(rays))
@@ -65,4 +58,58 @@ def cast_beams(
         )
         echo = rays.echoes(distance, incidence) if sifted else distance
         ranges[i : i + step] = rays.nearest(echo)
-    return ranges.reshape(*poses[0].shape, beams)
+    return ranges.reshape(*shape, beams)
+
+
+def cast_reflectors(
+    env: Environment,
+    rays: RayTable,
+    max_range: float,
+    x: ArrayLike,
+    y: ArrayLike,
+    theta: ArrayLike,
+) -> NDArray[np.bool_]:
+    """Return whether a reflector stops the ray of each beam, its first ray where it has several.
+
+    Args:
+        env: As in `cast_beams`, like all others.
+        rays: See there.
+        max_range: See there.
+        x: See there.
+        y: See there.
+        theta: See there.
+
+    Returns:
+        bool, shape (broadcast shape, B).
+
+    Raises:
+        InputError: a pose is not finite.
+    """
+    from ambinav.geometry.raycasting import fan
+
+    shape, flat = _poses(x, y, theta)
+    first = rays.start[:-1]
+    found = np.empty((len(flat[0]), len(first)), dtype=np.bool_)
+    step = max(1, RAYS_AT_ONCE // len(rays))
+    for i in range(0, len(found), step):
+        px, py, heading = (values[i : i + step] for values in flat)
+        _, segment, _ = fan.scan_rays(
+            env, px, py, heading, rays.origin[first], rays.angle[first], max_range
+        )
+        found[i : i + step] = env.segments.reflectors[segment] & (segment >= 0)
+    return found.reshape(*shape, len(first))
+
+
+def _poses(
+    x: ArrayLike, y: ArrayLike, theta: ArrayLike
+) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+    """Their broadcast shape, and the three in one row each."""
+    poses = np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, theta)))
+    flat = [np.ascontiguousarray(pose).reshape(-1) for pose in poses]
+    for axis, values in zip(("x", "y", "theta"), flat, strict=True):
+        finite = np.isfinite(values)
+        if not finite.all():
+            raise InputError(
+                f"pose: {axis} is {values[~finite][0]}; give finite metres and radians."
+            )
+    return poses[0].shape, flat

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.config import as_count, as_degrees, as_number, as_numbers
 from ambinav.errors import InputError
+from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.sensor import RangeSensor
 
 Mount: TypeAlias = tuple[float, float, float]
@@ -65,6 +66,22 @@ class Planar:
             half = self.aperture / 2 if self.beams > 1 else 0.0
             angle = yaw + np.linspace(-half, half, self.beams)
         return np.column_stack([np.full(self.beams, x), np.full(self.beams, y), angle])
+
+    def with_aperture(self, aperture: float) -> Planar:
+        """Return a fan of another aperture with about the same angle between its beams.
+
+        Args:
+            aperture: Radians.
+
+        Raises:
+            InputError: it is out of its range, or this fan has a single direction.
+        """
+        gaps = self.beams if self.full_circle else self.beams - 1
+        if gaps < 1 or not self.aperture > 0.0:
+            raise InputError("a single beam leaves no angle between beams to keep; give two.")
+        count = round(aperture * gaps / self.aperture)
+        around = aperture > TURN - 1e-9
+        return Planar(max(count if around else count + 1, 1), aperture, self.mount)
 
     def thinned(self, most: int) -> Planar:
         """Return a fan of at most `most` evenly spaced beams, symmetric about the same axis.
@@ -224,3 +241,20 @@ def _divisor(number: int, most: int) -> int | None:
     """Return the largest divisor of a number that is at most `most` and at least its half."""
     sizes = range(most, (most - 1) // 2, -1)
     return next((size for size in sizes if number % size == 0), None)
+
+
+def with_channel(
+    parts: tuple[Part, ...], intensity: Intensity | None, name: str
+) -> tuple[Part, ...]:
+    """The parts of a scanner, its lasers with an intensity channel, or with none.
+
+    Raises:
+        InputError: there is no laser among them.
+    """
+    if all(part.sensor.aperture > 0.0 for part in parts):
+        raise InputError(f"scanner {name!r} has no laser; an intensity channel needs one.")
+    return tuple(
+        part if part.sensor.aperture > 0.0
+        else Part(replace(part.sensor, intensity=intensity), part.layout)
+        for part in parts
+    )  # fmt: skip

@@ -44,6 +44,11 @@ class PresetSummary:
         )
 
 
+def field_of_view(scanner: RangeScanner) -> float:
+    """Of a scanner in radians, from the edge of the first cone to that of the last."""
+    return min(scanner.aperture + max(sensor.aperture for sensor in scanner.sensors), math.tau)
+
+
 def preset_summaries() -> tuple[PresetSummary, ...]:
     """Return one summary a preset, sorted by name."""
     scanners = [RangeScanner.from_preset(name) for name in preset_names()]
@@ -52,8 +57,7 @@ def preset_summaries() -> tuple[PresetSummary, ...]:
             name=s.name,
             kind="cone" if s.kind == "sonar" else s.kind,
             beams=s.beams,
-            # From the edge of the first cone to that of the last.
-            aperture=min(s.aperture + max(sensor.aperture for sensor in s.sensors), math.tau),
+            aperture=field_of_view(s),
             max_range=s.max_range,
             description=s.description,
             source=s.source,

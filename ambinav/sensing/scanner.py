@@ -18,12 +18,14 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import kind_of_path, refuse
 from ambinav.sensing.casting import cast_beams
-from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring
+from ambinav.sensing.intensity import Intensity
+from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring, with_channel
 from ambinav.sensing.presets import PRESETS, preset_names
 from ambinav.sensing.rays import RayTable, make_rays
 from ambinav.sensing.scanner_file import parse_scanner, render_scanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.sensing.symmetry import TOLERANCE, own_centres, rotation_order
+from ambinav.sensing.thinning import thinned_parts
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -266,6 +268,15 @@ class RangeScanner:
         """Farthest range of any sensor, metres."""
         return max(sensor.max_range for sensor in self.sensors)
 
+    @cached_property
+    def intensity_beams(self) -> NDArray[np.intp]:
+        """Indices of the beams whose sensor reads intensities, ascending, shape (K,)."""
+        return _fixed(np.flatnonzero([self.sensors[i].intensity for i in self.sensor_of_beam]))
+
+    def with_intensity(self, intensity: Intensity | None) -> RangeScanner:
+        """The same with this channel on its lasers, or none; an `InputError` if it has no laser."""
+        return replace(self, parts=with_channel(self.parts, intensity, self.name))
+
     @property
     def kind(self) -> str:
         """The word "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
@@ -360,14 +371,8 @@ class RangeScanner:
                 f"max_beams is {max_beams}; scanner {self.name!r} has {len(self.parts)} parts and "
                 "each keeps at least one beam."
             )
-        sizes = [len(part.layout.mounts()) for part in self.parts]
-        parts, left = list(self.parts), max_beams
-        for done, i in enumerate(sorted(range(len(parts)), key=sizes.__getitem__)):
-            layout = parts[i].layout.thinned(left // (len(parts) - done))
-            parts[i] = Part(parts[i].sensor, layout)
-            left -= len(layout.mounts())
-        name = f"{self.name} ({max_beams - left} of {self.beams} beams)"
-        return replace(self, parts=tuple(parts), name=name)
+        thinned = replace(self, parts=thinned_parts(self.parts, max_beams))
+        return replace(thinned, name=f"{self.name} ({thinned.beams} of {self.beams} beams)")
 
     # -- using it ----------------------------------------------------------------------------
 

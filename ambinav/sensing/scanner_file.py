@@ -6,6 +6,7 @@ source: where the figures come from
 robot_radius: 0.2                       # optional: of the disc that covers the robot, metres
 parts:
   - sensor: sick-lms200                 # the sensor of a preset, or a mapping of its fields
+    intensity: {wall: 0.3, reflector: 1.0, std: 0.15}   # optional: adds the channel to the sensor
     planar: {beams: 181, aperture_deg: 180, mount: [0.1, 0, 0]}     # x, y, yaw_deg
   - sensor: {max_range: 5, std: 0.02, resolution: 0.01, aperture_deg: 30}
     ring: {count: 16, radius: 0.2, start_deg: 0}                     # or
@@ -15,6 +16,7 @@ parts:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any, NamedTuple
 
 import yaml
@@ -31,10 +33,12 @@ from ambinav.config import (
     checked,
     fault,
     number,
+    of_mapping,
     parse_yaml,
 )
 from ambinav.errors import InputError
 from ambinav.mistaken import SCANNER, kind_of, refuse
+from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.layout import CENTRE, Mounts, Part, Planar, Ring
 from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
@@ -103,6 +107,7 @@ class _PartModel(ConfigModel):
     planar: Annotated[InstanceOf[Planar] | None, BeforeValidator(_planar)] = None
     ring: Annotated[InstanceOf[Ring] | None, BeforeValidator(_ring)] = None
     mounts: Annotated[InstanceOf[Mounts] | None, BeforeValidator(_mounts)] = None
+    intensity: Annotated[InstanceOf[Intensity] | None, of_mapping(Intensity)] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -122,7 +127,9 @@ class _PartModel(ConfigModel):
         """The part."""
         layout = self.planar or self.ring or self.mounts
         assert layout is not None  # one of them is given, and null is none of them
-        return Part(self.sensor, layout)
+        if self.intensity is None:
+            return Part(self.sensor, layout)
+        return Part(replace(self.sensor, intensity=self.intensity), layout)
 
 
 def _listed(parts: object) -> object:

@@ -20,6 +20,7 @@ from ambinav.mistaken import SENSOR, kind_of, refuse
 from ambinav.sensing import curves
 from ambinav.sensing.calibration import CalibrationFit, StdModel
 from ambinav.sensing.curves import Curve
+from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.sensor_file import parse_sensor, render_sensor
 from ambinav.sensing.sensor_models import SENSOR_MODELS
 
@@ -50,6 +51,7 @@ class RangeSensor:
             None: every angle does.
         random_share: Share of readings that fall into any bin, whatever the true range.
         lost_share: Share of readings that are "no echo", whatever the true range.
+        intensity: What the sensor reads of an echo's strength, or None; lasers only.
         source: Where the figures come from.
         calibration: The fit that bias and std come from, with its residuals, or None. It is
             kept out of equality and YAML.
@@ -68,6 +70,7 @@ class RangeSensor:
     max_incidence: float | None = None
     random_share: float = 0.01
     lost_share: float = 0.0
+    intensity: Intensity | None = None
     source: str = ""
     calibration: CalibrationFit | None = field(default=None, compare=False, repr=False)
 
@@ -328,6 +331,11 @@ def _check(s: RangeSensor) -> None:
         s.max_incidence is None or 0 < s.max_incidence <= math.pi / 2,
         f"max_incidence is {math.degrees(s.max_incidence or 0.0):g} degrees; give more than 0 and "
         "at most 90, or leave it out.",
+    )
+    _require(
+        s.intensity is None or s.aperture == 0.0,
+        f"intensity is given with an aperture of {math.degrees(s.aperture):g} degrees; give it for "
+        "a laser, of which an echo comes from one surface, or leave it out.",
     )
     for key, share in (("random_share", s.random_share), ("lost_share", s.lost_share)):
         _require(0 <= share < 1, f"{key} is {share}; give a share of at least 0 and below 1.")

@@ -11,6 +11,7 @@ std: {polynomial: [0.002, 0.005]}
 max_incidence_deg: 25       # left out: every angle returns an echo
 random_share: 0.01          # the default
 lost_share: 0.0             # the default
+intensity: {wall: 0.3, reflector: 1.0, std: 0.15}     # left out: no such channel (`Intensity`)
 
 Or, of a model that a plug-in brings, its name and its own fields (`sensor_models`):
 
@@ -20,10 +21,13 @@ model: stereo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from ambinav.config import ConfigModel, Degrees, Number, Text, as_degrees, checked
+from pydantic import InstanceOf
+
+from ambinav.config import ConfigModel, Degrees, Number, Text, as_degrees, checked, of_mapping
 from ambinav.sensing import curves
+from ambinav.sensing.intensity import Intensity
 
 
 class _SensorModel(ConfigModel):
@@ -40,6 +44,7 @@ class _SensorModel(ConfigModel):
     max_incidence_deg: Degrees | None = None
     random_share: Number = 0.01
     lost_share: Number = 0.0
+    intensity: Annotated[InstanceOf[Intensity] | None, of_mapping(Intensity)] = None
 
 
 def parse_sensor(plain: object, where: str) -> dict[str, Any]:
@@ -72,4 +77,6 @@ def render_sensor(fields: Mapping[str, Any]) -> dict[str, object]:
     }
     if fields["max_incidence"] is not None:
         plain["max_incidence_deg"] = as_degrees(fields["max_incidence"])
+    if fields["intensity"] is not None:
+        plain["intensity"] = fields["intensity"].to_plain()
     return {key: value for key, value in plain.items() if value != ""}

@@ -17,7 +17,18 @@ from ambinav.reports.conditions import judge, parse_condition
 from tests.maps import synthetic
 from tests.test_cli import PLAN, SCANNER
 
-BASE = ("audit", "plan.geojson", "-s", "scanner.yaml", "-o", "out", "--spacing", "0.4")
+BASE = (
+    "audit",
+    "plan.geojson",
+    "-s",
+    "scanner.yaml",
+    "-o",
+    "out",
+    "--spacing",
+    "0.4",
+    "--posts",
+    "0",
+)
 
 
 @pytest.fixture

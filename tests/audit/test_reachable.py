@@ -262,6 +262,7 @@ def byte(colour: str) -> tuple[int, int, int]:
     return tuple(round(255 * part) for part in to_rgb(colour))
 
 
+@pytest.mark.slow
 def test_pictures_show_what_does_not_count(amap, found):
     inside_crate = np.array([[14.5, 12.0], [13.0, 11.0]])
     block = np.array([[10.0, 12.0], [5.0, 5.0]])

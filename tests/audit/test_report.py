@@ -133,7 +133,7 @@ def test_markdown_points_at_files_that_exist(folder):
 def test_json_follows_its_schema_and_is_rounded(folder, examined):
     data = json.loads((folder / "report.json").read_text())
     assert Document.model_validate(data) == document(examined)
-    assert data["format"] == "ambinav-audit/3"
+    assert data["format"] == "ambinav-audit/4"
     assert data["places_in_all"] == 6
     assert len(data["places"]) == 4
     worst = data["places"][0]
@@ -237,7 +237,7 @@ def test_a_failed_report_leaves_the_earlier_one(examined, copied, tmp_path, monk
 def test_a_report_of_an_older_version_is_replaced(fewer, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')
-    assert write_report(fewer, tmp_path / "out").format == "ambinav-audit/3"
+    assert write_report(fewer, tmp_path / "out").format == "ambinav-audit/4"
 
 
 def test_other_folders_are_never_replaced(tmp_path):

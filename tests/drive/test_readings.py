@@ -13,8 +13,9 @@ from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.people import Crowd, People
 from ambinav.drive.readings import Readings, standard_normals
 from ambinav.errors import InputError
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.localization.random import states
-from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.sensing import Intensity, RangeScanner, RangeSensor, read_intensity
 from tests.drive.cases import from_polyline, laser
 from tests.geometry.scenes import points_inside, room, scene
 
@@ -186,3 +187,36 @@ def test_boxes_keep_off_the_route() -> None:
         scattered_boxes(env, 1, np.random.default_rng(0), sizes=(0.5, 0.1))
     with pytest.raises(InputError, match="count is -1"):
         scattered_boxes(env, -1, np.random.default_rng(0))
+
+
+def test_intensities_are_of_what_a_beam_meets() -> None:
+    """The tag, the wall, a person before the tag; none without an echo, none without a channel."""
+    env = environment_from_shapes([shapely.box(0, 0, 8, 4)], reflectors=[[(7.8, 1.5), (7.8, 2.5)]])
+    channel = Intensity(wall=0.3, reflector=1.0, std=0.1)
+    scanner = RangeScanner.mixed(
+        laser(max_range=6.5, beams=4, random_share=0.0).with_intensity(channel),
+        laser(max_range=6.5, beams=4, random_share=0.0),
+    )
+    sight = Readings(env, scanner)
+    # Beams look back, down, ahead and up; the first robot is too far from the tag.
+    poses = np.repeat([[1.0, 2.0, 0.0], [4.0, 2.0, 0.0], [4.0, 2.0, 0.0]], 500, axis=0)
+    people = np.full((1500, 1, 3), -9.0)
+    people[1000:, 0] = 6.0, 2.0, 0.0
+    true, reflects = sight.look(poses, people, 0.3)
+    np.testing.assert_array_equal(true, sight.true_ranges(poses, people, 0.3))
+    # Of a beam without a channel what it meets is known, and not read.
+    assert reflects[:, [2, 6]].any(axis=1).tolist() == [False] * 500 + [True] * 500 + [False] * 500
+    assert not reflects[:, [0, 1, 3]].any()
+    ranges = sight.capture(true, table(1500))
+    read = sight.intensities(reflects, ranges, table(1500, 1))
+    assert np.isnan(read[:, 4:]).all()
+    assert (np.isnan(read[:, :4]) == np.isinf(ranges[:, :4])).all()
+    assert np.isnan(read[:500, 2]).all()
+    for rows, mean in ((slice(500, 1000), 1.0), (slice(1000, 1500), 0.3)):
+        assert read[rows, 2].mean() == pytest.approx(mean, abs=0.02)
+        assert read[rows, 2].std() == pytest.approx(0.1, abs=0.02)
+    # As the scanner itself reads them.
+    rng = np.random.default_rng(0)
+    alone = read_intensity(scanner, env, *poses[500:1000].T, ranges[500:1000], rng)
+    assert alone[:, 2].mean() == pytest.approx(1.0, abs=0.02)
+    assert (np.isnan(alone) == np.isnan(read[500:1000])).all()

@@ -129,6 +129,7 @@ def same_path(steering: Steering, poses: np.ndarray, fine: np.ndarray, metres: n
     return bool(np.hypot(*apart).max() < FINE)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),

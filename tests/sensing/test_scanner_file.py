@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
-from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 
 LASER = RangeSensor(name="laser", max_range=4.0, std=0.03, resolution=0.001)
 SONAR = RangeSensor(
@@ -189,3 +189,80 @@ def test_a_radius_that_no_robot_has(value: str) -> None:
         RangeScanner.from_yaml_text(text, file="robot.yaml")
     with pytest.raises(InputError, match="robot_radius is 0"):
         RangeScanner(RangeScanner.planar(LASER, 12, math.tau).parts, robot_radius=0.0)
+
+
+CHANNEL = "{wall: 0.3, reflector: 1.0, std: 0.15}"
+
+
+def test_an_intensity_channel_is_read_written_and_added(tmp_path: Path) -> None:
+    """In a sensor, beside a preset's, and by a method; the channel counts for equality."""
+    fields = SENSOR_TEXT.rstrip("}")
+    own = RangeScanner.from_yaml_text(
+        f"parts: [{{sensor: {fields}, intensity: {CHANNEL}}}, "
+        "planar: {beams: 4, aperture_deg: 90}}]"
+    )
+    beside = RangeScanner.from_yaml_text(
+        f"parts: [{{sensor: {SENSOR_TEXT}, intensity: {CHANNEL}, "
+        "planar: {beams: 4, aperture_deg: 90}}]"
+    )
+    assert own == beside
+    channel = own.sensors[0].intensity
+    assert channel == Intensity(wall=0.3, reflector=1.0, std=0.15)
+    assert RangeScanner.from_yaml_text(own.to_yaml()) == own
+    assert own.intensity_beams.tolist() == [0, 1, 2, 3]
+    plain = own.with_intensity(None)
+    assert plain != own
+    assert "intensity" not in plain.to_yaml()
+    assert plain.with_intensity(channel) == own
+    # The laser of a robot that has sonars too.
+    pioneer = RangeScanner.from_preset("pioneer-sonar-laser").with_intensity(channel)
+    assert (pioneer.intensity_beams >= 16).all()
+    assert len(pioneer.intensity_beams) == pioneer.beams - 16
+    thinned = own.thinned(2)
+    assert thinned.intensity_beams.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("channel", "complaint"),
+    [
+        ("{wall: 0.3, std: 0.1}", "'reflector' is missing"),
+        ("{wall: 0.3, reflector: 0.2, std: 0.1}", "reflector is 0.2; give more than wall"),
+        ("{wall: 0.3, reflector: 1, std: 0}", "std is 0; give a number above 0"),
+        ("{wall: .nan, reflector: 1, std: 1}", "wall is nan; give a number of at least 0"),
+        ("{wall: 0.3, reflector: 1, std: 1, bright: 2}", "the key 'bright' is unknown"),
+        ("7", "is 7; give a mapping"),
+    ],
+)
+def test_a_channel_that_makes_no_sense_is_refused(channel: str, complaint: str) -> None:
+    """One sentence that names file, field and value, wherever the channel stands."""
+    layout = "planar: {beams: 4, aperture_deg: 90}"
+    fields = SENSOR_TEXT.rstrip("}")
+    for part in (
+        f"{{sensor: {SENSOR_TEXT}, intensity: {channel}, {layout}}}",
+        f"{{sensor: {fields}, intensity: {channel}}}, {layout}}}",
+    ):
+        with pytest.raises(InputError, match=r"^robot.yaml: parts\[0\]") as error:
+            RangeScanner.from_yaml_text(f"parts: [{part}]", file="robot.yaml")
+        assert complaint in str(error.value)
+        assert str(error.value).count(". ") == 0
+
+
+def test_sonars_read_no_intensity() -> None:
+    """An echo of a cone is of no one surface."""
+    channel = Intensity(wall=0.3, reflector=1.0, std=0.15)
+    with pytest.raises(InputError, match="intensity is given with an aperture of 30 degrees"):
+        RangeSensor(
+            max_range=4.0, std=0.03, resolution=0.01, aperture=math.radians(30), intensity=channel
+        )
+    with pytest.raises(InputError, match="has no laser"):
+        RangeScanner.from_preset("polaroid-6500-ring").with_intensity(channel)
+
+
+def test_how_well_a_channel_tells_surfaces_apart() -> None:
+    """The stated probability is that of readings, and of the normal distribution."""
+    channel = Intensity(wall=0.3, reflector=1.0, std=0.25)
+    assert channel.distinguished == pytest.approx(0.9192433, abs=1e-6)
+    bright = np.arange(200_000) % 2 == 0
+    read = channel.read(bright, np.random.default_rng(0))
+    assert ((read > 0.65) == bright).mean() == pytest.approx(channel.distinguished, abs=3e-3)
+    assert read.min() >= 0.0

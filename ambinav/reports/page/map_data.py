@@ -88,6 +88,7 @@ def map_data(
             (amap.segments.xy - np.array([left, low, left, low])).astype(np.float32)
         ),
         "is_wall": base64_of(amap.segments.walls.astype(np.uint8)),
+        "is_reflector": base64_of(amap.segments.reflectors.astype(np.uint8)),
         "direction": _direction(amap, heading, parts),
         "rays": _rays(scanner),
     }

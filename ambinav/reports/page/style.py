@@ -29,6 +29,7 @@ def page_style() -> dict[str, Any]:
         "unexplored": style.UNEXPLORED,
         "wall": style.WALL,
         "frontier": style.FRONTIER,
+        "reflector": style.REFLECTOR,
         "echo": style.ECHO,
         "silent": style.SILENT,
         "slide": style.SLIDE,

@@ -1,0 +1,103 @@
+"""`ambinav dataset`: what planners and policies drive, as Minari data sets."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.evaluate import arguments_of
+from ambinav.cli.packages import TRAINED, need
+from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+
+
+def dataset(
+    values: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...",
+            help="Arguments of the environment, e.g. localizer=mcl.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for the data sets: MINARI_DATASETS_PATH of those who read them.",
+        ),
+    ] = Path("datasets"),
+    environment: Annotated[
+        str, typer.Option("--env", metavar="ID", help="Id of the environment.")
+    ] = "ambinav/Hall-v0",
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--policy",
+            metavar="FILE|NAME|module:callable",
+            help="A policy; may be given more than once.",
+            show_default="the shipped ones, unless there is --planner",
+        ),
+    ] = None,
+    planner: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--planner",
+            metavar="NAME[:WEIGHT]",
+            help="A planner whose routes are followed; may be given more than once.",
+            show_default="reference:5, unless there is --policy",
+        ),
+    ] = None,
+    episodes: Annotated[
+        int, typer.Option("--episodes", "-n", metavar="N", help="Episodes of each.")
+    ] = 10,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the episodes; from 0 on.")
+    ] = 0,
+    as_json: options.AsJson = False,
+) -> None:
+    """Record episodes of planners and policies as Minari data sets, one of each.
+
+    Needs the extra `minari`. What is recorded can be driven again: the data set holds the
+    environment and the seed of each episode.
+
+    Example: `ambinav dataset -o out/datasets --env ambinav/Office-v0 --policy ppo-ambiguity`
+    """
+    with reporting():
+        if episodes < 1:
+            raise InputError(f"--episodes: {episodes} is too few; give 1 or more.")
+        if seed < 0:
+            raise InputError(f"--seed: {seed} is negative; give 0 or more.")
+        arguments = arguments_of(values or [])
+        check_writable(output)
+        need("a data set", TRAINED)
+        need("a data set", ("minari", "h5py"), extra="minari")
+        from ambinav_envs.leaderboard.dataset import record_datasets
+        from ambinav_envs.leaderboard.methods import planner_methods, policy_method
+        from ambinav_envs.policies import baselines
+
+        if not policy and not planner:
+            policy, planner = list(baselines()), ["reference:5"]
+        methods = [
+            *([] if not planner else planner_methods(planner)),
+            *(policy_method(name) for name in dict.fromkeys(policy or [])),
+        ]
+        with progress_bars(as_json) as bars:
+            made = record_datasets(
+                methods, environment, arguments, episodes, seed, output, bars("episodes")
+            )
+        if as_json:
+            typer.echo(json.dumps([asdict(one) for one in made]))
+        else:
+            for one in made:
+                typer.echo(
+                    f"{one.id}: {one.episodes} episodes, {one.steps:,} steps, {one.arrived} arrived"
+                )
+            typer.echo(f"read them with: MINARI_DATASETS_PATH={output}")

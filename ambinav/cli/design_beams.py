@@ -1,0 +1,286 @@
+"""`ambinav design beams`: the fewest beams whose maps stay within a stated loss."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.map_options import AmbiguityRadius, BuildingOptions, MapStd, RobotRadius, Spacing
+from ambinav.cli.region_options import RegionOptions, check_one
+from ambinav.cli.running import (
+    Progress,
+    above_zero,
+    check_writable,
+    not_negative,
+    progress_bars,
+    reporting,
+)
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.design.beams.document import Document
+    from ambinav.design.beams.sample import MapSample
+    from ambinav.design.region import Region
+    from ambinav.geometry.environment import Environment
+    from ambinav.sensing.scanner import RangeScanner
+
+MOST_BYTES = 4e9
+"""What beams return may take so much memory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleOptions(RegionOptions):
+    """Where, and how finely, subsets of the beams are held against all of them."""
+
+    PANEL: ClassVar[str] = "Places"
+
+    places: Annotated[
+        int,
+        typer.Option(
+            "--places",
+            metavar="N",
+            help="Places of a map to choose on; as many others are kept to check on.",
+        ),
+    ] = 800
+    spacing: Spacing = 0.2
+    radius: AmbiguityRadius = 0.5
+    map_std: MapStd = None
+    robot_radius: RobotRadius = None
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the places drawn, and of the search.")
+    ] = 1
+
+    def check(self, maps: int) -> None:
+        """Check what can be checked before a building is read.
+
+        Raises:
+            InputError: an option has a value that cannot be used.
+        """
+        if self.places < 1:
+            raise InputError(f"--places: {self.places} is too few; give 1 or more.")
+        if self.seed < 0:
+            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+        above_zero(self.spacing, "--spacing", "0.2")
+        above_zero(self.radius, "--ambiguity-radius", "0.5")
+        if self.radius < self.spacing:
+            raise InputError(
+                f"--ambiguity-radius: {self.radius:g} m is less than the spacing of "
+                f"{self.spacing:g} m; give at least one spacing."
+            )
+        not_negative(self.map_std, "--map-std", "0.05")
+        above_zero(self.robot_radius, "--robot-radius", "0.2")
+        check_one(self.polygon, self.route)
+        for option, given in (("--polygon", self.polygon), ("--route", self.route)):
+            if given is not None and maps > 1:
+                raise InputError(
+                    f"{option}: {given} lies in one building, but {maps} maps are given; give one."
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageOptions:
+    """What the laser's messages look like, for laser_filters.yaml."""
+
+    PANEL: ClassVar[str] = "LaserScan messages"
+
+    frames: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--frame",
+            metavar="NAME",
+            help="frame_id of the messages; once for each planar laser, in the scanner's order.",
+            show_default="laser, laser2 ...",
+        ),
+    ] = None
+    angle_min: Annotated[
+        float | None,
+        typer.Option(
+            "--angle-min",
+            metavar="DEG",
+            help="Where a full circle's first reading looks, degrees from the laser's axis.",
+            show_default="-180",
+        ),
+    ] = None
+
+    def check(self) -> None:
+        """Check the angle.
+
+        Raises:
+            InputError: it is no direction.
+        """
+        if self.angle_min is not None and not -360.0 <= self.angle_min <= 360.0:
+            raise InputError(
+                f"--angle-min: {self.angle_min:g} is no direction; give degrees from -360 to 360, "
+                "e.g. 0."
+            )
+
+
+@options.grouped
+def beams(
+    map_files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="MAP...",
+            help="Buildings: map_server .yaml, .geojson, .wkt, .ifc or .dxf files.",
+            show_default=False,
+        ),
+    ],
+    scanner: options.Scanner,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder for the report; an earlier one there is replaced.",
+            show_default=False,
+        ),
+    ],
+    loss: Annotated[
+        float,
+        typer.Option(
+            "--loss",
+            metavar="POINTS",
+            help="How much may change on any map: each zone's share of the floor, percentage "
+            "points, and 100 times the mean difference of the level.",
+        ),
+    ] = 5.0,
+    *,
+    building: BuildingOptions,
+    sampled: SampleOptions,
+    messages: MessageOptions,
+    pictures: options.Pictures = "png",
+    as_json: options.AsJson = False,
+) -> None:
+    """Find the fewest beams with which the maps stay as they are with all, within a loss.
+
+    Greedy subsets are held against evenly spread ones of the same size, and of equals the even one
+    is taken. Writes the report, scanner.yaml with the beams that are kept, and laser_filters.yaml,
+    which leaves the others out of a running laser's messages (ROS 2).
+
+    Example: `ambinav design beams office.yaml lab.yaml --scanner rplidar-a1 --loss 5 -o fewer`
+    """
+    with reporting():
+        from ambinav.design.beams.choose import check_beams, check_limit, choose
+        from ambinav.design.beams.report import FOLDER, write_report
+        from ambinav.sensing.scanner import RangeScanner
+
+        check_limit(loss, "--loss")
+        sampled.check(len(map_files))
+        messages.check()
+        options.check_pictures(pictures)
+        check_writable(output)
+        FOLDER.check(output)
+        full = RangeScanner.load(scanner)
+        check_beams(full)
+        import numpy as np
+
+        region = sampled.region()
+        _check_memory(sampled, full, len(map_files))
+        buildings = [building.load(path) for path in map_files]
+        with progress_bars(as_json) as bars:
+            drawn = _draw(buildings, full, sampled, region, bars("beams cast"))
+            samples, checks = ([pair[k] for pair in drawn] for k in (0, 1))
+            rng = np.random.default_rng([sampled.seed, len(buildings)])
+            choice = choose(full, samples, checks, loss, rng, bars("search"))
+        from ambinav.design.beams.localizer import scan_information_of, update_times
+        from ambinav.design.beams.scanner import scan_masks, subset_scanner
+
+        kept = subset_scanner(full, choice.chosen.beams)
+        report = write_report(
+            choice,
+            samples,
+            [str(path) for path in map_files],
+            update_times(buildings[0], full, kept, rng),
+            scan_information_of(buildings[0], full, kept, rng),
+            scan_masks(full, choice.chosen.beams, messages.frames or (), messages.angle_min),
+            _parameters(sampled, region, samples),
+            output,
+            pictures,
+        )
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(report, output)
+
+
+def _check_memory(sampled: SampleOptions, scanner: RangeScanner, maps: int) -> None:
+    """Check that what all beams return at the places and about them can be held.
+
+    Raises:
+        InputError: it takes more than `MOST_BYTES`.
+    """
+    from ambinav.ambiguity.neighbourhoods import disc
+
+    # Five float32 a beam, two samples a map.
+    about = len(disc(sampled.radius, sampled.spacing))
+    place = 2 * maps * about * 5 * 4 * scanner.beams
+    if place * sampled.places > MOST_BYTES:
+        most = max(int(MOST_BYTES / place), 1)
+        raise InputError(
+            f"--places: {sampled.places} places of {maps} maps take "
+            f"{place * sampled.places / 1e9:.1f} GB with the {scanner.beams} beams of "
+            f"{scanner.name!r}; give at most {most}, or a wider --spacing."
+        )
+
+
+def _draw(
+    buildings: list[Environment],
+    scanner: RangeScanner,
+    sampled: SampleOptions,
+    region: Region,
+    progress: Progress,
+) -> list[tuple[MapSample, ...]]:
+    """Two samples of each building."""
+    import numpy as np
+
+    from ambinav.design.beams.sample import draw_samples
+    from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
+
+    radius = sampled.robot_radius or scanner.robot_radius or ROBOT_RADIUS
+    drawn = []
+    for number, env in enumerate(buildings):
+        drawn.append(
+            draw_samples(
+                env,
+                scanner,
+                sampled.places,
+                np.random.default_rng([sampled.seed, number]),
+                spacing=sampled.spacing,
+                radius=sampled.radius,
+                map_std=sampled.map_std,
+                region=region,
+                reach=find_reach(env, radius),
+            )
+        )
+        progress((number + 1) / len(buildings))
+    return drawn
+
+
+def _parameters(sampled: SampleOptions, region: Region, samples: list[MapSample]) -> dict[str, Any]:
+    """What the search was asked for, as the report lists it."""
+    given = {name: value for name, value in asdict(sampled).items() if value is not None}
+    given.pop("polygon", None)
+    given.pop("route", None)
+    return {**given, "region": region.title, "tau with all beams": samples[0].model.tau}
+
+
+def _show(report: Document, output: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    maps = Table(box=None, pad_edge=False)
+    for title in ("map", "zones, points", "level, points"):
+        maps.add_column(title, justify="left" if title == "map" else "right")
+    for one in report.maps:
+        loss = one.checked
+        maps.add_row(Text(one.name), f"{loss.zones_points:.2f}", f"{loss.level_points:.2f}")
+    console.print(Text(report.summary), "", maps, sep="\n")
+    for name in (*report.files, "report.html"):
+        console.print(Text(f"{name.partition('.')[0]}: {output / name}"), soft_wrap=True)

@@ -1,0 +1,270 @@
+"""`ambinav design place`: where posts, panels or tags help most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.region_options import PolygonFile, check_one, route_region
+from ambinav.cli.running import above_zero, check_writable, progress_bars, reporting
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.design.place.candidates import Kind, PlaceRules
+    from ambinav.design.place.document import Document
+    from ambinav.design.region import Region
+    from ambinav.sensing.scanner import RangeScanner
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleOptions:
+    """What is put up, and where it may stand."""
+
+    PANEL: ClassVar[str] = "Obstacles"
+
+    posts: Annotated[
+        int | None,
+        typer.Option("--posts", metavar="N", help="Put up N round posts.", show_default=False),
+    ] = None
+    panels: Annotated[
+        int | None,
+        typer.Option("--panels", metavar="N", help="Put up N flat panels.", show_default=False),
+    ] = None
+    tags: Annotated[
+        int | None,
+        typer.Option(
+            "--tags",
+            metavar="N",
+            help="Put up N reflectors flat on walls; for scanners that read intensities.",
+            show_default=False,
+        ),
+    ] = None
+    post_radius: Annotated[
+        float, typer.Option("--radius", metavar="M", help="Of a post, metres.")
+    ] = 0.1
+    width: Annotated[
+        float, typer.Option("--width", metavar="M", help="Of a panel or a tag, metres.")
+    ] = 0.6
+    min_passage: Annotated[
+        float,
+        typer.Option(
+            "--min-passage",
+            metavar="M",
+            help="No passage of this width or more is made narrower than it, metres.",
+        ),
+    ] = 0.9
+    where: Annotated[
+        bool | None,
+        typer.Option(
+            "--on-walls/--free-standing",
+            help="Only at walls, or only standing free.",
+            show_default="both",
+        ),
+    ] = None
+    candidates: Annotated[
+        int,
+        typer.Option("--candidates", metavar="N", help="Places that are tried, at most."),
+    ] = 200
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", help="Of the samples by which gains are examined.")
+    ] = 0
+
+    def kind(self) -> tuple[Kind, int]:
+        """What is put up, and how many.
+
+        Raises:
+            InputError: not exactly one of them is asked for, or a number is out of its range.
+        """
+        every: tuple[tuple[Kind, int | None], ...] = (
+            ("post", self.posts), ("panel", self.panels), ("tag", self.tags)
+        )  # fmt: skip
+        asked = [(kind, count) for kind, count in every if count is not None]
+        if len(asked) != 1:
+            raise InputError(
+                "--posts, --panels, --tags: "
+                + ("none of them is given" if not asked else f"{len(asked)} of them are given")
+                + "; give one, such as --posts 3."
+            )
+        (kind, count), = asked  # fmt: skip
+        if count < 1:
+            raise InputError(f"--{kind}s: {count} is no number of {kind}s; give 1 or more.")
+        if self.seed < 0:
+            raise InputError(f"--seed: {self.seed} is negative; give 0 or more.")
+        if kind == "tag" and self.where is False:
+            raise InputError("--free-standing: a tag is flat on a wall; leave this out.")
+        return kind, count
+
+    def rules(self, scanner: RangeScanner | None = None) -> PlaceRules:
+        """What is put up, and where; reflecting, where the scanner sees that.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        from ambinav.design.place.candidates import PlaceRules
+
+        kind, _ = self.kind()
+        return PlaceRules(
+            kind=kind,
+            radius=self.post_radius,
+            width=self.width,
+            min_passage=self.min_passage,
+            on_walls=self.where is not False,
+            free_standing=self.where is not True,
+            reflective=scanner is not None and len(scanner.intensity_beams) > 0,
+            most=self.candidates,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhereBadOptions:
+    """Where bad floor counts."""
+
+    PANEL: ClassVar[str] = "Region"
+
+    polygon: PolygonFile = None
+    route: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--route",
+            metavar="FILE",
+            help="Metres of a route that `ambinav plan` wrote (.csv, .geojson, .json); once for "
+            "each.",
+            show_default="all floor that the robot reaches",
+        ),
+    ] = None
+
+    def regions(self) -> list[Region]:
+        """The regions; none: the whole map.
+
+        Raises:
+            InputError: both are given, or a file cannot be read.
+        """
+        from ambinav.design.region import Region
+
+        check_one(self.polygon, self.route)
+        if self.polygon is not None:
+            return [Region.of_file(self.polygon)]
+        return [route_region(path) for path in self.route or ()]
+
+
+@options.grouped
+def place(
+    map_file: options.MapFile,
+    scanner: options.Scanner,
+    *,
+    obstacles: ObstacleOptions,
+    output: options.ReportFolder = None,
+    bad: WhereBadOptions,
+    building: BuildingOptions,
+    making: MapOptions,
+    robot: ReachOptions,
+    pictures: options.Pictures = "png",
+    as_json: options.AsJson = False,
+) -> None:
+    """Find where posts, panels or tags help most: bad floor shrinks, and no passage is closed.
+
+    Greedy, one after the other, by the true effect on the map; the report says how far that is from
+    the optimum of small cases. The map is kept in the store.
+
+    Example: `ambinav design place office.yaml --scanner turtlebot3-lds --posts 3 -o help`
+    """
+    with reporting():
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        options.check_pictures(pictures)
+        _, count = obstacles.kind()
+        obstacles.rules()
+        if output is not None:
+            from ambinav.design.place.report import FOLDER
+
+            check_writable(output)
+            FOLDER.check(output)
+        regions = bad.regions()
+        environment, chosen = making.load(map_file, scanner, building)
+        import numpy as np
+
+        from ambinav.design.place.document import document
+        from ambinav.design.place.study import find_help
+        from ambinav.geometry.collision.reach import find_reach
+        from ambinav.sensing.robot_radius import robot_radius
+
+        reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        with progress_bars(as_json) as bars:
+            amap = making.build(environment, chosen, bars("ambiguity"))
+            found = find_help(
+                environment,
+                chosen,
+                amap,
+                obstacles.rules(chosen),
+                count,
+                reach,
+                regions,
+                np.random.default_rng(obstacles.seed),
+                bars,
+            )
+            if output is None:
+                report = document(found, count)
+            else:
+                from ambinav.design.place.report import write_report
+
+                report = write_report(found, count, output, bars("report"), pictures)
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(report, output)
+
+
+def _show(report: Document, output: Path | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    unit = "m²" if report.unit == "m2" else "m"
+    console = Console(highlight=False)
+    console.print(Text(report.summary))
+    for remark in report.remarks:
+        console.print(Text(remark))
+    table = Table(box=None, pad_edge=False)
+    for title in (
+        "no.",
+        "kind",
+        "x (m)",
+        "y (m)",
+        "stands",
+        "gain alone",
+        "gain",
+        "bad floor left",
+    ):
+        justify: Literal["left", "right"] = "left" if title in ("kind", "stands") else "right"
+        table.add_column(title, justify=justify, no_wrap=True)
+    for one in report.obstacles:
+        turned = "" if one.direction_deg is None else f" at {one.direction_deg:.0f}°"
+        table.add_row(
+            str(one.number),
+            f"{one.kind}{turned}",
+            f"{one.x_m:.2f}",
+            f"{one.y_m:.2f}",
+            "at a wall" if one.on_wall else "free",
+            *(f"{value:,.1f} {unit}" for value in (one.alone, one.gain, one.left)),
+        )
+    if report.obstacles:
+        console.print("", table, sep="\n")
+    for small in report.optima:
+        reached = (
+            "none takes away any bad floor"
+            if small.share is None
+            else f"greedy reaches {small.share:.1%} of the best"
+        )
+        console.print(
+            Text(
+                f"of {small.candidates} candidates, all {small.subsets} subsets of {small.count} "
+                f"tried: {reached}"
+            )
+        )
+    if output is not None:
+        console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)

@@ -1,0 +1,293 @@
+"""`ambinav design scanners`: which scanner suits a building."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import typer
+
+from ambinav.cli import options
+from ambinav.cli.map_options import LONG_SECONDS, BuildingOptions, MapOptions, ReachOptions
+from ambinav.cli.running import (
+    above_zero,
+    check_writable,
+    not_negative,
+    note,
+    progress_bars,
+    reporting,
+)
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from rich.table import Table
+
+    from ambinav.design.scanners.document import Document, ScannerPart
+    from ambinav.design.scanners.route_figures import ErrorModel
+    from ambinav.geometry.environment import Environment
+    from ambinav.routes.route import Route
+    from ambinav.sensing.scanner import RangeScanner
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteOptions:
+    """On which routes, and with what localizer, errors are expected."""
+
+    PANEL: ClassVar[str] = "Routes"
+
+    route: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--route",
+            metavar="FILE",
+            help="A route that `ambinav plan` wrote (.csv, .geojson, .json); once for each.",
+            show_default="shortest routes between random places",
+        ),
+    ] = None
+    pairs: Annotated[
+        int,
+        typer.Option(
+            "--pairs", metavar="N", help="How many routes to sample; 0: no figures of routes."
+        ),
+    ] = 20
+    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Of the sampled routes.")] = 0
+    odometry_scale: Annotated[
+        float,
+        typer.Option(
+            "--odometry-scale", metavar="X", help="Errors of the odometry, 1 for AMCL's defaults."
+        ),
+    ] = 0.25
+    localizer_beams: Annotated[
+        int,
+        typer.Option("--localizer-beams", metavar="N", help="Beams that the localizer takes."),
+    ] = 60
+
+    def check(self) -> None:
+        """Check what can be checked before the building is read.
+
+        Raises:
+            InputError: a value cannot be used.
+        """
+        for name, value in (("--pairs", self.pairs), ("--seed", self.seed)):
+            if value < 0:
+                raise InputError(f"{name}: {value} is negative; give 0 or more.")
+        not_negative(self.odometry_scale, "--odometry-scale", "0.25", "a number")
+        if self.localizer_beams < 1:
+            raise InputError(f"--localizer-beams: {self.localizer_beams} is too few; give 60.")
+
+    def routes(self) -> list[tuple[str, Route]] | None:
+        """The given routes with their files; None: none is given.
+
+        Raises:
+            InputError: one cannot be read.
+        """
+        from ambinav.routes.files import load_route
+
+        return [(str(path), load_route(path)) for path in self.route] if self.route else None
+
+    def model(self) -> ErrorModel:
+        """Odometry and localizer."""
+        from ambinav.design.scanners.route_figures import ErrorModel
+        from ambinav.drive.noise import OdometryNoise
+
+        return ErrorModel(
+            odometry=OdometryNoise(scale=self.odometry_scale), beams=self.localizer_beams
+        )
+
+
+@options.grouped
+def scanners(
+    map_file: options.MapFile,
+    scanner: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scanner",
+            "-s",
+            metavar="PRESET|FILE",
+            help="A preset (see `ambinav presets`) or a scanner .yaml file; once for each.",
+            show_default=False,
+            autocompletion=options.complete_preset,
+        ),
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="Compare all presets.")] = False,
+    costs: Annotated[
+        Path | None,
+        typer.Option(
+            "--costs",
+            metavar="FILE",
+            help="Table of scanner, price, power (.csv), or a .yaml mapping.",
+            show_default="none",
+        ),
+    ] = None,
+    output: options.ReportFolder = None,
+    *,
+    building: BuildingOptions,
+    making: MapOptions,
+    robot: ReachOptions,
+    on_routes: RouteOptions,
+    pictures: options.Pictures = "png",
+    as_json: options.AsJson = False,
+) -> None:
+    """Compare scanners in a building: bad area, routes, and what they cost.
+
+    All are carried by one robot and drive the same routes. A scanner that cannot be used is said,
+    and the rest goes on. Maps are kept, so that a run that was interrupted goes on quickly.
+
+    Example: `ambinav design scanners office.yaml --all --costs prices.csv -o scanners`
+    """
+    with reporting():
+        making.check()
+        above_zero(robot.robot_radius, "--robot-radius", "0.2")
+        on_routes.check()
+        options.check_pictures(pictures)
+        if output is not None:
+            from ambinav.design.scanners.report import FOLDER
+
+            check_writable(output)
+            FOLDER.check(output)
+        chosen = _chosen(scanner or [], every)
+        from ambinav.ambiguity.layers.registry import chosen_layers
+        from ambinav.design.scanners.compare import compare_scanners, distinct
+        from ambinav.design.scanners.costs import read_costs
+
+        layers = () if making.layers is None else tuple(making.layers.split(","))
+        layers = tuple(name.strip() for name in layers)
+        chosen_layers(layers, None)
+        known = distinct(chosen)
+        if len(known) < len(chosen):
+            note(f"{len(chosen)} scanners are named, {len(known)} of them different.")
+        table_of_costs = None if costs is None else read_costs(costs)
+        routes = on_routes.routes()
+        environment, _ = replace(making, layers=None).load(map_file, chosen[0], building)
+        import numpy as np
+
+        with progress_bars(as_json) as bars:
+            table = compare_scanners(
+                environment,
+                known,
+                spacing=making.spacing,
+                radius=making.radius,
+                headings=making.headings,
+                map_std=making.map_std,
+                layers=layers,
+                robot_radius=robot.robot_radius,
+                start=robot.start,
+                routes=routes,
+                pairs=on_routes.pairs,
+                rng=np.random.default_rng(on_routes.seed),
+                model=on_routes.model(),
+                costs=table_of_costs,
+                store=options.store_of(making.no_store, _Announcement(making, environment, known)),
+                progress=bars(f"{len(known)} scanners"),
+            )
+            if output is not None:
+                from ambinav.design.scanners.report import write_report
+
+                report = write_report(table, output, bars("report"), pictures)
+            else:
+                from ambinav.design.scanners.document import document
+
+                report = document(table)
+        if as_json:
+            typer.echo(report.model_dump_json(indent=2))
+        else:
+            _show(report, output)
+
+
+def _chosen(named: list[str], every: bool) -> list[str]:
+    """Names of presets and files.
+
+    Raises:
+        InputError: there is none.
+    """
+    from ambinav.sensing.presets import preset_names
+
+    if not (named or every):
+        raise InputError(
+            "--scanner: none is given; name some with --scanner, or take all presets with --all."
+        )
+    # A preset that is named besides is meant once.
+    return [*named, *(name for name in preset_names() if name not in named)] if every else named
+
+
+class _Announcement:
+    """Says once, before the first map is made, how long all of them take, where that is long."""
+
+    def __init__(
+        self, making: MapOptions, environment: Environment, scanners: Sequence[RangeScanner]
+    ) -> None:
+        self._making, self._environment, self._scanners = making, environment, scanners
+        self._said = False
+
+    def __call__(self) -> None:
+        if self._said:
+            return
+        self._said = True
+        from ambinav.ambiguity.estimate import estimate
+
+        making = self._making
+        if not 0.0 < making.spacing <= making.radius:
+            return  # which `build_map` refuses
+        seconds = sum(
+            estimate(self._environment, one, making.spacing, making.radius, making.headings).seconds
+            for one in self._scanners
+        )
+        if seconds >= LONG_SECONDS:
+            note(
+                f"{len(self._scanners)} maps take about {max(seconds / 60.0, 1.0):.0f} minutes, "
+                "less what the store has of them; a wider --spacing takes less."
+            )
+
+
+def _show(report: Document, output: Path | None) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    console.print(Text(report.summary))
+    for remark in report.remarks:
+        console.print(Text(remark))
+    console.print("", _table(report), sep="\n")
+    if report.fronts:
+        console.print(Text(f"* not dominated by bad area and {report.fronts[0].title}"), sep="\n")
+    for row in report.unusable:
+        console.print(Text(f"{row.name}: {row.reason}"))
+    for one in report.scanners:
+        for why in one.lacking.values():
+            console.print(Text(why))
+    if output is not None:
+        console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+
+
+def _table(report: Document) -> Table:
+    """The scanners in lines that a terminal of 80 letters has room for; units in the titles."""
+    from rich.table import Table
+    from rich.text import Text
+
+    columns: list[tuple[str, Callable[[ScannerPart], str]]] = [
+        ("", lambda one: "*" if one.on_front else ""),
+        ("scanner", lambda one: one.name),
+        ("beams", lambda one: str(one.beams)),
+        ("range\nm", lambda one: f"{one.max_range_m:g}"),
+        ("bad\nm²", lambda one: f"{one.bad_area_m2:,.1f}"),
+        ("bad\n%", lambda one: "-" if one.bad_share is None else f"{100 * one.bad_share:.1f}"),
+    ]
+    if report.routes is not None:
+        columns += [
+            ("longest\nopen m", lambda one: f"{one.longest_open_m:.1f}"),
+            ("error\nmean m", lambda one: f"{one.mean_error_m:.3f}"),
+        ]
+    if any(one.price is not None for one in report.scanners):
+        columns.append(("price", lambda one: "-" if one.price is None else f"{one.price:g}"))
+    if any(one.power_w is not None for one in report.scanners):
+        columns.append(("power\nW", lambda one: "-" if one.power_w is None else f"{one.power_w:g}"))
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
+    for title, _ in columns:
+        left = title in ("", "scanner")
+        table.add_column(title, justify="left" if left else "right", no_wrap=True)
+    for one in report.scanners:
+        table.add_row(*(Text(read(one)) for _, read in columns))
+    return table

@@ -1,0 +1,78 @@
+"""Options on which floor of a building a design is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import typer
+
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.design.region import Region
+
+PolygonFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--polygon",
+        metavar="FILE",
+        help="Floor within the polygons of a .geojson or .wkt file.",
+        show_default="all floor that the robot reaches",
+    ),
+]
+
+
+def check_one(polygon: object, route: object) -> None:
+    """Check that not both are given.
+
+    Raises:
+        InputError: they are.
+    """
+    if polygon and route:
+        raise InputError("--polygon: it is given beside --route; give one of the two.")
+
+
+def route_region(path: Path) -> Region:
+    """Floor under a route, at its headings.
+
+    Raises:
+        InputError: the file cannot be read, or holds no route.
+    """
+    from ambinav.design.region import Region
+    from ambinav.routes.files import load_route
+
+    return Region.of_route(load_route(path), str(path))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions:
+    """The whole map, a polygon or a route."""
+
+    PANEL: ClassVar[str] = "Region"
+
+    polygon: PolygonFile = None
+    route: Annotated[
+        Path | None,
+        typer.Option(
+            "--route",
+            metavar="FILE",
+            help="Floor under a route that `ambinav plan` wrote (.csv, .geojson, .json), at its "
+            "headings.",
+            show_default="all floor that the robot reaches",
+        ),
+    ] = None
+
+    def region(self) -> Region:
+        """The region.
+
+        Raises:
+            InputError: both are given, or a file cannot be read or holds no floor.
+        """
+        from ambinav.design.region import Region
+
+        check_one(self.polygon, self.route)
+        if self.polygon is not None:
+            return Region.of_file(self.polygon)
+        return Region.of_map() if self.route is None else route_region(self.route)

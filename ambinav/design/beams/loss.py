@@ -1,0 +1,57 @@
+"""What a map loses when its scanner keeps some of its beams only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.maps.zones import ZONES
+
+POINTS = 100.0
+"""Percentage points: shares of the floor, and `level`, which runs from 0 to 1 too."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """How far a map is off that of the full scanner, on the same poses.
+
+    Attributes:
+        zones: Largest change of a zone's share of the floor, percentage points. Poses that change
+            into a zone cancel poses that change out of it.
+        level: Mean absolute difference of `level`, in points too (100 times it): nothing cancels.
+    """
+
+    zones: float
+    level: float
+
+    @property
+    def points(self) -> float:
+        """The larger of the two: what a stated loss is a limit for."""
+        return max(self.zones, self.level)
+
+    @classmethod
+    def between(
+        cls,
+        level: NDArray[np.float64],
+        zone: NDArray[np.uint8],
+        full_level: NDArray[np.float64],
+        full_zone: NDArray[np.uint8],
+        weight: NDArray[np.float64],
+    ) -> Loss:
+        """The loss on M poses, each array of shape (M,); `weight` sums to 1."""
+        shares = [
+            np.bincount(codes, weights=weight, minlength=len(ZONES)) for codes in (zone, full_zone)
+        ]
+        return cls(
+            POINTS * float(np.abs(shares[0] - shares[1]).max()),
+            POINTS * float(weight @ np.abs(level - full_level)),
+        )
+
+    @classmethod
+    def worst(cls, losses: Iterable[Loss]) -> Loss:
+        """The largest of several, each part by itself."""
+        each = tuple(losses)
+        return cls(max(one.zones for one in each), max(one.level for one in each))

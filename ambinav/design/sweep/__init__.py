@@ -1,0 +1,1 @@
+"""Vary a scanner over a region, and tell which setting is best there."""

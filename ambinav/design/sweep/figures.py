@@ -1,0 +1,145 @@
+"""Figures of a scanner over a region: mean, 95th percentile and worst level, zones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.drive.bootstrap import Interval
+from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+
+Floats = NDArray[np.float64]
+Criterion = Literal["mean", "p95", "worst", "bad"]
+
+CRITERIA: Final[dict[str, str]] = {
+    "mean": "mean level",
+    "p95": "95th percentile of the level",
+    "worst": "worst level",
+    "bad": "share of corridor and open",
+}
+"""What settings are ranked by, all better when low."""
+PERCENTILE: Final = 0.95
+_NORMAL: Final = 1.959964
+"""An interval reaches so many standard errors to either side: 95 % of a normal distribution."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One scanner over a region.
+
+    Attributes:
+        mean: Level in the mean; nan if the robot can stand nowhere with it.
+        p95: 95 % of the region have at most this level.
+        worst: Highest level of all places.
+        zones: Share of each zone, by name.
+        standing: Share of the region where the robot can stand with the scanner: the other figures
+            are of that.
+    """
+
+    mean: float
+    p95: float
+    worst: float
+    zones: dict[str, float]
+    standing: float
+
+    @property
+    def bad(self) -> float:
+        """Share of corridor and open."""
+        return self.zones[ZONES[CORRIDOR]] + self.zones[ZONES[OPEN]]
+
+    def of(self, criterion: Criterion) -> float:
+        """The figure of that name."""
+        return float(getattr(self, criterion))
+
+
+def figures(level: NDArray[np.float32], zone: NDArray[np.uint8], weight: Floats) -> Figures:
+    """Sum up a scanner.
+
+    Args:
+        level: Shape (K, H), nan where the robot cannot stand.
+        zone: Codes of zones, shape (K, H).
+        weight: What each place counts for, shape (K,), shared evenly by the headings at which it
+            can.
+    """
+    each = _spread(level, weight)
+    known = each > 0.0
+    values, share = level[known].astype(np.float64), each[known] / max(float(each.sum()), 1e-300)
+    if not len(values):
+        return Figures(math.nan, math.nan, math.nan, dict.fromkeys(ZONES, math.nan), 0.0)
+    order = np.argsort(values)
+    below = np.searchsorted(np.cumsum(share[order]), PERCENTILE - 1e-9)
+    zones = np.bincount(zone[known], weights=share, minlength=len(ZONES))
+    return Figures(
+        mean=float(values @ share),
+        p95=float(values[order[min(int(below), len(order) - 1)]]),
+        worst=float(values.max()),
+        zones=dict(zip(ZONES, zones.tolist(), strict=True)),
+        standing=min(float(each.sum() / weight.sum()), 1.0),
+    )
+
+
+def per_place(
+    level: NDArray[np.float32], zone: NDArray[np.uint8], criterion: Criterion
+) -> Floats | None:
+    """What each place adds to a figure that is a mean over places, shape (K,); else None.
+
+    In the mean over the headings at which the robot can stand; nan where there is none.
+    """
+    if criterion == "mean":
+        values = level.astype(np.float64)
+    elif criterion == "bad":
+        values = np.isin(zone, (CORRIDOR, OPEN)).astype(np.float64)
+    else:
+        return None
+    each = _spread(level, np.ones(len(level)))
+    total = np.where(each > 0.0, values * each, 0.0).sum(axis=1)
+    return np.where(each.any(axis=1), total, np.nan)
+
+
+def difference(
+    ours: Floats, theirs: Floats, weight: Floats, of: int, among: int | None = None
+) -> Interval:
+    """How far two means over places lie apart, ours less theirs, each over the places it has.
+
+    The interval is that of a random sample without replacement of `of` places (Cochran 1977,
+    "Sampling Techniques", section 2.8); ours is spread evenly, which makes it no wider. Errors are
+    of the difference at each place, so that what both have in common cancels, and where one has
+    no value those of a ratio (section 2.11). It closes where all places are there.
+
+    Args:
+        ours: Shape (K,), nan where there is none.
+        theirs: Likewise.
+        weight: Of the places, shape (K,).
+        of: How many places these stand for.
+        among: How many were looked at; None: K.
+    """
+    (mean, errors), (other, others) = _mean(ours, weight), _mean(theirs, weight)
+    count = int((np.isfinite(ours) | np.isfinite(theirs)).sum())
+    value = mean - other
+    if math.isnan(value):
+        return Interval(math.nan, math.nan, math.nan, 0)
+    left = max(1.0 - (among or len(ours)) / of, 0.0)
+    error = math.sqrt(left * float(((errors - others) ** 2).sum()) * count / max(count - 1, 1))
+    if left and count < 2:
+        error = math.inf
+    return Interval(value, value - _NORMAL * error, value + _NORMAL * error, count)
+
+
+def _mean(values: Floats, weight: Floats) -> tuple[float, Floats]:
+    """Mean over the places that have a value, nan if none has; and what each errs in it, (K,)."""
+    known = np.isfinite(values)
+    if not known.any():
+        return math.nan, np.zeros(len(values))
+    share = np.where(known, weight, 0.0) / weight[known].sum()
+    mean = float(share[known] @ values[known])
+    return mean, share * np.where(known, values - mean, 0.0)
+
+
+def _spread(level: NDArray[np.float32], weight: Floats) -> Floats:
+    """Weight of each place and heading, (K, H)."""
+    known = np.isfinite(level)
+    return np.where(known, (weight / np.maximum(known.sum(axis=1), 1))[:, None], 0.0)

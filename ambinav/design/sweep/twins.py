@@ -1,0 +1,34 @@
+"""Settings that are the same scanner: the same beams, whichever way they are numbered or turned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ambinav.ambiguity.model import independent_tau, thin
+from ambinav.ambiguity.panorama import View, view_beams
+from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
+
+
+def first_twins(scanners: Sequence[RangeScanner]) -> tuple[int, ...]:
+    """Of each scanner the number of the first that has the same beams; its own if none before has.
+
+    What counts are the beams that take part in a map (60 a turn), from where they are cast. Two
+    scanners whose mounts are those of each other after a turn about which the scanner is symmetric
+    have the same ones.
+    """
+    sensors: dict[RangeSensor, int] = {}
+    first: dict[object, int] = {}
+    found = []
+    for number, scanner in enumerate(scanners):
+        mounted = scanner.centred if scanner.looks_all_around else scanner
+        beams = thin(mounted)
+        tau = independent_tau(beams)
+        _, keys = view_beams(View(beams, 0.0, tau), sensors)
+        # Beams that are left out stand somewhere too, and must not do so in a wall.
+        origins = np.unique(np.round(mounted.mounts[:, :2], 9) + 0.0, axis=0)
+        key = keys[np.lexsort(keys.T)].tobytes(), round(tau, 9), origins.tobytes()
+        found.append(first.setdefault((scanner.looks_all_around, *key), number))
+    return tuple(found)

@@ -1,0 +1,147 @@
+"""A building that is not quite what its map says: walls that are off, furniture that was moved."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.obstacle import Obstacle
+from ambinav.geometry.segments import FRONTIER, Segments
+
+WAVES: Final = 32
+"""Walls are off in so many waves, `SHORTEST` to `LONGEST` metres long: walls that meet still do."""
+SHORTEST: Final = 2.0
+LONGEST: Final = 8.0
+PIECE: Final = 0.25
+"""Walls are bent in pieces of this length, metres."""
+FURNITURE: Final = 2.5
+"""What stands free and is at most so wide, metres, is furniture; what is wider stays."""
+# How often a place is drawn for a piece of furniture before it stays where it is.
+TRIES = 20
+# Metres. Furniture this near to something else belongs to it.
+TOUCHING = 1e-3
+ON_BORDER = 1e-6
+
+Floats = NDArray[np.float64]
+
+
+def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -> Environment:
+    """The building of which this map was made: every corner a little off, neighbours alike.
+
+    Args:
+        mapped: The map; it is left as it is.
+        std: How far walls stand from where the map has them, standard deviation in x and in y and
+            so across any wall, metres.
+        rng: The source of randomness; with another deviation the same waves are higher or lower.
+
+    Raises:
+        InputError: no free space is left.
+    """
+    turn = rng.uniform(0.0, math.pi, WAVES)
+    length = rng.uniform(SHORTEST, LONGEST, WAVES)
+    wave = 2.0 * math.pi / length * np.array([np.cos(turn), np.sin(turn)])
+    phase = rng.uniform(0.0, 2.0 * math.pi, (2, WAVES))
+
+    def moved(points: Floats) -> Floats:
+        waves = np.cos((points @ wave)[:, None, :] + phase)
+        return np.asarray(points + std * math.sqrt(2.0 / WAVES) * waves.sum(axis=2))
+
+    lines = shapely.segmentize(shapely.linestrings(mapped.segments.xy.reshape(-1, 2, 2)), PIECE)
+    points, line = shapely.get_coordinates(lines, return_index=True)
+    points, within = moved(points), line[1:] == line[:-1]
+    walls = np.hstack([points[:-1], points[1:]])[within]
+    free = shapely.transform(shapely.segmentize(mapped.free, PIECE), moved)
+    return Environment(
+        Segments(walls, mapped.segments.kind[line[1:][within]]),
+        # Where walls touch, pieces may cross by a millimetre.
+        shapely.make_valid(free, method="structure", keep_collapsed=False),
+        name=mapped.name,
+        resolution=mapped.resolution,
+    )
+
+
+def with_moved_furniture(
+    mapped: Environment, std: float, rng: np.random.Generator, passage: float
+) -> Environment:
+    """The building with its furniture elsewhere: what stands free and is at most `FURNITURE` wide.
+
+    A piece is put where there is room for it, on a straight way, and no gap beside it becomes
+    narrower than `passage`, but for those that are narrower on the map. Where no such place is
+    drawn it stays.
+
+    Args:
+        mapped: The map; it is left as it is.
+        std: Deviation of its shift in x and in y, metres.
+        rng: The source of randomness.
+        passage: Metres.
+    """
+    parts = shapely.get_parts(mapped.free)
+    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+    thin = shapely.linestrings(mapped.thin_walls.reshape(-1, 2, 2))
+    lines = np.array([*rings, *thin], dtype=object)
+    shapely.prepare(lines)
+    things = _furniture(mapped, parts, rings)
+    gaps = [
+        min(passage, *shapely.distance(thing, np.delete(lines, k)).tolist()) for k, thing in things
+    ]
+    gone, put = [], []
+    for (k, thing), gap in zip(things, gaps, strict=True):
+        place = None
+        if gap > TOUCHING:
+            place = _elsewhere(thing, np.delete(lines, k), std, rng, gap)
+        if place is not None:
+            gone.append(thing)
+            put.append(place)
+            lines[k] = place.exterior
+    if not put:
+        return mapped
+    # What footprints may leave and the cells of a grid are of the map, not of the building.
+    plain = Environment(
+        mapped.segments, mapped.free, name=mapped.name, resolution=mapped.resolution
+    )
+    return plain.edited([Obstacle(place) for place in put], shapely.union_all(gone))
+
+
+def _furniture(
+    mapped: Environment, parts: Any, rings: list[Any]
+) -> list[tuple[int, shapely.Polygon]]:
+    """What stands free, by the number of its outline among all rings of the free space's parts."""
+    frontier = mapped.segments.xy[mapped.segments.kind == FRONTIER].reshape(-1, 2, 2)
+    unknown = shapely.MultiLineString(list(frontier))
+    outer = {part.exterior.wkb for part in parts}
+    found = []
+    for k, ring in enumerate(rings):
+        thing = shapely.Polygon(ring)
+        if ring.wkb in outer or 2.0 * shapely.minimum_bounding_radius(thing) > FURNITURE:
+            continue
+        # A room may lie in it; and what is unknown within is not known to be a thing.
+        if shapely.contains(thing, parts).any() or shapely.dwithin(ring, unknown, ON_BORDER):
+            continue
+        found.append((k, thing))
+    return found
+
+
+def _elsewhere(
+    thing: shapely.Polygon,
+    others: NDArray[np.object_],
+    std: float,
+    rng: np.random.Generator,
+    gap: float,
+) -> shapely.Polygon | None:
+    """Draw a place for a thing, so far off the lines of all others; None: it stays."""
+    middle = thing.centroid
+    for _ in range(TRIES):
+        dx, dy = rng.normal(0.0, std, 2)
+        place = shapely.transform(thing, lambda points, by=(dx, dy): points + by)
+        way = shapely.LineString([(middle.x, middle.y), (middle.x + dx, middle.y + dy)])
+        if (
+            not shapely.dwithin(others, place, gap).any()
+            and not shapely.intersects(others, way).any()
+        ):
+            return place
+    return None

@@ -1,0 +1,180 @@
+"""Pareto fronts of named things: two figures of each, less of both is better."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+
+from ambinav.plotting import style
+from ambinav.plotting.canvas import new_figure, root_figure
+from ambinav.plotting.labels import FAR, FONT, alignment, along, free_spot
+
+LINE_COLOUR: Final = style.BLUE
+DOMINATED_COLOUR: Final = style.SOLID
+COLUMNS: Final = 3
+"""Panels side by side, at most."""
+_WIDE: Final = 8.0
+"""Ratio of the largest value to the smallest from which a scale goes by powers, not from 0 on."""
+_DECADES: Final = 100.0
+"""Ratio of the ends of such a scale up to which 2 and 5 are marked too."""
+_WIDEST: Final = 1e4
+"""The smallest value that such a scale tells from 0 is the largest by this."""
+
+
+@dataclass(frozen=True)
+class FrontDot:
+    """A thing in a front.
+
+    Attributes:
+        label: Beside its point.
+        x: What it costs.
+        y: How bad it is.
+        dominated: Whether another is no worse in both, and better in one.
+    """
+
+    label: str
+    x: float
+    y: float
+    dominated: bool
+
+
+@dataclass(frozen=True)
+class FrontPanel:
+    """A front: what its axis is, and its things."""
+
+    label: str
+    dots: Sequence[FrontDot]
+
+
+def plot_fronts(panels: Sequence[FrontPanel], label: str, title: str, caption: str) -> Figure:
+    """Draw fronts side by side.
+
+    Args:
+        panels: At least one, each with at least one thing.
+        label: Of the vertical axes.
+        title: Of the picture.
+        caption: How the labels are to be read.
+    """
+    columns = min(len(panels), COLUMNS)
+    rows = -(-len(panels) // columns)
+    figure = new_figure(max(4.9 * columns, 7.0), 4.4 * rows + 0.5)
+    every: list[Axes] = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    figure.suptitle(title, x=0.01, ha="left", fontsize=13)
+    for axes in every[len(panels) :]:
+        axes.set_axis_off()
+    for axes, panel in zip(every, panels, strict=False):
+        _frame(axes, panel, label)
+        _draw(axes, panel)
+    look: dict[str, Any] = {"color": DOMINATED_COLOUR, "marker": "o", "markerfacecolor": "white"}
+    handles = [
+        Line2D([], [], color=LINE_COLOUR, marker="o", label="not dominated"),
+        Line2D(
+            [],
+            [],
+            linestyle="none",
+            label="dominated: another is no worse in both, and better in one",
+            **look,
+        ),
+        Line2D([], [], linestyle="none", label=caption),
+    ]
+    figure.legend(
+        handles=handles, loc="outside lower left", frameon=False, fontsize=FONT, ncol=len(handles)
+    )
+    figure.draw_without_rendering()  # positions are final only now; labels are laid by them
+    for axes, panel in zip(every, panels, strict=False):
+        _label(axes, panel)
+    return figure
+
+
+def _frame(axes: Axes, panel: FrontPanel, label: str) -> None:
+    axes.set_xlabel(panel.label, fontsize=FONT + 1)
+    axes.set_ylabel(label, fontsize=FONT + 1)
+    axes.tick_params(labelsize=FONT - 1)
+    axes.grid(color="#DDDDDD", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    cost, bad = (np.array([getattr(dot, name) for dot in panel.dots]) for name in ("x", "y"))
+    for scale, limit, values, room in (
+        (axes.set_xscale, axes.set_xlim, cost, (2.5, 0.18)),
+        (axes.set_yscale, axes.set_ylim, bad, (1.8, 0.12)),
+    ):
+        high = max(float(values.max()), 1e-6)
+        least = float(values[values > 0.0].min(initial=high))
+        least = max(least, high / _WIDEST)
+        if high <= _WIDE * least:
+            limit(-0.04 * high, (1.0 + room[1]) * high)
+        elif values.min() >= least:
+            scale("log")
+            limit(least / 1.8, high * room[0])
+        else:
+            scale("symlog", linthresh=least)
+            limit(-0.3 * least, high * room[0])
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "linear":
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+        if axis.get_scale() == "log":
+            low, high = axis.get_view_interval()
+            few = high < _DECADES * low
+            axis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0) if few else (1.0,), numticks=8))
+
+
+def _draw(axes: Axes, panel: FrontPanel) -> None:
+    best = sorted((dot.x, dot.y) for dot in panel.dots if not dot.dominated)
+    others = [(dot.x, dot.y) for dot in panel.dots if dot.dominated]
+    # What is between two things of a front cannot be had: the line goes in steps.
+    axes.plot(*np.array(best).T, color=LINE_COLOUR, linewidth=1.6, drawstyle="steps-post", zorder=3)
+    axes.plot(*np.array(best).T, "o", color=LINE_COLOUR, markersize=7, zorder=5)
+    if others:
+        axes.plot(
+            *np.array(others).T, "o", color=DOMINATED_COLOUR, markerfacecolor="white", markersize=6,
+            zorder=4,
+        )  # fmt: skip
+
+
+def _label(axes: Axes, panel: FrontPanel) -> None:
+    """Labels beside their points, those that nobody dominates first."""
+    scale = 72.0 / root_figure(axes).dpi
+    place = axes.transData.transform([(dot.x, dot.y) for dot in panel.dots]) * scale
+    frame = Bbox(axes.get_window_extent().get_points() * scale)
+    best = [at for at, dot in zip(place, panel.dots, strict=True) if not dot.dominated]
+    lines = [Bbox.from_bounds(x - 5, y - 5, 10, 10) for x, y in [*place, *_steps(np.array(best))]]
+    written: list[Bbox] = []
+    order = sorted(range(len(panel.dots)), key=lambda i: panel.dots[i].dominated)
+    for i in order:
+        dot, (x, y) = panel.dots[i], place[i]
+        offset, box = free_spot(x, y, 0.6 * FONT * len(dot.label), lines, written, frame)
+        written.append(box.padded(2.0, 0.5))
+        far = math.hypot(*offset) > FAR
+        label = axes.annotate(
+            dot.label,
+            (dot.x, dot.y),
+            xytext=offset,
+            textcoords="offset points",
+            ha=alignment(offset),
+            va="bottom",
+            fontsize=FONT if not dot.dominated else FONT - 2,
+            color="black" if not dot.dominated else "#666666",
+            zorder=6,
+            arrowprops={"arrowstyle": "-", "color": "#999999", "lw": 0.7} if far else None,
+        )
+        label.set_in_layout(False)
+
+
+def _steps(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points along the steps through points (N, 2)."""
+    corners = place[np.argsort(place[:, 0], kind="stable")]
+    turns = np.column_stack([corners[1:, 0], corners[:-1, 1]])
+    joined = np.empty((2 * len(corners) - 1, 2))
+    joined[::2], joined[1::2] = corners, turns
+    return along(joined)

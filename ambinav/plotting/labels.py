@@ -1,0 +1,65 @@
+"""Labels of points in a chart: beside their points, over nothing else where there is room."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+Floats = NDArray[np.float64]
+
+FONT: Final = 10
+"""Points, of the letters."""
+FAR: Final = 20.5
+"""Labels further from their point than this, in points, are joined to it by a line."""
+_TOUCHING: Final = 5.0
+"""Marks so near to each other, in points, share one label."""
+_AROUND: Final = (
+    (7, 4), (7, -15), (-7, -15), (-7, 4), (0, 8), (0, -20), (9, -6), (-9, -6),
+    (16, 14), (-16, 14), (16, -26), (-16, -26), (0, 22), (0, -34), (30, 18), (30, -28),
+    (-30, 18), (-30, -28), (0, 38), (30, 34), (-30, 34), (0, 54), (-40, 50), (-40, -44),
+)  # fmt: skip
+"""Where a label may stand from its point, in points; the first free one is taken."""
+
+
+def free_spot(
+    x: float, y: float, width: float, lines: list[Bbox], written: list[Bbox], frame: Bbox
+) -> tuple[tuple[float, float], Bbox]:
+    """The best place around a point for a text, and its box; all in points.
+
+    That is the first one within the frame where it overlaps nothing, or else the one where it
+    overlaps the fewest other texts, and then the least of the lines.
+    """
+    choices = []
+    for dx, dy in _AROUND:
+        left = x + dx - {"left": 0.0, "right": width, "center": 0.5 * width}[alignment((dx, dy))]
+        box = Bbox.from_bounds(left, y + dy, width, FONT + 2.0)
+        within = box.x0 >= frame.x0 and box.x1 <= frame.x1
+        within = within and box.y0 >= frame.y0 and box.y1 <= frame.y1
+        faults = box.count_overlaps(written) + (0 if within else 1), box.count_overlaps(lines)
+        choices.append((faults, (dx, dy), box))
+    _, offset, box = min(choices, key=lambda choice: choice[0])
+    return offset, box
+
+
+def alignment(offset: tuple[float, float]) -> str:
+    """How a text at this offset is aligned to its point."""
+    return "left" if offset[0] > 0 else "right" if offset[0] < 0 else "center"
+
+
+def along(place: Floats) -> Floats:
+    """Points (M, 2) closely along the line through points (N, 2), from left to right."""
+    corners = place[np.argsort(place[:, 0], kind="stable")]
+    steps = [np.linspace(a, b, 60) for a, b in pairwise(corners)]
+    return np.concatenate([corners, *steps])
+
+
+def touching(place: Floats) -> list[list[int]]:
+    """Groups of points (N, 2) that a chain of near neighbours joins, in rising order."""
+    near = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) < _TOUCHING
+    _, label = connected_components(near, directed=False)
+    return [np.flatnonzero(label == part).tolist() for part in dict.fromkeys(label.tolist())]

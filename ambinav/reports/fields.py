@@ -1,0 +1,24 @@
+"""What the documents of reports are made of: strict parts, and numbers rounded for readers."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+
+class Part(BaseModel):
+    """A part of a document: it has the fields that it declares and no others, and stays."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def rounded(digits: int) -> AfterValidator:
+    """Rounds to so many digits after the point; nothing comes out as minus zero."""
+    return AfterValidator(lambda value: round(value, digits) + 0.0)
+
+
+Metres = Annotated[float, rounded(3)]
+SquareMetres = Annotated[float, rounded(2)]
+Share = Annotated[float, rounded(4), Field(ge=0.0, le=1.0 + 1e-6)]
+Degrees = Annotated[float, rounded(1)]

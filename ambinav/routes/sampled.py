@@ -1,0 +1,233 @@
+"""Shortest routes between random places, where nobody has planned any.
+
+Enough to ask of a building or of a scanner what a robot meets on its routes; planners that weigh
+ambiguity, or know other robots than discs, are those of `ambinav_planners`.
+
+The shortest path is found on a square lattice of places that the robot reaches (Dijkstra 1959),
+and then tightened: from each of its points the robot drives straight to the farthest one that it
+can, and the points that are left move to where the route is shorter. Floor where half of all
+directions or more end in unknown space is no part of it: there the map ends, not the building.
+Nothing of this knows a scanner, so that all are asked on the same routes.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from ambinav.config import as_count
+from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.collision.checker import CollisionChecker
+from ambinav.geometry.collision.reach import Reach
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.footprint import Footprint
+from ambinav.geometry.lattice import STEPS, Lattice
+from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.maps.zones import UNEXPLORED
+from ambinav.routes.route import Route
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PLANNER: Final = "shortest, sampled"
+"""Who found these routes, as they say."""
+STEP: Final = 0.1
+"""Metres between places of the lattice, at least."""
+MOST_PLACES: Final = 60_000
+"""In a large building they lie so far apart that there are no more, about."""
+LEAST_STEP: Final = 0.02
+LEAST_GAIN: Final = 1e-4
+"""Metres by which points of a route are moved at least, and by which that makes it shorter."""
+AROUND: Final = STEPS / np.hypot(*STEPS.T)[:, np.newaxis]
+"""Where a point of a route is moved to, in steps."""
+DIRECTIONS: Final = 60
+"""In which it is looked whether the map ends."""
+_NOTABLE: Final = 0.95
+"""Share of the places that lie in the piece that routes are sampled in, below which it is said."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceGraph:
+    """Places that a disc reaches, and the straight motions between neighbours.
+
+    Attributes:
+        points: x, y, shape (N, 2), metres; all can be reached from each other.
+        lengths: Metres from a place to each that it can go to straight on, (N, N), sparse.
+        step: Metres between neighbours side by side.
+        checker: Whether a motion is free.
+    """
+
+    points: Floats
+    lengths: csr_matrix
+    step: float
+    checker: CollisionChecker
+
+    @classmethod
+    def of(cls, environment: Environment, reach: Reach, step: float | None = None) -> PlaceGraph:
+        """Lay places over the floor that a disc reaches.
+
+        Args:
+            environment: The building.
+            reach: What the disc reaches.
+            step: Metres between places; None: `STEP`, or more in a large building.
+
+        Raises:
+            InputError: there are no two places that can be reached from each other.
+
+        Warns:
+            InputWarning: some places cannot be reached from the others on this lattice.
+        """
+        if step is None:
+            step = max(STEP, math.sqrt(float(reach.floor.area) / MOST_PLACES))
+        lattice = Lattice.over(environment, step)
+        checker = CollisionChecker(environment, Footprint.disc(reach.radius), Steering("r2"))
+        x, y = lattice.points
+        kept = reach.reaches(x, y)
+        kept[kept] = checker.poses_free(_poses(np.column_stack([x[kept], y[kept]])))
+        kept[kept] = explored(environment, x[kept], y[kept])
+        if kept.sum() < 2:
+            raise _no_places(environment, reach, step)
+        lattice = lattice.among(kept)
+        points = np.column_stack(lattice.points)
+        pairs = _neighbours(lattice)
+        pairs = pairs[checker.motions_free(*(_poses(points[pairs[:, end]]) for end in (0, 1)))]
+        metres = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
+        count = len(points)
+        one_way = csr_matrix((metres, pairs.T), shape=(count, count))
+        both = one_way + one_way.T
+        _, label = connected_components(both, directed=False)
+        largest = label == np.bincount(label).argmax()
+        if largest.sum() < 2:
+            raise _no_places(environment, reach, step)
+        if largest.mean() < _NOTABLE:
+            warnings.warn(
+                f"{environment.name}: routes are sampled on {100 * largest.mean():.0f} % of the "
+                f"explored floor that the robot reaches; on places {step:.2g} m apart the rest is "
+                "cut off; give routes of your own where it matters.",
+                InputWarning,
+                stacklevel=3,
+            )
+        return cls(points[largest], both[largest][:, largest].tocsr(), step, checker)
+
+    def shortest(self, start: int, goal: int) -> Floats:
+        """The points, shape (M, 2), of the tightened shortest path between two places."""
+        _, before = dijkstra(self.lengths, indices=start, return_predecessors=True)
+        chain = [goal]
+        while chain[-1] != start:
+            chain.append(int(before[chain[-1]]))
+        return self._straightened(self._tightened(self._straightened(self.points[chain[::-1]])))
+
+    def _straightened(self, points: Floats) -> Floats:
+        poses = _poses(points)
+        at, kept = 0, [0]
+        while at < len(points) - 1:
+            ahead = poses[at + 1 :]
+            free = self.checker.motions_free(np.repeat(poses[at : at + 1], len(ahead), 0), ahead)
+            free[0] = True
+            at += 1 + int(np.flatnonzero(free)[-1])
+            kept.append(at)
+        return points[kept]
+
+    def _tightened(self, points: Floats) -> Floats:
+        """Move each point but the ends, a step at a time, while that makes the route shorter."""
+        points, step = points.copy(), self.step
+        while step > LEAST_STEP:
+            moved = False
+            for at in range(1, len(points) - 1):
+                before, after = points[at - 1], points[at + 1]
+                near = points[at] + step * AROUND
+                length = np.hypot(*(near - before).T) + np.hypot(*(near - after).T)
+                now = math.dist(points[at], before) + math.dist(points[at], after)
+                good = np.flatnonzero(length < now - LEAST_GAIN)
+                ends = [_poses(np.tile(end, (len(good), 1))) for end in (before, after)]
+                free = self.checker.motions_free(ends[0], _poses(near[good]))
+                free &= self.checker.motions_free(ends[1], _poses(near[good]))
+                good = good[free]
+                if good.size:
+                    points[at], moved = near[good[length[good].argmin()]], True
+            step = step if moved else 0.5 * step
+        return points
+
+
+def sample_routes(
+    environment: Environment,
+    reach: Reach,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    step: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Route, ...]:
+    """Shortest routes between pairs of random places.
+
+    Args:
+        environment: The building.
+        reach: What the robot, a disc, reaches in it.
+        count: How many routes.
+        rng: Draws the places, each as likely as any other of explored floor that is reached.
+        step: As in `PlaceGraph.of`.
+        progress: Called with the share done.
+
+    Returns:
+        Routes in "r2" whose figures nobody has measured (`ambinav.routes.evaluate`).
+
+    Raises:
+        InputError: fewer than one, or see `PlaceGraph.of`.
+    """
+    count = as_count(count, "routes")
+    graph = PlaceGraph.of(environment, reach, step)
+    routes = []
+    for done in range(count):
+        start, goal = rng.choice(len(graph.points), 2, replace=False).tolist()
+        routes.append(Route.through(graph.shortest(start, goal), planner=PLANNER))
+        if progress is not None:
+            progress((done + 1) / count)
+    return tuple(routes)
+
+
+def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
+    """Whether fewer than half of all directions end in unknown space, at places of shape (N,)."""
+    xmin, ymin, xmax, ymax = environment.bounds
+    angle = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    _, segment, _ = scan_rays(
+        environment, x, y, np.zeros_like(x), np.zeros((DIRECTIONS, 2)), angle,
+        math.hypot(xmax - xmin, ymax - ymin), incidence=False,
+    )  # fmt: skip
+    ends = ~environment.segments.walls
+    return np.asarray((ends[segment] & (segment >= 0)).mean(axis=1) < UNEXPLORED)
+
+
+def _neighbours(lattice: Lattice) -> NDArray[np.intp]:
+    """Pairs of free points side by side or across a corner, each once, shape (P, 2)."""
+    index, place = lattice.index, lattice.rows_columns
+    rows, columns = index.shape
+    pairs = []
+    for right, up in STEPS[:4].tolist():
+        row, column = place[:, 0] + up, place[:, 1] + right
+        near = np.full(len(place), -1)
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        near[inside] = index[row[inside], column[inside]]
+        first = np.flatnonzero(near >= 0)
+        pairs.append(np.column_stack([first, near[first]]))
+    return np.concatenate(pairs)
+
+
+def _poses(points: Floats) -> Floats:
+    return np.column_stack([points, np.zeros(len(points))])
+
+
+def _no_places(environment: Environment, reach: Reach, step: float) -> InputError:
+    return InputError(
+        f"{environment.name}: no two places {step:.2g} m apart that a robot of radius "
+        f"{reach.radius:g} m reaches are explored and connected, so no route can be sampled; give "
+        "routes of your own."
+    )

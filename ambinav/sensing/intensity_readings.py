@@ -1,0 +1,51 @@
+"""Simulated intensities beside the simulated ranges of a scanner."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ambinav.sensing.casting import cast_reflectors
+from ambinav.sensing.scanner import RangeScanner
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
+
+
+def read_intensity(
+    scanner: RangeScanner,
+    env: Environment,
+    x: ArrayLike,
+    y: ArrayLike,
+    theta: ArrayLike,
+    readings: NDArray[np.float32],
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    """Return a simulated intensity beside each reading.
+
+    Args:
+        scanner: What reads them.
+        env: As in `RangeScanner.scan`, like the next three.
+        x: See there.
+        y: See there.
+        theta: See there.
+        readings: What `RangeScanner.read` gave there, shape (..., B).
+        rng: The source of randomness.
+
+    Returns:
+        float32, shape (..., B), in the unit of `Intensity`; nan where there is no echo, where it is
+        too near, or where the sensor has no such channel.
+
+    Raises:
+        InputError: a pose is not finite.
+    """
+    reflects = cast_reflectors(env, scanner.rays(), scanner.max_range, x, y, theta)
+    found = np.full(readings.shape, np.nan, dtype=np.float32)
+    for i, sensor in enumerate(scanner.sensors):
+        if sensor.intensity is not None:
+            beams = scanner.sensor_of_beam == i
+            found[..., beams] = sensor.intensity.read(reflects[..., beams], rng)
+    found[~np.isfinite(readings)] = np.nan
+    return found
