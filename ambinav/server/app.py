@@ -17,6 +17,7 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server import (
     auditing,
     docs,
+    editing,
     layers,
     looking,
     openapi,
@@ -127,6 +128,7 @@ def create_app(
         shapes.router,
         layers.router,
         planning.router,
+        editing.router,
         auditing.router,
         docs.router,
     ):

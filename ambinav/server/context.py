@@ -16,8 +16,10 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import Request
 
 from ambinav.server.audits import Audits
+from ambinav.server.edits import EditedMap, Edits
 from ambinav.server.jobs import PlanPool
 from ambinav.server.limits import Limits
+from ambinav.server.problems import Problem
 from ambinav.server.pyramids import Pyramids
 from ambinav.server.scratch import ScratchFolder
 from ambinav.server.served import ServedMap, ServedMaps
@@ -61,6 +63,15 @@ class Context:
         return Audits(self.maps, self.limits, lambda: self.folder, self.forget)
 
     @cached_property
+    def edits(self) -> Edits:
+        """Edited maps."""
+
+        async def file_of(served: ServedMap) -> Path:
+            return await self.in_thread(self.file_of, served)
+
+        return Edits(self.maps, self.limits, file_of, lambda: self.folder, self.forget)
+
+    @cached_property
     def _limiter(self) -> CapacityLimiter:
         return CapacityLimiter(THREADS)
 
@@ -79,14 +90,22 @@ class Context:
         """The tiles of a map."""
         found = self._tiles.get(served)
         if found is None:
-            found = self._tiles[served] = Tiles(
-                served, Pyramids(served.amap, served.path, served.key)
-            )
+            # Those of an edited map have the colours of the original, to be compared.
+            like = self.tiles(served.base) if isinstance(served, EditedMap) else None
+            found = Tiles(served, Pyramids(served.amap, served.path, served.key), like)
+            if self.maps.holds(served):
+                self._tiles[served] = found
         return found
 
     def file_of(self, served: ServedMap) -> Path:
-        """A map as one file, for workers and clients; written when it is not there."""
+        """A map as one file, for workers and clients; written when it is not there.
+
+        Raises:
+            Problem: the map is no longer served.
+        """
         with self._lock:
+            if not self.maps.holds(served):
+                raise Problem(404, f"The map {served.name!r} is no longer served.", field="id")
             path = self._files.get(served)
             if path is None or not path.exists():
                 path = path or self.folder / f"{next(self._numbers)}.npz"
@@ -112,6 +131,9 @@ class Context:
 
     def forget(self, served: ServedMap) -> None:
         """Serve a map no longer, and drop what was kept of it."""
+        if "edits" in vars(self):
+            for one in self.edits.of(served):
+                self.forget(one)
         self.maps.remove(served.name)
         self._tiles.pop(served, None)
         self._kept.pop(served, None)
@@ -146,6 +168,9 @@ class Context:
         if "plans" in vars(self):
             self.plans.close()
             del self.plans
+        if "edits" in vars(self):
+            self.edits.close()
+            del self.edits
         if "_scratch" in vars(self):
             self._scratch.close()
             del self._scratch

@@ -64,20 +64,27 @@ class PlanPool:
         seconds: After which a plan is ended, whatever it does.
     """
 
+    work: Callable[[Connection], None] = staticmethod(plans)
+    """What a process does."""
+    what = "plan"
+    """What messages call a task."""
+    remedy = "ask for a shorter one"
+    """For a task that takes too long."""
+
     def __init__(self, running: int, waiting: int, seconds: float) -> None:
-        self._turns = Turns(running, waiting, "plans")
+        self._turns = Turns(running, waiting, f"{self.what}s")
         self._seconds = seconds
         self._idle: list[Worker] = []
         self.busy: set[Worker] = set()
 
     async def run(self, task: object) -> Any:
-        """Have a task done; a caller that is cancelled ends the process that does it.
+        """Have a task done; a caller that is cancelled ends what is done, see `_left`.
 
         Raises:
             Problem: it cannot be done, takes too long, or its process was killed.
         """
         async with self._turns:
-            worker = self._waiting() or await started(plans)
+            worker = self._waiting() or await started(self.work)
             self.busy.add(worker)
             done = False
             try:
@@ -85,13 +92,17 @@ class PlanPool:
                 async with asyncio.timeout(self._seconds):
                     found = await received(worker)
                 done = True
+            except asyncio.CancelledError:
+                done = await self._left(worker)
+                raise
             except TimeoutError:
                 raise Problem(
-                    504, f"The plan was ended after {self._seconds:g} s; ask for a shorter one."
+                    504, f"The {self.what} was ended after {self._seconds:g} s; {self.remedy}."
                 ) from None
             except (EOFError, OSError):
                 raise Problem(
-                    503, "The process that planned was killed, perhaps for lack of memory."
+                    503,
+                    f"The process of the {self.what} was killed, perhaps for lack of memory.",
                 ) from None
             finally:
                 self.busy.discard(worker)
@@ -104,6 +115,10 @@ class PlanPool:
                 raise RuntimeError(found.detail)
             raise Problem(422, found.detail)
         return found
+
+    async def _left(self, worker: Worker) -> bool:
+        """Whether a process whose task nobody waits for any more can take another one."""
+        return False
 
     def _waiting(self) -> Worker | None:
         """A process that has planned before; those that were killed meanwhile are left out."""

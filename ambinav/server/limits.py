@@ -46,6 +46,12 @@ class Limits:
         audit_cells: Cells of an uploaded map's ambiguity map, over all headings.
         audit_beams: Of the scanner of an audit.
         weights: Of a Pareto front.
+        edits: Edits that are worked out at the same time.
+        edit_seconds: After which one is ended.
+        obstacles: Of an edit.
+        corners: Of the obstacles of an edit, all together.
+        kept_edits: Edited maps that are kept; of whoever has the most, the oldest go first.
+        edit_bytes: Of the layers of all edited maps, about; the last one stays.
     """
 
     body: int = 32 * 2**20
@@ -64,6 +70,12 @@ class Limits:
     audit_cells: int = 4_000_000
     audit_beams: int = 20_000
     weights: int = 25
+    edits: int = 1
+    edit_seconds: float = 120.0
+    obstacles: int = 100
+    corners: int = 1000
+    kept_edits: int = 8
+    edit_bytes: int = 2**30
 
 
 class Guard:

@@ -134,7 +134,9 @@ class _FirstOnly(FailFast):
     __hash__ = object.__hash__
 
 
-Column = Annotated[list[float], _FirstOnly()]
+FIRST_ONLY = _FirstOnly()
+
+Column = Annotated[list[float], FIRST_ONLY]
 """Numbers of a request. Of a million wrong ones only the first is reported, to save memory."""
 
 

@@ -30,6 +30,9 @@ DEFAULT_WEIGHT: Final = 5.0
 KEPT_SERVICES: Final = 6
 """Services of a map, by layer and weight, that are kept; each holds three copies of a layer."""
 
+MARK: Final = "--"
+"""In the name of an edited map, between the original's name and its own; `slug` makes no such."""
+
 REASONS: Final = (None, "outside", "wall", "unknown")
 """Why there is no value at a pose, by the codes of `ServedMap.why`."""
 OUTSIDE, WALL, UNKNOWN = 1, 2, 3
@@ -154,10 +157,14 @@ class ServedMap:
 
 
 class ServedMaps:
-    """All maps that are served, by name."""
+    """All maps that are served, by name.
+
+    Edited maps are found by their names, but are not listed: each is its visitor's own business.
+    """
 
     def __init__(self) -> None:
         self._maps: dict[str, ServedMap] = {}
+        self._edited: OrderedDict[str, ServedMap] = OrderedDict()
 
     def __iter__(self) -> Iterator[ServedMap]:
         """The maps, in the order in which they came."""
@@ -179,9 +186,24 @@ class ServedMaps:
         self._maps[name] = served
         return served
 
+    def add_edited(self, served: ServedMap) -> None:
+        """Serve an edited map, which has its name."""
+        self._edited[served.name] = served
+
+    @property
+    def edited(self) -> tuple[ServedMap, ...]:
+        """The edited maps; what was asked for last comes last."""
+        return tuple(self._edited.values())
+
+    def holds(self, served: ServedMap) -> bool:
+        """Whether this very map is served."""
+        name = served.name
+        return served is (self._edited if MARK in name else self._maps).get(name)
+
     def remove(self, name: str) -> None:
         """Serve a map no longer."""
         self._maps.pop(name, None)
+        self._edited.pop(name, None)
 
     def get(self, name: str) -> ServedMap:
         """The map of a name.
@@ -190,6 +212,15 @@ class ServedMaps:
             Problem: there is none; the nearest are offered.
         """
         found = self._maps.get(name)
+        if found is None and name in self._edited:
+            self._edited.move_to_end(name)
+            found = self._edited[name]
+        if found is None and MARK in name:
+            raise Problem(
+                404,
+                f"The edited map {name[:100]!r} is not kept; post its obstacles again.",
+                field="id",
+            )
         if found is None:
             raise Problem(404, f"There is no map {name!r}; {offer(name, self._maps)}.", field="id")
         return found

@@ -30,7 +30,7 @@ MOST_WALLS: Final = 200_000
 """Walls that are sent as lines; of more there are tiles."""
 MOST_GLYPHS: Final = 5_000
 
-_GEOJSON_ANSWER: Final[dict[int | str, Any]] = {
+GEOJSON_ANSWER: Final[dict[int | str, Any]] = {
     200: {"description": "A FeatureCollection (RFC 7946)", "content": {GEOJSON: {}}}
 }
 
@@ -39,7 +39,7 @@ _GEOJSON_ANSWER: Final[dict[int | str, Any]] = {
     "/zones.geojson",
     summary="Zones as polygons",
     response_class=Response,
-    responses={**answers(401, 404), **_GEOJSON_ANSWER},
+    responses={**answers(401, 404), **GEOJSON_ANSWER},
 )
 async def get_zones(request: Request, id: str) -> Response:
     """One MultiPolygon for each zone, metres, in the map's frame.
@@ -85,10 +85,10 @@ def _zones(context: Context, served: ServedMap) -> bytes:
     "/walls.geojson",
     summary="Walls as lines",
     response_class=Response,
-    responses={**answers(401, 404, 413), **_GEOJSON_ANSWER},
+    responses={**answers(401, 404, 413), **GEOJSON_ANSWER},
 )
 async def get_walls(request: Request, id: str) -> Response:
-    """A MultiLineString of the walls and one of the frontiers to unknown space.
+    """A MultiLineString of the walls, one of the frontiers, and one of the walls that reflect.
 
     A map of very many walls has tiles of them instead, in the layer `walls`.
     """
@@ -106,7 +106,11 @@ def _walls(served: ServedMap) -> bytes:
             "of the layer walls.",
         )
     features = []
-    for kind, chosen in (("wall", segments.walls), ("frontier", ~segments.walls)):
+    for kind, chosen in (
+        ("wall", segments.walls),
+        ("frontier", ~segments.walls),
+        ("reflector", segments.reflectors),
+    ):
         lines = segments.xy[chosen].reshape(-1, 2, 2).tolist()
         if lines:
             geometry = {"type": "MultiLineString", "coordinates": lines}

@@ -90,11 +90,13 @@ class Tiles:
     Args:
         served: The map.
         pyramids: Its pyramids.
+        like: Tiles of another map whose colours they have; None: their own.
     """
 
-    def __init__(self, served: ServedMap, pyramids: Pyramids) -> None:
+    def __init__(self, served: ServedMap, pyramids: Pyramids, like: Tiles | None = None) -> None:
         self.served = served
         self.pyramids = pyramids
+        self._like = like
         self._styles: dict[str, LayerStyle] = {}
         self._kept: OrderedDict[tuple[object, ...], bytes] = OrderedDict()
         self._lock = threading.Lock()
@@ -103,7 +105,9 @@ class Tiles:
         """How a layer is drawn; worked out once."""
         found = self._styles.get(layer)
         if found is None:
-            found = self._styles[layer] = layer_style(self.served, layer)
+            like = self._like
+            found = layer_style(self.served, layer) if like is None else like.style(layer)
+            self._styles[layer] = found
         return found
 
     def is_ready(self, layer: str, heading: int | None) -> bool:

@@ -1,8 +1,9 @@
-"""What runs in processes of their own: plans, and audits of uploaded maps."""
+"""What runs in processes of their own: plans, audits of uploaded maps, and edits of maps."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import os
 import signal
@@ -17,8 +18,12 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
+import xarray as xr
+
 from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.obstacle import Obstacle, post
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import NOT_FREE
 from ambinav.plugins import load_module
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.server.wire import read_dataset, write_dataset
@@ -30,6 +35,11 @@ NICE: Final = 10
 """By so much a job yields to the server, which answers short questions meanwhile."""
 REPORT_EVERY: Final = 0.2
 """Seconds between two reports of progress."""
+
+SAME: Final = 1e-6
+"""Metres between points of two lattices that are one."""
+WARMING: Final = 0.02
+"""Radius of the post, metres, that is put in and thrown away before the first edit of a map."""
 
 Floats = list[float]
 
@@ -86,6 +96,23 @@ class AuditTask:
     radius: float
     headings: int | None
     cells: int
+
+
+@dataclass(frozen=True)
+class EditTask:
+    """A map with some more obstacles.
+
+    Attributes:
+        map_file: The original as `wire.write_dataset` writes it.
+        map_name: What messages call it.
+        obstacles: What is put into its building; none: only that is made ready.
+        out: Where the edited map is written.
+    """
+
+    map_file: str
+    map_name: str
+    obstacles: tuple[Obstacle, ...]
+    out: str
 
 
 @dataclass(frozen=True)
@@ -219,6 +246,63 @@ def _sent(route: Any) -> dict[str, Any]:
         "turn": route.turn,
         "seconds": route.seconds,
     }
+
+
+class _StoppedError(Exception):
+    """Nobody waits for an edit any more."""
+
+
+def edits(line: Connection) -> None:
+    """Do one `EditTask` after the other; answer each with None, when it is done, or a `Failure`.
+
+    None that comes meanwhile stops the edit, which is answered too.
+    """
+    kept: dict[str, AmbiguityMap] = {}
+
+    def report(_: float) -> None:
+        if line.poll():
+            line.recv()
+            raise _StoppedError
+
+    def edited(task: EditTask) -> None:
+        if task.map_file not in kept:
+            kept.clear()
+            kept[task.map_file] = AmbiguityMap(
+                read_dataset(Path(task.map_file)), source=task.map_name
+            )
+        with contextlib.suppress(_StoppedError):
+            edit(kept[task.map_file], task, report)
+
+    while True:
+        task: EditTask | None = line.recv()
+        if task is not None:  # else the edit that it should have stopped was done by then
+            line.send(_outcome(partial(edited, task)))
+
+
+def edit(amap: AmbiguityMap, task: EditTask, report: Callable[[float], None]) -> None:
+    """Write the map of an edited building.
+
+    Raises:
+        InputError: an obstacle cannot be where it is, or the map lacks what an update needs.
+    """
+    building = amap.environment
+    if task.obstacles:
+        changed = amap.update(building.edited(add=task.obstacles), progress=report)
+        write_dataset(_on_lattice(changed.dataset, amap.dataset), Path(task.out))
+        return
+    # What is needed first is worked out and loaded, and code compiled.
+    place = building.free.representative_point()
+    amap.update(building.edited(add=[post(place.x, place.y, WARMING)]), progress=report)
+
+
+def _on_lattice(changed: xr.Dataset, original: xr.Dataset) -> xr.Dataset:
+    """A map on the original's lattice: where a rim is built over, its own is smaller."""
+    if changed.sizes["x"] == original.sizes["x"] and changed.sizes["y"] == original.sizes["y"]:
+        return changed
+    empty = {"b": False, "u": NOT_FREE}
+    fill = {name: empty.get(one.dtype.kind, math.nan) for name, one in changed.data_vars.items()}
+    axes = {name: original[name] for name in ("x", "y")}
+    return changed.reindex(axes, method="nearest", tolerance=SAME, fill_value=fill)
 
 
 def audits(line: Connection) -> None:

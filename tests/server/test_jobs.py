@@ -35,6 +35,7 @@ ENDS = {"start": [1, 1], "goal": [10, 2]}
 LONG = ENDS | {"planner": "rrtstar", "time_s": 30}
 
 
+@pytest.mark.slow
 def test_a_plan_is_the_planners(live: Live, corridor: an.AmbiguityMap) -> None:
     answer = live.http.post("/v1/maps/map/plan", json=ENDS | {"weight": 3.0})
     assert answer.status_code == 200, answer.text

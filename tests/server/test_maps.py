@@ -6,6 +6,7 @@ import asyncio
 import gc
 import math
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,22 @@ def test_walls_are_the_segments(live: Live, corridor: an.AmbiguityMap) -> None:
         np.array(kinds["wall"]).reshape(-1, 4), segments.xy[segments.walls]
     )
     assert len(kinds["frontier"]) == int((~segments.walls).sum()) > 0
+
+
+def test_reflectors_are_walls_and_told_apart(serve: Callable[..., Live]) -> None:
+    """They are among the walls, and once more by themselves."""
+    room = shapely.box(0, 0, 4, 3)
+    environment = an.environment_from_shapes([room], reflectors=[[(1, 0), (2, 0)]], name="tagged")
+    scanner = an.RangeScanner.planar(
+        sensor=an.RangeSensor(max_range=1.5, std=0.02, resolution=0.01), beams=12, aperture=math.tau
+    )
+    live = serve([an.build_map(environment, scanner, spacing=0.5)])
+    features = live.get("/v1/maps/tagged/walls.geojson")["features"]
+    lengths = {
+        one["properties"]["kind"]: shapely.geometry.shape(one["geometry"]).length
+        for one in features
+    }
+    assert lengths == pytest.approx({"wall": 14.0, "reflector": 1.0})
 
 
 def test_weak_directions_lie_along_the_corridor(live: Live) -> None:

@@ -254,7 +254,7 @@ def test_a_goal_in_a_wall_is_told_in_a_sentence(page):
 def test_axe_finds_nothing(chromium, live, width, scheme):
     size = {"width": width, "height": 844}
     page = visit(chromium, live.url, viewport=size, color_scheme=scheme, bypass_csp=True)
-    for tab in ("Layers", "Places", "Routes", "About"):
+    for tab in ("Layers", "Places", "Routes", "Edit", "About"):
         page.get_by_role("tab", name=tab).click()
         assert violations(page) == [], tab
     # Nothing is wider than the screen.

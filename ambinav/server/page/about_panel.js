@@ -2,11 +2,11 @@
 
 import { fill, h } from "./dom.js";
 import { area, sentence } from "./format.js";
-import { KEYS, PLAN_KEYS } from "./keys.js";
+import { EDIT_KEYS, KEYS, PLAN_KEYS } from "./keys.js";
 import style from "./style.js";
 
 /** Build the panel from what the service says of a map. */
-export function aboutPanel(element, map, canPlan) {
+export function aboutPanel(element, map, can) {
   fill(element,
     h("h2", {}, "Zones"),
     h("dl", { class: "zones" }, style.zones.map(({ name, colour, meaning }) => {
@@ -16,7 +16,7 @@ export function aboutPanel(element, map, canPlan) {
     })),
     parameters(map),
     h("h2", {}, "Keys, while the map has the focus"),
-    h("dl", { class: "keys" }, [...KEYS, ...(canPlan ? PLAN_KEYS : [])].map(([key, text]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, text)])));
+    h("dl", { class: "keys" }, [...KEYS, ...(can.plan ? PLAN_KEYS : []), ...(can.edit ? EDIT_KEYS : [])].map(([key, text]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, text)])));
 }
 
 function parameters({ attrs }) {

@@ -15,6 +15,7 @@ export class EmbeddedSource {
     this.bounds = data.map.bounds;
     this.wallEnds = numbers(data.walls, Float32Array);
     this.isWall = numbers(data.is_wall, Uint8Array);
+    this.isReflector = numbers(data.is_reflector, Uint8Array);
     this.rays = {
       start: numbers(rays.start, Int32Array),
       ...Object.fromEntries(
@@ -72,12 +73,14 @@ export class EmbeddedSource {
 
   async walls() {
     const [x0, y0] = this.bounds;
-    const [walls, frontiers] = [[], []];
+    const [walls, frontiers, reflectors] = [[], [], []];
     for (let i = 0; i < this.wallEnds.length; i += 4) {
       const [ax, ay, bx, by] = this.wallEnds.subarray(i, i + 4);
-      (this.isWall[i / 4] ? walls : frontiers).push([[ax + x0, ay + y0], [bx + x0, by + y0]]);
+      const line = [[ax + x0, ay + y0], [bx + x0, by + y0]];
+      (this.isWall[i / 4] ? walls : frontiers).push(line);
+      if (this.isReflector[i / 4]) reflectors.push(line);
     }
-    return { walls, frontiers };
+    return { walls, frontiers, reflectors };
   }
 
   async direction() {

@@ -11,7 +11,7 @@ const MARGIN = 20;
 const PATIENCE = 3000;
 
 export class FloorMap {
-  #floor = null;
+  #floors = [];
   #walls = null;
   #lines = null;
   #asked = 0;
@@ -24,8 +24,10 @@ export class FloorMap {
   /** Show a map of the source; what an earlier one showed is gone. */
   async open(map) {
     this.leaflet?.remove();
-    this.#floor = this.#walls = null;
+    this.#floors = [];
+    this.#walls = null;
     this.map = map;
+    this.shown = map.id;
     this.top = map.max_zoom ?? levelsFor(map.shape) - 1;
     const [x0, y0, x1, y1] = map.bounds;
     this.bounds = L.latLngBounds([y0, x0], [y1, x1]);
@@ -51,6 +53,12 @@ export class FloorMap {
     // The first picture goes before all else that is asked for.
     await Promise.race([this.#showFloor(), new Promise((resolve) => setTimeout(resolve, PATIENCE))]);
     this.#showWalls();
+  }
+
+  /** Show another version of the map that is open: an edited one, or the original again. */
+  async swap(id) {
+    this.shown = id;
+    await Promise.race([this.#showFloor(), new Promise((resolve) => setTimeout(resolve, PATIENCE))]);
   }
 
   /** The whole floor in view. */
@@ -123,19 +131,22 @@ export class FloorMap {
   async #showFloor() {
     const asked = ++this.#asked;
     const { layer, heading } = this.store.values;
+    const version = this.shown;
     const fresh = await this.#tiles(layer, heading);
     if (asked !== this.#asked) return;
-    const old = this.#floor;
-    this.#floor = fresh.addTo(this.leaflet);
-    // The old one stays until the new one is there, so that nothing flickers.
-    fresh.once("load", () => old?.remove());
+    const floors = this.#floors;
+    floors.push(fresh.addTo(this.leaflet));
+    // The old ones stay until the new one is there, so that nothing flickers.
+    fresh.once("load", () => {
+      while (floors.includes(fresh) && floors[0] !== fresh) floors.shift().remove();
+    });
     this.element.dataset.layer = layer;
     await new Promise((resolve) => fresh.once("load", resolve));
-    this.element.dataset.shown = layer;
+    Object.assign(this.element.dataset, { shown: layer, version });
   }
 
   async #tiles(layer, heading) {
-    if (!this.source.raster) return servedTiles(this.source, this.map, layer, this.top, heading, this.store.get("stat"));
+    if (!this.source.raster) return servedTiles(this.source, { ...this.map, id: this.shown }, layer, this.top, heading, this.store.get("stat"));
     const raster = await this.source.raster(layer);
     return rasterTiles(raster.paint(shadesOf(this.element), layer === "zone"), this.map, this.top);
   }
@@ -160,6 +171,8 @@ export class FloorMap {
       this.#walls = L.layerGroup([
         L.polyline(turned(found.frontiers), { ...shared, color: style.frontier, weight: 1, dashArray: "4 3" }),
         L.polyline(turned(found.walls), { ...shared, color, weight: 1.4 }),
+        L.polyline(turned(found.reflectors), { ...shared, color: style.wall, weight: 5 }),
+        L.polyline(turned(found.reflectors), { ...shared, color: style.reflector, weight: 3 }),
       ]);
     }
     this.#walls.addTo(this.leaflet);

@@ -10,6 +10,8 @@ export class Problem extends Error {
 }
 
 const KEY = "ambinav-token";
+/** Ids of edited maps are the original's with a mark and a digest. */
+const EDITED = /maps\/[a-z0-9-]*--[0-9a-f]+(\/|$)/;
 
 /** Take the token from the address once, so that it does not stay there. */
 function takeToken() {
@@ -24,6 +26,8 @@ function takeToken() {
 export class HttpSource {
   /** What the page may offer. */
   can = { plan: true, stat: true };
+  /** Brings back the edited map that is shown; `edit_sync.js` sets it. */
+  restore = null;
 
   constructor(base = "v1") {
     this.base = base;
@@ -55,7 +59,9 @@ export class HttpSource {
 
   /** A picture behind the token, as an address within the page. */
   async fetchPicture(address, signal) {
-    const answer = await fetch(address, { headers: this.#headers(), signal });
+    const ask = () => fetch(address, { headers: this.#headers(), signal });
+    let answer = await ask();
+    if (answer.status === 404 && (await this.restored(address))) answer = await ask();
     if (!answer.ok) throw new Problem(answer.status, {});
     return URL.createObjectURL(await answer.blob());
   }
@@ -79,7 +85,7 @@ export class HttpSource {
     return this.#json(`maps/${id}/worst`);
   }
 
-  /** Walls and frontiers as lines of [x, y]; null where they are too many, and come as tiles. */
+  /** Walls, frontiers and reflectors as lines of [x, y]; null where they are too many, and come as tiles. */
   async walls(id) {
     try {
       const found = await this.#json(`maps/${id}/walls.geojson`);
@@ -110,6 +116,21 @@ export class HttpSource {
     return this.#json(`maps/${id}/pareto`, { method: "POST", body: request, signal });
   }
 
+  /** Edit a map: obstacles as a FeatureCollection; of a session only the latest is worked out. */
+  edit(id, obstacles, session, signal) {
+    return this.#json(`maps/${id}/edits${session ? `?session=${session}` : ""}`, { method: "POST", body: obstacles, signal });
+  }
+
+  /** The building as GeoJSON. */
+  building(id) {
+    return this.#json(`maps/${id}/building.geojson`);
+  }
+
+  /** Whether an address is that of an edited map which the service had forgotten, and has again. */
+  async restored(address) {
+    return EDITED.test(address) && this.restore !== null && this.restore();
+  }
+
   /** Routes that came with the page. */
   async routes() {
     return [];
@@ -128,16 +149,18 @@ export class HttpSource {
   async #json(path, { method = "GET", body = undefined, signal = undefined } = {}) {
     const headers = this.#headers();
     if (body !== undefined) headers["Content-Type"] = "application/json";
-    const answer = await fetch(`${this.base}/${path}`, {
+    const ask = () => fetch(`${this.base}/${path}`, {
       method, headers, signal, body: body === undefined ? undefined : JSON.stringify(body),
     });
+    let answer = await ask();
+    if (answer.status === 404 && (await this.restored(path))) answer = await ask();
     if (answer.ok) return answer.json();
     throw new Problem(answer.status, await answer.json().catch(() => ({})));
   }
 }
 
-/** The lines of GeoJSON by their kind: of walls, and of frontiers to unknown space. */
+/** The lines of GeoJSON by their kind: of walls, of frontiers, and of the walls that reflect. */
 function wallLines({ features }) {
   const of = (kind) => features.filter(({ properties }) => properties.kind === kind).flatMap(({ geometry }) => geometry.coordinates);
-  return { walls: of("wall"), frontiers: of("frontier") };
+  return { walls: of("wall"), frontiers: of("frontier"), reflectors: of("reflector") };
 }

@@ -1,6 +1,7 @@
 // The page of the service: header, choice of the map, explorer.
 
 import { fill, h } from "./dom.js";
+import * as editor from "./editor.js";
 import { makeExplorer } from "./explorer.js";
 import { HttpSource } from "./http_source.js";
 import { applyColours, currentTheme, followTheme, setTheme } from "./theme.js";
@@ -11,7 +12,7 @@ async function start() {
   applyColours();
   setTheme(currentTheme());
   const source = new HttpSource();
-  const explorer = makeExplorer(byId("explorer"), source);
+  const explorer = makeExplorer(byId("explorer"), source, { editor });
   followTheme(byId("theme"), explorer.store);
   let maps;
   try {

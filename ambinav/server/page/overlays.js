@@ -21,7 +21,7 @@ export class Strokes {
 
   constructor(floor, source, store) {
     Object.assign(this, { floor, source, store });
-    store.watch(["overlays", "theme"], () => this.draw());
+    store.watch(["overlays", "theme", "version"], () => this.draw());
   }
 
   /** A map was opened. */
@@ -45,7 +45,7 @@ export class Strokes {
     const most = Math.max(Math.min(MOST_STROKES, Math.round((width * height) / ROOM)), 20);
     let glyphs;
     try {
-      glyphs = await this.source.direction(map.id, clip(view, map.bounds), most, this.#abort.signal);
+      glyphs = await this.source.direction(this.floor.shown, clip(view, map.bounds), most, this.#abort.signal);
     } catch (problem) {
       if (problem.name === "AbortError") return;
       throw problem;
@@ -134,7 +134,6 @@ export class PlaceMarks {
 
   opened(places) {
     this.places = places;
-    this.#group = null;
     this.draw();
   }
 

@@ -23,7 +23,7 @@ export class Readout {
     Object.assign(this, { element, floor, source, store });
     this.probe = new Probe(floor);
     const read = eachFrame(() => this.#read());
-    store.watch(["probe", "pinned", "theta", "heading", "weight", "overlays", "layer", "theme"], read);
+    store.watch(["probe", "pinned", "theta", "heading", "weight", "overlays", "layer", "theme", "version"], read);
   }
 
   /** A map was opened: follow its pointer. */
@@ -31,7 +31,9 @@ export class Readout {
     this.map = map;
     const { leaflet } = this.floor;
     const follow = eachFrame((event) => {
-      if (!this.store.get("pinned")) this.store.set({ probe: { x: event.latlng.lng, y: event.latlng.lat } });
+      const { pinned, dragging, tab, tool } = this.store.values;
+      const drawing = dragging || (tab === "edit" && tool !== "move");
+      if (!pinned && !drawing) this.store.set({ probe: { x: event.latlng.lng, y: event.latlng.lat } });
     });
     leaflet.on("mousemove", follow);
     leaflet.on("mouseout", () => {
@@ -61,7 +63,7 @@ export class Readout {
       this.#rest();
       return;
     }
-    const { id } = this.map;
+    const id = this.floor.shown;
     const turned = this.map.headings > 1;
     try {
       const at = typeof heading === "number" ? heading : null;
@@ -69,7 +71,7 @@ export class Readout {
         this.source.values(id, probe.x, probe.y, at, weight),
         overlays.scan ? this.source.scan(id, probe.x, probe.y, at ?? theta) : null,
       ]);
-      if (this.map.id !== id || this.store.get("probe") === null) return;
+      if (this.floor.shown !== id || this.store.get("probe") === null) return;
       this.probe.draw(probe, scan?.x.length && !answer.reason ? scan : null, pinned, turned ? (at ?? theta) : null);
       this.#show(probe, answer, scan, pinned);
     } catch (problem) {

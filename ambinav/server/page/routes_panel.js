@@ -19,7 +19,7 @@ export class RoutesPanel {
     this.curve = h("div", { class: "curve" });
     this.#build();
     store.watch(["routes", "chosen"], () => this.#list());
-    const again = settled(() => this.#planAll(), 60);
+    const again = (this.again = settled(() => this.#planAll(), 60));
     store.watch(["start", "goal"], ({ start, goal }) => {
       this.#fields();
       fill(this.curve);
@@ -34,6 +34,11 @@ export class RoutesPanel {
     this.#planning?.abort();
     this.store.set({ start: null, goal: null, routes: [], trial: null, chosen: null });
     this.say("");
+  }
+
+  /** Another version of the map is shown: plan in it what was planned. */
+  changed() {
+    if (this.store.get("routes").length) this.again();
   }
 
   /** Take a click on the floor as the start, then the goal, then neither. */
@@ -129,9 +134,9 @@ export class RoutesPanel {
   }
 
   async #plan(weight) {
-    const { id } = this.map;
+    const id = this.floor.shown;
     const found = await this.#run("Planning …", (signal) => this.source.plan(id, { ...this.#request(), weight }, signal));
-    if (!found || this.map.id !== id) return false;
+    if (!found || this.floor.shown !== id) return false;
     const others = this.store.get("routes").filter((one) => one.weight !== weight);
     const kind = weight === 0 ? "shortest" : "ambiguity";
     const taken = others.filter((one) => one.kind === kind).map(({ number: taken }) => taken);
@@ -145,7 +150,7 @@ export class RoutesPanel {
 
   async #trade() {
     const found = await this.#run("Planning one route for each weight …", (signal) =>
-      this.source.pareto(this.map.id, { ...this.#request(), weights: CURVE }, signal));
+      this.source.pareto(this.floor.shown, { ...this.#request(), weights: CURVE }, signal));
     if (!found) return;
     const points = Array.isArray(found) ? found : (found.points ?? found.routes);
     fill(this.curve, paretoChart(points, (point) => {

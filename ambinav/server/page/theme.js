@@ -7,7 +7,7 @@ const KEY = "ambinav-theme";
 /** Give the page the colours of the one table, as custom properties. */
 export function applyColours(root = document.documentElement) {
   for (const { name, colour } of style.zones) root.style.setProperty(`--zone-${name}`, colour);
-  for (const name of ["solid", "unreachable", "unknown", "unexplored", "wall", "frontier", "echo", "silent", "slide"]) {
+  for (const name of ["solid", "unreachable", "unknown", "unexplored", "wall", "frontier", "echo", "silent", "slide", "reflector"]) {
     root.style.setProperty(`--${name}`, style[name]);
   }
 }

@@ -31,9 +31,15 @@ const ServedTiles = L.GridLayer.extend({
     const tile = L.DomUtil.create("img", "floor-tile");
     tile.alt = "";
     tile.decoding = "async";
-    L.DomEvent.on(tile, "load", () => done(null, tile));
-    L.DomEvent.on(tile, "error", () => done(new Error(`no tile at ${coords}`), tile));
     const address = this.address(coords);
+    L.DomEvent.on(tile, "load", () => done(null, tile));
+    let failed = false;
+    L.DomEvent.on(tile, "error", async () => {
+      const again = !failed && !this.source.token && (await this.source.restored(address));
+      failed = true;
+      if (again) tile.src = address;
+      else done(new Error(`no tile at ${coords}`), tile);
+    });
     if (!this.source.token) {
       tile.src = address;
     } else {

@@ -1,0 +1,229 @@
+"""Edits in a browser: drawn, dragged, undone, by the keyboard, saved and opened again."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ambinav.geometry.io.obstacle_file import DrawnObstacle, collection, load_obstacles
+from tests.server.axe import violations
+from tests.server.test_page import at, visit
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def page(chromium: Any, live: Any) -> Iterator[Any]:
+    opened = visit(chromium, f"{live.url}/?map=map")
+    opened.get_by_role("tab", name="Edit").click()
+    yield opened
+    opened.context.close()
+
+
+def tool(page: Any, name: str) -> None:
+    page.get_by_role("toolbar").get_by_role("button", name=name).click()
+
+
+def drag(page: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*end, steps=4)
+    page.mouse.up()
+
+
+def number(page: Any, name: str) -> Any:
+    """A field of the form."""
+    return page.locator(f".numbers input[name={name}]")
+
+
+def shown(page: Any, count: int) -> dict[str, Any]:
+    """What the service said of the edit of so many obstacles, when its map is shown."""
+    if count == 0:
+        page.wait_for_selector(".map[data-version=map]")
+        return {}
+    page.wait_for_function(
+        "count => document.querySelectorAll('.obstacles li').length === count"
+        " && !document.querySelector('#panel-edit').hasAttribute('aria-busy')",
+        arg=count,
+    )
+    page.wait_for_selector(".gain")
+    gain = page.locator(".gain")
+    return {key: float(gain.get_attribute(f"data-{key}")) for key in ("before", "after")}
+
+
+def test_a_drawn_wall_changes_the_map_and_can_be_undone(page: Any, live: Any) -> None:
+    top, bottom = at(page, 5.0, 2.2), at(page, 5.0, 1.2)
+    tool(page, "Wall")
+    with page.expect_response(lambda answer: "/edits?session=" in answer.url) as answered:
+        drag(page, top, bottom)
+    found = shown(page, 1)
+    asked = json.loads(answered.value.request.post_data)["features"][0]
+    assert asked["properties"] == {"kind": "wall", "thickness": 0.1}
+    ends = asked["geometry"]["coordinates"]
+    assert ends[0] == pytest.approx([5.0, 2.2], abs=0.1)
+    assert ends[1] == pytest.approx([5.0, 1.2], abs=0.1)
+    answer = answered.value.json()
+    assert (found["before"], found["after"]) == pytest.approx(
+        (answer["bad_before_m2"], answer["bad_after_m2"])
+    )
+    page.wait_for_selector(f".map[data-version='{answer['id']}']")
+    assert any(f"/{answer['id']}/layers/zone/tiles/" in url for url in page.urls)
+    worst = live.get(f"/v1/maps/{answer['id']}/worst")
+    page.get_by_role("tab", name="Places").click()
+    page.wait_for_function(
+        "count => document.querySelectorAll('.place-entry').length === count", arg=len(worst)
+    )
+    page.get_by_role("tab", name="Edit").click()
+    page.get_by_label("Show the original").click()
+    page.wait_for_selector(".map[data-version=map]")
+    page.get_by_label("Show the original").click()
+    page.wait_for_selector(f".map[data-version='{answer['id']}']")
+    page.get_by_role("button", name="Undo").click()
+    shown(page, 0)
+    assert page.locator(".gain").count() == 0
+    assert page.faults == []
+
+
+def test_all_kinds_are_drawn_dragged_and_deleted(page: Any) -> None:
+    middle = at(page, 7.0, 1.7)
+    one_metre = at(page, 8.0, 1.7)[0] - middle[0]
+    tool(page, "Post")
+    page.mouse.click(*middle)
+    tool(page, "Reflector")
+    page.mouse.click(middle[0] + one_metre, middle[1])
+    drag(page, (middle[0] + 2 * one_metre, middle[1]), (middle[0] + 3 * one_metre, middle[1]))
+    tool(page, "Panel")
+    page.mouse.click(*middle)  # a click is no panel
+    assert "Press, pull and let go" in page.locator("#panel-edit .message").inner_text()
+    drag(page, (middle[0] - one_metre, middle[1]), (middle[0] - one_metre, middle[1] - 20))
+    shown(page, 4)
+    texts = page.locator(".obstacle-entry").all_inner_texts()
+    assert [re.sub(r"^\d+\s*", "", text).split(",")[0] for text in texts] == [
+        "Post", "Reflector", "Reflector", "Panel",
+    ]  # fmt: skip
+    tool(page, "Move")
+    handle = page.locator(".leaflet-marker-icon.obstacle").first.bounding_box()
+    start = (handle["x"] + 12, handle["y"] + 12)
+    before = page.locator(".obstacle-entry").first.inner_text()
+    with page.expect_response(lambda answer: "/edits?session=" in answer.url):
+        drag(page, start, (start[0] - one_metre, start[1]))
+    shown(page, 4)
+    assert page.locator(".obstacle-entry").first.inner_text() != before
+    page.get_by_role("button", name="Undo").click()  # a drag is one thing to undo
+    shown(page, 4)
+    assert page.locator(".obstacle-entry").first.inner_text() == before
+    page.locator(".obstacle-entry").nth(3).click()
+    corner = page.locator(".corner").first.bounding_box()
+    start = (corner["x"] + 12, corner["y"] + 12)
+    drag(page, start, (start[0], start[1] - 30))
+    shown(page, 4)
+    page.locator(".map").focus()
+    page.keyboard.press("Delete")
+    shown(page, 3)
+    page.keyboard.press("z")
+    shown(page, 4)
+    page.get_by_label("Delete obstacle 2").click()
+    shown(page, 3)
+    page.get_by_role("button", name="Reset").click()
+    shown(page, 0)
+    assert page.faults == []
+
+
+def test_the_keyboard_adds_and_changes_obstacles(page: Any, live: Any) -> None:
+    page.get_by_label("Kind of obstacle").select_option(label="Panel")
+    for name, value in (("x", 6), ("y", 1.75), ("length", 1), ("angle", 90)):
+        number(page, name).fill(str(value))
+    with page.expect_response(lambda answer: "/edits?session=" in answer.url) as answered:
+        number(page, "angle").press("Enter")
+    shown(page, 1)
+    asked = json.loads(answered.value.request.post_data)["features"][0]["geometry"]
+    assert asked["coordinates"] == [[6, 1.25], [6, 2.25]]
+    number(page, "y").fill("1.5")
+    with page.expect_response(lambda answer: "/edits?session=" in answer.url) as answered:
+        page.get_by_role("button", name="Change obstacle 1").press("Enter")
+    shown(page, 1)
+    asked = json.loads(answered.value.request.post_data)["features"]
+    assert asked[0]["geometry"]["coordinates"] == [[6, 1], [6, 2]]
+
+
+def test_what_the_service_refuses_is_said(page: Any) -> None:
+    page.get_by_label("Kind of obstacle").select_option(label="Post")
+    number(page, "x").fill("99")
+    number(page, "y").fill("1")
+    page.get_by_role("button", name="Add").click()
+    message = page.locator("#panel-edit .message.error")
+    message.wait_for()
+    assert "outside of the map" in message.inner_text()
+
+
+def test_files_are_saved_and_opened(page: Any, tmp_path: Path) -> None:
+    drawn = (
+        DrawnObstacle("post", ((7.0, 1.6),), radius=0.2),
+        DrawnObstacle("wall", ((5.0, 1.1), (5.0, 1.6), (5.2, 1.6)), thickness=0.05),
+    )
+    path = tmp_path / "obstacles.geojson"
+    path.write_text(json.dumps(collection(drawn)))
+    page.get_by_label("File of obstacles").set_input_files(path)
+    shown(page, 2)
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save the obstacles").click()
+    saved.value.save_as(tmp_path / "saved.geojson")
+    assert load_obstacles(tmp_path / "saved.geojson") == drawn
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save the building").click()
+    assert saved.value.suggested_filename == "building.geojson"
+    path.write_text("no JSON")
+    page.get_by_label("File of obstacles").set_input_files(path)
+    page.locator("#panel-edit .message.error").wait_for()
+
+
+def test_a_map_that_was_forgotten_comes_back(page: Any, live: Any) -> None:
+    page.get_by_label("Kind of obstacle").select_option(label="Post")
+    number(page, "x").fill("7.5")
+    number(page, "y").fill("1.7")
+    page.get_by_role("button", name="Add").click()
+    shown(page, 1)
+    page.wait_for_selector(".map[data-version*='--']")
+    id = page.locator(".map").get_attribute("data-version")
+    live.context.forget(live.context.maps.get(id))
+    page.get_by_role("tab", name="Layers").click()
+    page.get_by_text("Ambiguity level").first.click()
+    page.wait_for_selector(".map[data-shown=level]")
+    assert page.locator(".map").get_attribute("data-version") == id
+    assert id in [one.name for one in live.context.maps.edited]
+
+
+def test_another_map_has_no_obstacles_of_the_first(page: Any) -> None:
+    number(page, "x").fill("7.5")
+    number(page, "y").fill("1.7")
+    page.get_by_role("button", name="Add").click()
+    page.get_by_label("Map", exact=True).select_option("narrow-room")  # before it is worked out
+    page.wait_for_selector(".map[data-version=narrow-room]")
+    page.wait_for_selector(".stage:not([aria-busy])")
+    shown_version = "() => document.querySelector('.map').dataset.version"
+    page.wait_for_timeout(1500)
+    assert page.evaluate(shown_version) == "narrow-room"
+    assert page.locator(".obstacles li").count() == 0
+    assert page.get_by_role("button", name="Undo").is_disabled()
+    assert page.faults == []
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing(chromium: Any, live: Any, width: int, scheme: str) -> None:
+    size = {"width": width, "height": 844}
+    page = visit(chromium, live.url, viewport=size, color_scheme=scheme, bypass_csp=True)
+    page.get_by_role("tab", name="Edit").click()
+    assert violations(page) == []
+    number(page, "x").fill("7.0")
+    number(page, "y").fill("1.7")
+    page.get_by_role("button", name="Add").click()
+    shown(page, 1)
+    assert violations(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.context.close()
