@@ -56,6 +56,7 @@ class Driver:
         checksum: See `ambinav_envs.policies.load.checksum_of`.
         differs: How scanner and robot differ from those that it was trained with, in words; empty
             if they do not.
+        trust: Whether it may be code.
     """
 
     source: str
@@ -64,21 +65,27 @@ class Driver:
     goal: tuple[float, float]
     checksum: str
     differs: str = ""
+    trust: bool = False
 
 
-def is_controller(source: str, folder: Path) -> bool:
+def is_controller(source: str, folder: Path, trust: bool = False) -> bool:
     """Whether a scenario's policy drives step by step; else it makes a route.
 
     Those that drive are policy files, shipped ones, and callables that take two arguments, an
     observation and an action space. One that makes routes takes four.
 
     Raises:
-        InputError: there is no such callable.
+        InputError: there is no such callable, or it is not trusted.
     """
     if source.endswith(".zip"):
         return True
     if ":" not in source and not source.endswith(".py"):
         return True
+    if not trust:
+        raise InputError(
+            f"policy {source!r} is code, which would run with your rights; if you trust it, add "
+            "--trust (trust=True in Python)"
+        )
     function = load_callable(source, folder)
     try:
         signature = inspect.signature(function)
@@ -105,10 +112,12 @@ def driver_of(loaded: ScenarioBundle, pair: PairPart, part: RoutePart) -> Driver
     source, folder = str(part.policy), Path(loaded.folder)
     scenario = loaded.scenario
     checksum, differs = _driving().examine(
-        source, folder, loaded.scanner, scenario.robot, scenario.drive.rate, loaded.force
-    )
+        source, folder, loaded.scanner, scenario.robot, scenario.drive.rate, loaded.force,
+        loaded.trust,
+    )  # fmt: skip
     (x, y), (goal_x, goal_y) = pair.start[:2], pair.goal[:2]
-    return Driver(source, str(folder), (x, y, 0.0), (goal_x, goal_y), checksum, differs)
+    goal = (goal_x, goal_y)
+    return Driver(source, str(folder), (x, y, 0.0), goal, checksum, differs, loaded.trust)
 
 
 def controller_of(
@@ -130,6 +139,7 @@ def controller_of(
         robot,
         rate,
         runs,
+        driver.trust,
     )
     return made
 

@@ -70,7 +70,7 @@ def check_plans(loaded: ScenarioBundle) -> None:
             if part.kind == "file":
                 saved_route(loaded, pair, part)
             elif part.kind == "policy":
-                if is_controller(str(part.policy), loaded.folder):
+                if is_controller(str(part.policy), loaded.folder, loaded.trust):
                     driver_of(loaded, pair, part)
             elif checker is not None:
                 _check_planned(loaded, pair, part, checker)
@@ -123,7 +123,7 @@ def _plan(loaded: ScenarioBundle, amap: AmbiguityMap, pair: PairPart, part: Rout
     driver = None
     if part.kind == "file":
         route = measured(loaded, amap, saved_route(loaded, pair, part), str(part.file))
-    elif part.kind == "policy" and is_controller(str(part.policy), loaded.folder):
+    elif part.kind == "policy" and is_controller(str(part.policy), loaded.folder, loaded.trust):
         driver = driver_of(loaded, pair, part)
         route = driven_route(loaded, amap, driver)
     elif part.kind == "policy":

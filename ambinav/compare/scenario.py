@@ -28,6 +28,16 @@ ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""
 
 
+class PlanPart(ConfigModel):
+    """How a plan of a building is read; see `load_environment`."""
+
+    height: float | None = None
+    doors: str | None = None
+    glass: str | None = None
+    furniture: bool | None = None
+    layers: dict[str, str] | None = None
+
+
 class Scenario(ConfigModel):
     """All of a scenario file; docs/compare.md tells every key."""
 
@@ -35,6 +45,7 @@ class Scenario(ConfigModel):
     environment: str
     level: str | int | None = None
     unit: str | None = None
+    plan: PlanPart = PlanPart()
     scanner: str | dict[str, Any]
     map: MapPart = MapPart()
     robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = Robot()

@@ -17,6 +17,14 @@ from ambinav.drive.localizer_spec import suited
 from ambinav.errors import InputError, InputWarning
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 
+_KEYS = {
+    "--level NAME": "level",
+    "--level": "level",
+    "--unit": "unit",
+    "--cad-layer NAME=walls (layers={...} in Python)": "plan: layers",
+}
+"""Keys of a scenario for options that messages of readers name."""
+
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
     from ambinav.sensing.scanner import RangeScanner
@@ -32,6 +40,7 @@ class ScenarioBundle:
         environment: The building.
         scanner: The scanner.
         force: Let policies drive another scanner or robot than they were trained with.
+        trust: Run policies that are code.
     """
 
     scenario: Scenario
@@ -39,10 +48,11 @@ class ScenarioBundle:
     environment: Environment
     scanner: RangeScanner
     force: bool = False
+    trust: bool = False
 
 
 def load_scenario(
-    path: str | Path, *, runs: int | None = None, force: bool = False
+    path: str | Path, *, runs: int | None = None, force: bool = False, trust: bool = False
 ) -> ScenarioBundle:
     """Read a scenario with its building and scanner.
 
@@ -53,6 +63,7 @@ def load_scenario(
         path: The file.
         runs: Instead of the file's.
         force: See `ScenarioBundle`.
+        trust: The same.
 
     Raises:
         InputError: a file is missing or cannot be used; the message names file, key and value.
@@ -70,7 +81,9 @@ def load_scenario(
     note = scenario.chosen_localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
-    return ScenarioBundle(scenario, path.parent, _environment(scenario, path), scanner, force)
+    return ScenarioBundle(
+        scenario, path.parent, _environment(scenario, path), scanner, force, trust
+    )
 
 
 def parse_scenario(
@@ -104,14 +117,18 @@ def _environment(scenario: Scenario, path: Path) -> Environment:
             "scenario."
         )
     try:
-        return load_environment(building, level=scenario.level, unit=scenario.unit)
+        return load_environment(
+            building, level=scenario.level, unit=scenario.unit, **scenario.plan.model_dump()
+        )
     except InputError as error:
         raise InputError(f"{path}: environment: {_keys_for(str(error))}") from error
 
 
 def _keys_for(message: str) -> str:
     """The message with a scenario's keys in the place of the options of other commands."""
-    return message.replace("--level NAME", "the key level").replace("--unit", "the key unit")
+    for option, key in _KEYS.items():
+        message = message.replace(option, f"the key {key}")
+    return message
 
 
 def _scanner(scenario: Scenario, path: Path) -> RangeScanner:

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import signal
-import threading
-import warnings
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -21,9 +16,9 @@ from ambinav.compare.controllers import controller_of
 from ambinav.compare.plans import Plan
 from ambinav.compare.scenario import Scenario
 from ambinav.drive.drives import Drives
-from ambinav.errors import InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.processes import begin_worker, putting_signals_off
 from ambinav.sensing.scanner import RangeScanner
 
 Piece = TypeVar("Piece")
@@ -135,10 +130,10 @@ def in_workers(
         try:
             # The first piece goes alone: after an installation it compiles the kernels, which
             # the other processes then only have to load.
-            with _deaf():
+            with putting_signals_off():
                 first = pool.submit(_call, function, pieces[0])
             yield pieces[0], first.result()
-            with _deaf():
+            with putting_signals_off():
                 pending = {pool.submit(_call, function, piece): piece for piece in pieces[1:]}
             for future in as_completed(pending):
                 yield pending[future], future.result()
@@ -150,16 +145,6 @@ def in_workers(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Let the processes that begin meanwhile hear no Ctrl-C, until `_begin` has seen to that."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 @dataclass
 class _Worker:
     setup: Setup | None = None
@@ -169,24 +154,9 @@ _worker = _Worker()
 
 
 def _begin(setup: Setup) -> None:
-    """Make a process ready; Ctrl-C is for the one that gives out the work, and so are notes."""
-    import numba
-
-    warnings.simplefilter("ignore", InputWarning)
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    numba.set_num_threads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    """Make a process ready."""
+    begin_worker()
     _worker.setup = setup
-
-
-def _end_with_parent() -> None:
-    """End this process when the one that gives out the work is killed; nobody else would."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _call(function: Callable[[Setup, Any], Made], piece: Any) -> Made:

@@ -18,6 +18,7 @@ from ambinav_envs.policies.policy import Policy, checked_actions
 from ambinav_envs.simulation.layout import (
     ARRIVED,
     COST,
+    COST_LOST,
     ERROR,
     OUTCOMES,
     REWARD,
@@ -57,6 +58,8 @@ class Episodes:
     Attributes:
         outcome: One of `layout.OUTCOMES` by code.
         was_lost: Whether the robot was ever lost.
+        lost_at_end: Whether it was at the last step.
+        lost_seconds: How long it was.
         error_max: Largest error of the estimate, metres.
         error_mean: Mean over the steps, metres.
         exposure: The ambiguity layer summed over the path driven, metres.
@@ -71,6 +74,8 @@ class Episodes:
 
     outcome: NDArray[np.int64]
     was_lost: Bools
+    lost_at_end: Bools
+    lost_seconds: Floats
     error_max: Floats
     error_mean: Floats
     exposure: Floats
@@ -94,6 +99,18 @@ class Episodes:
     def length_ratio(self) -> Floats:
         """Length driven over the shortest path, of those that arrived; nan for the others."""
         return np.where(self.ended(ARRIVED), self.travelled / self.shortest, np.nan)
+
+    @property
+    def spl(self) -> Floats:
+        """Success weighted by path length: the shortest by that driven, at most 1; 0 on failing.
+
+        Equation 1 of Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), before
+        its mean over the episodes. Who arrives stops up to `goal_radius` before the goal.
+        """
+        longer = np.maximum(self.travelled, self.shortest)
+        share = np.ones(len(self))
+        np.divide(self.shortest, longer, out=share, where=longer > 0.0)
+        return np.where(self.ended(ARRIVED), share, 0.0)
 
     def summary(self) -> dict[str, float]:
         """Figures over all episodes: shares, and means in metres and seconds; nan: there is none.
@@ -172,6 +189,7 @@ def evaluate(
     episodes, chunk = as_count(episodes, "episodes"), as_count(chunk, "chunk")
     simulation = Simulation(source, parameters, chunk)
     if isinstance(controller, Policy):
+        controller.configure(parameters)
         controller.prepare(observation_space(parameters), action_space(parameters))
         controller = _Blind(controller)
     done = []
@@ -215,7 +233,7 @@ def _drive(
     driver.begin(simulation, range(count))
     active = np.arange(simulation.count) < count
     starts = active.copy()
-    sums = {column: np.zeros(simulation.count) for column in (REWARD, COST, ERROR)}
+    sums = {column: np.zeros(simulation.count) for column in (REWARD, COST, COST_LOST, ERROR)}
     largest = np.zeros(simulation.count)
     state, steps = simulation.state, 0
     while active.any():
@@ -236,6 +254,8 @@ def _drive(
     return Episodes(
         outcome=own["outcome"].copy(),
         was_lost=own["was_lost"].copy(),
+        lost_at_end=own["lost"].copy(),
+        lost_seconds=sums[COST_LOST][:count] * parameters.dt,
         error_max=largest[:count],
         error_mean=sums[ERROR][:count] / own["steps"],
         exposure=own["exposure"].copy(),

@@ -18,12 +18,13 @@ from ambinav_envs.seeds import as_seed
 from ambinav_envs.simulation.layout import REWARD, RUNNING, TIMEOUT
 from ambinav_envs.simulation.simulation import Outcome, Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_space
+from ambinav_envs.spec import SpecOfSimulation
 
 Observation = dict[str, Any]
 """Rows of float32 by name, see `spaces.observation_space`."""
 
 
-class NavigationEnv(gym.Env[Observation, Any]):
+class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     """A robot with a range scanner drives to a goal in a building by its own estimate of its pose.
 
     ## Description
@@ -40,10 +41,13 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     `Box(-1, 1, (2,), float32)`; what is beyond the limits is cut off.
 
-    | Num | Action    | Min                              | Max                          |
-    |-----|-----------|----------------------------------|------------------------------|
-    | 0   | speed     | -1: `min_speed` (0 m/s)          | 1: `max_speed` (0.5 m/s)     |
-    | 1   | turn rate | -1: to the right, 2 rad/s        | 1: to the left, 2 rad/s      |
+    | Num | Action    | Min                       | 0             | Max                      |
+    |-----|-----------|---------------------------|---------------|--------------------------|
+    | 0   | speed     | -1: `min_speed` (0 m/s)   | to stand      | 1: `max_speed` (0.5 m/s) |
+    | 1   | turn rate | -1: to the right, 2 rad/s | straight on   | 1: to the left, 2 rad/s  |
+
+    An action of zeros rests. Where the robot does not drive backwards, as by default, all speeds
+    below 0 are to stand; `rest_at_zero=False` spreads them from -1 to 1 instead.
 
     With `discrete=True` it is `Discrete(9)`, the rows of `ambinav_envs.spaces.ACTIONS`: 3 k + j is
     to stand (k = 0), half speed (1) or full speed (2), turning left (j = 0), straight on (1) or
@@ -67,28 +71,34 @@ class NavigationEnv(gym.Env[Observation, Any]):
     |               | 256-511 | the same cells: 1 free, 0 not                 | 0   | 1   |
     | `waypoint`    | 0 to 2  | as `goal`: 1.5 m ahead on the route there     |     |     |
 
-    Goal, window and waypoint are seen from the *estimated* pose. The window's rows go from ahead
-    to behind, each from left to right. `window` is left out with `window=False`, `waypoint` is
-    there with `waypoint=True` only: ahead on the shortest route, or with `ambiguity_weight` on the
-    cheapest one where a metre costs 1 + ambiguity_weight * ambiguity.
+    Goal, window and waypoint are seen from the *estimated* pose, with `pose_latency` from an older
+    one. The window's rows go from ahead to behind, each from left to right. `window` is left out
+    with `window=False`, `waypoint` with `waypoint=False`: it is ahead on the shortest route, or
+    with `ambiguity_weight` on the cheapest one where a metre costs
+    1 + ambiguity_weight * ambiguity.
+    The ambiguity map is read for the window's first half, and for the waypoint where
+    `ambiguity_weight` is above 0; for nothing else. With `ambiguity_seen=False` that half is 0 in
+    free cells and 1 in others, as the walls alone tell, and such a waypoint is refused.
     `gymnasium.wrappers.FilterObservation` and `FlattenObservation` take parts of it and make one
     row of it; see `ambinav_envs.wrappers`.
 
     ## Rewards
 
     The sum of terms times weights; `info["terms"]` holds the terms, `info["reward_terms"]` the
-    same times their weights. `reward` is a preset or a dict of weights by term.
+    same times their weights. `reward` is a preset or a dict of weights by term. Each term reads the
+    true pose, the estimated one, or both: a robot that is lost may be paid for what it cannot see.
 
-    | Term        | Meaning                                                | ambiguity, by default |
-    |-------------|--------------------------------------------------------|-----------------------|
-    | `progress`  | metres by which the path to the goal became shorter    | 1                     |
-    | `arrival`   | 1 on truly arriving                                    | 10                    |
-    | `collision` | -1 on touching a wall or a box                         | 10                    |
-    | `time`      | minus seconds                                          | 0.1                   |
-    | `ambiguity` | minus the map's layer `level` along the path (m)       | 1                     |
-    | `fisher`    | minus its layer `fisher` along the path                | 0                     |
-    | `error`     | minus error (m) times metres driven; privileged        | 0                     |
-    | `lost`      | minus seconds while lost; privileged                   | 0                     |
+    | Term        | Meaning                                         | Pose | ambiguity, by default |
+    |-------------|-------------------------------------------------|------|-----------------------|
+    | `progress`  | metres by which the path to the goal is shorter | true | 1                     |
+    | `arrival`   | 1 on truly arriving                             | both | 10                    |
+    | `collision` | -1 on touching a wall or a box                  | true | 10                    |
+    | `missed`    | -1 on stopping where the goal is not            | both | 10                    |
+    | `time`      | minus seconds                                   |      | 0.1                   |
+    | `ambiguity` | minus the map's layer `level` on the path (m)   | true | 1                     |
+    | `fisher`    | minus its layer `fisher` along the path         | true | 0                     |
+    | `error`     | minus error (m) times metres driven; privileged | both | 0                     |
+    | `lost`      | minus seconds while lost; privileged            | both | 0                     |
 
     The presets `shortest`, `fisher` and `error` put 0, `fisher: 5` and `error: 20` in the place of
     `ambiguity: 1`. Beside the reward, `info["cost"]` is 1 in a step that ends in a collision plus
@@ -104,9 +114,15 @@ class NavigationEnv(gym.Env[Observation, Any]):
     localizer knows. `reset(options={"start": (x, y, theta), "goal": (x, y), "building": key})`
     fixes any of them. `reset(seed=...)` makes the same episode, and the same ones after it.
 
+    With `walls_std` and `furniture_std` the world is not quite as the map says; starts and goals
+    are free and joined in both. With `start_unknown`, `kidnapped`, `closed_door` and `slip`
+    something befalls the robot that its map, its odometry and its localizer know nothing of; see
+    `NavigationParameters`.
+
     ## Episode End
 
-    1. Termination, "arrived": the estimate is within 0.3 m of the goal and the truth within 0.5 m.
+    1. Termination, "arrived": the estimate is within 0.3 m of the goal and the truth within 0.5 m;
+       with `goal_std` an estimate that deviates by more than that does not count as there.
     2. Termination, "missed": the estimate is there, the truth is not.
     3. Termination, "collided": the robot touches a wall or an unmapped box.
     4. Termination, "lost": the robot is lost, with `end_when_lost=True` only.
@@ -131,18 +147,22 @@ class NavigationEnv(gym.Env[Observation, Any]):
     | `suite`             | "procedural"   | hall, corridor, office, warehouse, loop, procedural  |
     | `map`               | `None`         | an environment file, or an environment, instead      |
     | `buildings`         | `None`         | how many of the suite are drawn from; `None`: any,   |
-    |                     |                | a new one each episode; the ids of the suites but    |
-    |                     |                | `Procedural-v0` say 64                               |
+    |                     |                | a new one each episode; the ids of the suites say 64 |
     | `first_building`    | 0              | number of the first of them                          |
     | `render_mode`       | `None`         | "human" or "rgb_array"                               |
     | `render_view`       | "auto"         | "whole" building, "follow" the robot; auto: by size  |
     | `max_episode_steps` | `None`         | as `max_steps`; `gym.make` does not pass it on       |
     | `discrete`          | `False`        | nine actions instead of continuous ones              |
-    | `localizer`         | "ekf"          | "ekf", "mcl", "perfect" or "odometry"                |
+    | `localizer`         | "ekf"          | "ekf", "mcl", "perfect" or "odometry"; the ids'      |
+    |                     |                | twins `-TruePose` say "perfect": no error at all     |
+    | `ambiguity_seen`    | `True`         | the observation reads the ambiguity map; the ids'    |
+    |                     |                | twins `-NoMap` say `False`                           |
     | `odometry_scale`    | 1.0            | how many times worse odometry is than modelled       |
     | `people`            | 0              | how many walk about, or `People`                     |
     | `obstacles`         | 0              | how many boxes stand about that the map lacks        |
     | `reward`            | "ambiguity"    | preset, or weights by term                           |
+    | `difficulty`        | 0              | 0 to 3: how unlike its map and its models the world  |
+    |                     |                | is, by what `difficulty.LEVELS` says of others       |
 
     Every other field of `ambinav_envs.parameters.NavigationParameters` is an argument too. What
     cannot be used raises `ambinav.errors.InputError`.
@@ -154,7 +174,8 @@ class NavigationEnv(gym.Env[Observation, Any]):
 
     ## Version History
 
-    * v0: first version.
+    * v0: first version. Before the first release: a waypoint is seen by default, an action of zeros
+      rests, and `missed` is a term of the reward.
     """
 
     metadata: dict[str, Any] = metadata_for(0.1)

@@ -18,6 +18,7 @@ from ambinav.config import (
     NonNegative,
     Number,
     Positive,
+    Share,
     Switch,
     check_fields,
     fault,
@@ -38,19 +39,57 @@ from ambinav.localization.parameters import MclParameters
 from ambinav.localization.scanner_settings import settings_for
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
+from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.observations import OBSERVATIONS, ObservationPart
 from ambinav_envs.rewards import REWARD_TERMS, TERMS, RewardTerm, weights_of
 from ambinav_envs.simulation.layout import LOCALIZERS
 
 MOST_AMBIGUITY_WEIGHT: Final = 100.0
+GLOBAL: Final = ("mcl", "perfect")
+"""The localizers that need no first estimate."""
+MOST_WALLS_STD: Final = 0.2
+"""Metres. Walls that are off by more cross each other."""
+MOST_LATE: Final = 1000
+"""Steps by which an estimate may be late."""
 MOST_AROUND: Final = 1000
 """So many people, and so many boxes, may be around a robot; each robot of a batch has its own."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanarScanner:
+    """A laser that looks ahead, by plain numbers; the default one looks all around.
+
+    Attributes:
+        beams: How many.
+        aperture: Radians from the first to the last; 2 pi is the full circle.
+        max_range: Metres.
+        std: Deviation of a reading, metres.
+        resolution: Metres.
+
+    Raises:
+        InputError: a value makes no sense.
+    """
+
+    beams: Annotated[int, whole(most=10_000)] = 60
+    aperture: Annotated[float, number(above=0, most=2.0 * math.pi)] = 2.0 * math.pi
+    max_range: Positive = 4.0
+    std: Positive = 0.03
+    resolution: Positive = 0.01
+
+    def __post_init__(self) -> None:
+        """Check every field and bring it to its type."""
+        check_fields(self)
+
+    @property
+    def scanner(self) -> RangeScanner:
+        """The scanner."""
+        sensor = RangeSensor(max_range=self.max_range, std=self.std, resolution=self.resolution)
+        return RangeScanner.planar(sensor, self.beams, self.aperture)
+
+
 def default_scanner() -> RangeScanner:
     """A laser that looks all around: 60 beams of 4 m."""
-    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.01)
-    return RangeScanner.planar(sensor, 60, 2.0 * math.pi)
+    return PlanarScanner().scanner
 
 
 def _scanner(value: object) -> RangeScanner:
@@ -61,9 +100,11 @@ def _scanner(value: object) -> RangeScanner:
         return RangeScanner.from_yaml(value)
     if isinstance(value, str):
         return RangeScanner.from_preset(value)
+    if isinstance(value, Mapping):
+        return from_mapping(PlanarScanner, value).scanner
     raise FaultError(
-        f"is of the type {type(value).__name__}; give a RangeScanner, the name of a preset or a "
-        "YAML file"
+        f"is of the type {type(value).__name__}; give a RangeScanner, the name of a preset, a "
+        "YAML file, or fields of a PlanarScanner by name"
     )
 
 
@@ -108,15 +149,20 @@ class NavigationParameters:
     Parts of their own (robot, odometry, people, mcl) may be given as mappings of their fields.
 
     Attributes:
-        scanner: What the robot sees with: a `RangeScanner`, the name of a preset, or a YAML file.
+        scanner: What the robot sees with: a `RangeScanner`, the name of a preset, a YAML file, or
+            fields of `PlanarScanner` by name.
         robot: Its disc and how fast it moves.
         dt: Time step.
         min_speed: Lowest speed that an action can ask for, metres per second: 0, or below to
             drive backwards.
+        rest_at_zero: Whether a speed action of 0 is to stand, what is above a share of the highest
+            speed and what is below one of `min_speed`. False: speeds rise evenly from the lowest
+            at -1 to the highest at 1, as for policies of files that do not say. Discrete actions
+            are the same with both.
         discrete: Whether actions are one of nine, see `spaces.ACTIONS`.
         max_steps: Steps after which an episode is truncated; at most 10^9.
-        localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization, some
-            hundred times as slow), "perfect" (knows the truth), "odometry" (dead reckoning).
+        localizer: "ekf" (Kalman filter on the ranges), "mcl" (Monte Carlo localization; a step
+            takes several times as long), "perfect" (knows the truth), "odometry" (dead reckoning).
         iterations: Rounds of the Kalman filter's update, at most 1000; later ones stay on the
             walls that the first one met. One round alone is surer of itself than it may be.
         gate: See `ambinav.localization.ekf.ExtendedKalmanFilter`.
@@ -136,6 +182,10 @@ class NavigationParameters:
         window: Whether the observation holds a window of the ambiguity map.
         window_cells: Its edge, cells; at most 256.
         window_spacing: Edge of a cell.
+        ambiguity_seen: Whether what is observed may be read from the ambiguity map, which the first
+            half of the window is, and with an `ambiguity_weight` the waypoint. False: that half is
+            0 in free cells and 1 in others, as the walls alone tell, and such a waypoint is
+            refused. The reward stays as it is.
         ambiguity_weight: What ambiguity adds to a metre of the route that the term `progress` and
             the waypoint follow: it costs 1 + ambiguity_weight * layer metres, as in
             `AmbiguityService` and the planners. 0: the shortest path; at most 100. See
@@ -156,6 +206,40 @@ class NavigationParameters:
         obstacles: How many boxes stand about that the map does not have, at most (and at most
             1000): those that find no room are left out.
         obstacle_sizes: Their least and greatest edge.
+        start_unknown: Whether the localizer starts without an estimate, anywhere in the building;
+            "mcl" alone can (and "perfect", which always knows).
+        kidnapped: Share of the episodes in which the robot is carried elsewhere, to where there is
+            a path to the goal; neither odometry nor the localizer is told.
+        kidnap_seconds: When, from the first to the second of these after its start.
+        closed_door: Share of the episodes in which a door on the robot's route is closed that the
+            map calls open, and that there is another way around. `progress` counts by the way
+            that is open, the waypoint leads where the map says. Tasks are drawn until there is
+            such a door.
+        door_width: How wide a passage may be to count as a door.
+        detour: How many times as long as the map's shortest path the other way is, least and most.
+        slip: How many metres the wheels turn too many for each that the robot drives on a slippery
+            floor, a disc on its route, of which odometry does not know.
+        slip_radius: Of that disc.
+        goal_std: The robot stops at the goal only if the deviation of its estimate is at most this
+            along any axis; None: however unsure it is.
+        walls_std: How far walls truly stand from where the map has them, deviation, see
+            `ambinav.drive.ageing.with_aged_walls`; at most 0.2. A building has one such world: the
+            robot drives, collides and reads its scanner there; localizer, waypoint, window and
+            ambiguity are the map's. Starts and goals are free and joined in both.
+        furniture_std: How far furniture that the map has was moved, deviation in x and in y, see
+            `ambinav.drive.ageing.with_moved_furniture`; otherwise as `walls_std`.
+        pose_latency: How old the estimate is by which the robot observes (`goal`, `waypoint`,
+            `window`, `uncertainty`) and stops at the goal, rounded to steps, at most 1000 of them:
+            it is not carried along with odometry. Errors and who is lost are judged by the
+            latest estimate. "perfect" knows the truth at once.
+        scan_time: How long a scan takes, at most 1: its beams are taken one after the other, each
+            from where the robot was then, and the last one now. The localizer takes all of them to
+            be taken now. The robot's motion on the way is that of its last step.
+        gain_std: Deviation, over the episodes, of what the wheels do from what is commanded, as a
+            share of speed and of turn rate. Odometry measures what they do.
+        actuation_std: The same anew in every step, besides.
+        difficulty: How unlike its map and its models the world is, 0 to 3: what this level says of
+            `difficulty.LEVELS` for the arguments that are not given.
 
     Raises:
         InputError: a value makes no sense; one sentence names the field and the remedy.
@@ -167,6 +251,7 @@ class NavigationParameters:
     robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = field(default_factory=Robot)
     dt: Positive = 0.1
     min_speed: Number = 0.0
+    rest_at_zero: Switch = True
     discrete: Switch = False
     max_steps: Annotated[int, whole(most=10**9)] = 600
     localizer: Annotated[str, BeforeValidator(_localizer)] = "ekf"
@@ -189,8 +274,9 @@ class NavigationParameters:
     window: Switch = True
     window_cells: Annotated[int, whole(most=256)] = 16
     window_spacing: Positive = 0.4
+    ambiguity_seen: Switch = True
     ambiguity_weight: Annotated[float, number(least=0, most=MOST_AMBIGUITY_WEIGHT)] = 0.0
-    waypoint: Switch = False
+    waypoint: Switch = True
     waypoint_distance: Positive = 1.5
     reward: Annotated[str | Mapping[str, float], SkipValidation] = "ambiguity"
     observations: Annotated[tuple[str, ...], BeforeValidator(_observations)] = ()
@@ -201,6 +287,29 @@ class NavigationParameters:
     )
     obstacles: Annotated[int, whole(least=0, most=MOST_AROUND)] = 0
     obstacle_sizes: Annotated[tuple[Positive, Positive], row(2, "give 2 numbers")] = (0.3, 0.8)
+    start_unknown: Switch = False
+    kidnapped: Share = 0.0
+    kidnap_seconds: Annotated[tuple[NonNegative, Positive], row(2, "give 2 numbers")] = (3.0, 12.0)
+    closed_door: Share = 0.0
+    door_width: Positive = 1.6
+    detour: Annotated[tuple[Positive, Positive], row(2, "give 2 numbers")] = (1.3, 4.0)
+    slip: NonNegative = 0.0
+    slip_radius: Positive = 2.0
+    goal_std: Positive | None = None
+    walls_std: Annotated[float, number(least=0, most=MOST_WALLS_STD)] = 0.0
+    furniture_std: NonNegative = 0.0
+    pose_latency: NonNegative = 0.0
+    scan_time: Annotated[float, number(least=0, most=1)] = 0.0
+    gain_std: Share = 0.0
+    actuation_std: Share = 0.0
+    difficulty: Annotated[int, whole(least=0, most=len(LEVELS) - 1)] = 0
+
+    def __new__(cls, **given: Any) -> NavigationParameters:
+        """Note which fields are given: `difficulty` sets others."""
+        made = super().__new__(cls)
+        if given:
+            made._set("_given", frozenset(given))
+        return made
 
     def __post_init__(self) -> None:
         """Check every field and bring it to its type."""
@@ -208,12 +317,29 @@ class NavigationParameters:
         if isinstance(mcl, Mapping):
             self._set("mcl", None)
         check_fields(self)
+        given = vars(self).pop("_given", ())
+        for name, value in LEVELS[self.difficulty].items():
+            if name not in given:
+                self._set(name, value)
+        if self.difficulty:
+            check_fields(self)
         if isinstance(mcl, Mapping):
             # What suits the scanner is known only now that this is one.
             self._set("mcl", {**settings_for(self.scanner, mcl.get("laser_model_type")), **mcl})
             check_fields(self)
         low, high = self.obstacle_sizes
         self._require("obstacle_sizes", low <= high, "the least and the greatest edge")
+        low, high = self.kidnap_seconds
+        self._require("kidnap_seconds", low <= high, "the first and the last moment")
+        most = MOST_LATE * self.dt
+        self._require("pose_latency", self.pose_latency <= most, f"at most {most:g} seconds")
+        low, high = self.detour
+        self._require("detour", 1.0 < low <= high, "two numbers above 1, the second not less")
+        if self.start_unknown and self.localizer not in GLOBAL:
+            raise InputError(
+                f"start_unknown is true and localizer {self.localizer!r}, which needs a first "
+                f"estimate; give localizer={GLOBAL[0]!r}."
+            )
         speed = self.robot.max_speed
         self._require("min_speed", -speed <= self.min_speed <= 0.0, f"{-speed:g} to 0")
         self._require(
@@ -221,6 +347,12 @@ class NavigationParameters:
         )
         radius = self.goal_radius
         self._require("success_radius", self.success_radius >= radius, f"at least {radius:g}")
+        if not self.ambiguity_seen and self.waypoint and self.ambiguity_weight > 0.0:
+            raise InputError(
+                f"ambiguity_seen is False and ambiguity_weight is {self.ambiguity_weight:g}, by "
+                "which the waypoint would show the ambiguity map; give waypoint=False or "
+                "ambiguity_weight=0."
+            )
         if self.layer is not None:
             check_known(self.layer)
         if isinstance(self.reward, Mapping):
@@ -235,6 +367,11 @@ class NavigationParameters:
             InputError: a name is unknown (the nearest is offered), or a value makes no sense.
         """
         return from_mapping(cls, values)
+
+    @property
+    def zero_rests(self) -> bool:
+        """Whether a speed of 0 among actions as the simulation takes them is to stand."""
+        return self.rest_at_zero or self.discrete
 
     @property
     def weights(self) -> tuple[float, ...]:
@@ -261,6 +398,11 @@ class NavigationParameters:
     def cost_layer(self) -> str:
         """The layer of the ambiguity map for reward, exposure and window."""
         return cost_layer(self.scanner) if self.layer is None else self.layer
+
+    @property
+    def late_steps(self) -> int:
+        """How many steps old the estimate is by which the robot observes."""
+        return 0 if self.localizer == "perfect" else round(self.pose_latency / self.dt)
 
     @property
     def true_odometry(self) -> OdometryNoise:

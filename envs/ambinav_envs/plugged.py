@@ -6,7 +6,7 @@ at once, called once a step: a few microseconds each, and nothing where there ar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,12 +60,19 @@ class PluggedFunctions:
         return Plugged(terms, {name: np.zeros(count) for name in terms}, parts)
 
     def after_step(
-        self, state: NDArray[np.void], readings: Floats, rows: Rows, rewards: Floats, out: Plugged
+        self,
+        state: NDArray[np.void],
+        estimates: Callable[[], tuple[Floats, Floats]],
+        readings: Floats,
+        rows: Rows,
+        rewards: Floats,
+        out: Plugged,
     ) -> None:
         """Add the terms of some robots to their reward, and show them their parts.
 
         Args:
             state: `layout.STATE` of all robots, shape (N,).
+            estimates: See `Simulation.seen`.
             readings: Of all robots, shape (N, beams).
             rows: Which robots have stepped.
             rewards: Of all robots, shape (N,); what they get is added to it.
@@ -77,7 +84,7 @@ class PluggedFunctions:
         if not (self._terms or self._parts):
             return
         own = state[rows]
-        seen = _seen(own, readings[rows])
+        seen = _seen(own, estimates, readings, rows)
         stepped = Stepped(
             seen=seen,
             before=own["before"],
@@ -98,13 +105,18 @@ class PluggedFunctions:
         self._show(seen, rows, out)
 
     def after_reset(
-        self, state: NDArray[np.void], readings: Floats, rows: Rows, out: Plugged
+        self,
+        state: NDArray[np.void],
+        estimates: Callable[[], tuple[Floats, Floats]],
+        readings: Floats,
+        rows: Rows,
+        out: Plugged,
     ) -> None:
         """Show some robots their parts; their terms are 0. See `after_step`."""
         for values in (*out.terms.values(), *out.weighted.values()):
             values[rows] = 0.0
         if self._parts:
-            self._show(_seen(state[rows], readings[rows]), rows, out)
+            self._show(_seen(state[rows], estimates, readings, rows), rows, out)
 
     def _show(self, seen: Seen, rows: Rows, out: Plugged) -> None:
         for part, size, calling in self._parts:
@@ -114,13 +126,19 @@ class PluggedFunctions:
             out.parts[part.name][rows] = values
 
 
-def _seen(own: NDArray[np.void], readings: Floats) -> Seen:
+def _seen(
+    own: NDArray[np.void],
+    estimates: Callable[[], tuple[Floats, Floats]],
+    readings: Floats,
+    rows: Rows,
+) -> Seen:
+    mean, covariance = estimates()
     return Seen(
-        estimate=own["mean"],
-        covariance=own["covariance"],
+        estimate=mean[rows],
+        covariance=covariance[rows],
         speeds=own["speeds"],
         goal=own["goal"],
-        readings=readings,
+        readings=readings[rows],
     )
 
 

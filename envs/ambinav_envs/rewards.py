@@ -44,16 +44,26 @@ _OWN = {
         "& Russell (1999), which is not 0 at an episode's end: an end is worth more the nearer to "
         "the goal it is",
     ),
-    "arrival": ("1", "1 when the robot believes it is at the goal and truly is near it"),
-    "collision": ("1", "-1 when it touches a wall or a box"),
+    "arrival": ("1", "1 when the estimated pose is at the goal and the true one is near it"),
+    "collision": ("1", "-1 when it touches a wall or a box, from the true pose"),
+    "missed": ("1", "-1 when the estimated pose is at the goal and the true one is not"),
     "time": ("s", "minus the seconds of the step"),
-    "ambiguity": ("m", "minus the ambiguity map's layer, integrated over the metres of the step"),
+    "ambiguity": (
+        "m",
+        "minus the ambiguity map's layer, integrated over the metres of the step between the true "
+        "poses",
+    ),
     "fisher": ("m^2", "minus the layer `fisher`, likewise"),
     "error": (
         "m^2",
-        "minus the error of the estimate in metres times the metres of the step; privileged",
+        "minus the distance of the estimated from the true pose in metres times the metres of the "
+        "step; privileged",
     ),
-    "lost": ("s", "minus the seconds of the step while the robot is lost; privileged"),
+    "lost": (
+        "s",
+        "minus the seconds of the step while the robot is lost, by estimated and true pose; "
+        "privileged",
+    ),
 }
 
 
@@ -67,7 +77,7 @@ REWARD_TERMS: Final = Registry(
 )
 """The terms of the reward: ours, which `simulation.step.judge` computes, and those of plug-ins."""
 
-_TASK = {"progress": 1.0, "arrival": 10.0, "collision": 10.0, "time": 0.1}
+_TASK = {"progress": 1.0, "arrival": 10.0, "collision": 10.0, "missed": 10.0, "time": 0.1}
 PRESETS: dict[str, dict[str, float]] = {
     "shortest": _TASK,
     "ambiguity": {**_TASK, "ambiguity": 1.0},

@@ -17,11 +17,10 @@ from ambinav_envs.simulation.layout import View
 Floats = NDArray[np.float64]
 
 ACTIONS: Floats = np.array(
-    [(2.0 * speed - 1.0, turn) for speed in (0.0, 0.5, 1.0) for turn in (0.5, 0.0, -0.5)]
+    [(speed, turn) for speed in (0.0, 0.5, 1.0) for turn in (0.5, 0.0, -0.5)]
 )
-"""The nine discrete actions as continuous ones: stand, half speed and full speed (of what lies
-between the lowest and the highest), each turning left, straight on and turning right at half the
-turn rate; shape (9, 2)."""
+"""The nine discrete actions as continuous ones: stand, half speed and full speed, each turning
+left, straight on and turning right at half the turn rate; shape (9, 2)."""
 
 
 def observation_space(parameters: NavigationParameters) -> spaces.Dict:
@@ -50,7 +49,10 @@ right: ambiguity (1 where not free), then what is free (1) and what is not (0) |
 
 
 def action_space(parameters: NavigationParameters) -> spaces.Space[Any]:
-    """Speed from the lowest (-1) to the highest (1) and turn rate; or one of `ACTIONS`."""
+    """Speed (0 to stand, 1 the highest, -1 the lowest) and turn rate; or one of `ACTIONS`.
+
+    See `commands.as_commands` for what they are in metres and radians per second.
+    """
     if parameters.discrete:
         return spaces.Discrete(len(ACTIONS))
     return spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -25,6 +25,7 @@ from ambinav_envs.seeds import as_seeds
 from ambinav_envs.simulation.layout import REWARD
 from ambinav_envs.simulation.simulation import Outcome, Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_space
+from ambinav_envs.spec import SpecOfSimulation
 
 Bools = NDArray[np.bool_]
 Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
@@ -33,7 +34,7 @@ Step = tuple[Observation, NDArray[np.float64], Bools, Bools, dict[str, Any]]
 MANY = 16
 
 
-class NavigationVectorEnv(VectorEnv[Observation, Any, NDArray[Any]]):
+class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[Any]]):
     """N robots, each in an episode of its own: `NavigationEnv` N times, in one kernel.
 
     Seeded with s, robot i has the same episodes, bit for bit, as a `NavigationEnv` seeded with

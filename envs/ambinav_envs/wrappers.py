@@ -137,9 +137,7 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         super().__init__(env)
         self._frames = as_count(frames, "frames")
         single = _parts(env)
-        self.single_observation_space = spaces.Dict(
-            {name: self._stacked(part) for name, part in single.items()}
-        )
+        self.single_observation_space = batch_space(single, self._frames)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._stack: Observation = {}
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
@@ -171,11 +169,6 @@ class FrameStack(VectorWrapper[Any, Any, Any, Any, Any]):
         self._fill(seen, begun)
         self._ended = np.zeros_like(done) if same_step else done.copy()
         return self._copy(), rewards, terminated, truncated, info
-
-    def _stacked(self, part: spaces.Space[Any]) -> spaces.Box:
-        assert isinstance(part, spaces.Box)
-        low, high = (np.repeat(edge[None], self._frames, axis=0) for edge in (part.low, part.high))
-        return spaces.Box(low, high, dtype=np.float32)
 
     def _fill(self, seen: Observation, begun: NDArray[np.bool_]) -> None:
         """Put a first observation in every place."""

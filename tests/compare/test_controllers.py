@@ -60,7 +60,8 @@ def folder(
 
 
 def compare(scenario: Path, out: Path) -> Result:
-    return CliRunner().invoke(app, ["compare", str(scenario), "-o", str(out), "-j", "1", "--json"])
+    words = ["compare", str(scenario), "-o", str(out), "-j", "1", "--json", "--trust"]
+    return CliRunner().invoke(app, words)
 
 
 @pytest.mark.slow
@@ -79,6 +80,18 @@ def test_a_policy_drives_beside_a_route(scenario: dict[str, Any], folder: Path) 
     rows = [line.split(",") for line in lines if line[:1] in "0123456789-" and line[0] != "#"]
     places = np.array([[float(row[0]), float(row[1])] for row in rows])
     assert np.abs(places[[0, -1]] - [[1, 1], [7, 2]]).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_reactive_baselines_drive_beside_a_route(scenario: dict[str, Any], folder: Path) -> None:
+    drivers = [{"kind": "policy", "policy": name} for name in ("vfh", "dwa-aware")]
+    scenario |= {"routes": ["shortest", *drivers], "localizer": "ekf"}
+    scenario["drive"] = {"runs": 3, "seed": 3}
+    done = compare(write(folder, scenario), folder / "out")
+    assert done.exit_code == 0, done.output
+    table = (folder / "out" / "table.csv").read_text()
+    for name in ("vfh", "dwa-aware"):
+        assert f"there,{name},arrived,%,3,100,100,100" in table
 
 
 def test_one_that_does_not_get_there_is_refused(scenario: dict[str, Any], folder: Path) -> None:
@@ -105,7 +118,7 @@ def test_another_file_or_goal_is_driven_anew(scenario: dict[str, Any], folder: P
         for code in (POLICY, POLICY + "\n# changed\n"):
             (folder / "drives.py").write_text(code)
             scenario["pairs"] = [{"name": "there", "start": [1, 1], "goal": goal}]
-            loaded = load_scenario(write(folder, scenario))
+            loaded = load_scenario(write(folder, scenario), trust=True)
             part, pair = loaded.scenario.routes[0], loaded.scenario.pairs[0]
             keys.add(_driver_digest(driver_of(loaded, pair, part)))
     assert len(keys) == 4
@@ -114,7 +127,18 @@ def test_another_file_or_goal_is_driven_anew(scenario: dict[str, Any], folder: P
 def test_who_drives_and_who_makes_routes(folder: Path) -> None:
     controllers = {"go": True, "route": False, "anything": False}
     for name, drives in controllers.items():
-        assert is_controller(f"drives.py:{name}", folder) is drives
+        assert is_controller(f"drives.py:{name}", folder, trust=True) is drives
     assert is_controller("run/best.zip", folder)
     with pytest.raises(InputError, match="no callable"):
-        is_controller("drives.py:gone", folder)
+        is_controller("drives.py:gone", folder, trust=True)
+
+
+@pytest.mark.parametrize("name", ["go", "route", "gone"])
+def test_code_runs_only_if_it_is_trusted(name: str, scenario: dict[str, Any], folder: Path) -> None:
+    (folder / "drives.py").write_text("open('it-ran', 'w')\n" + POLICY)
+    scenario["routes"] = ["shortest", {"kind": "policy", "policy": f"drives.py:{name}"}]
+    words = ["compare", str(write(folder, scenario)), "-o", str(folder / "out"), "-j", "1"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2 and "is code, which would run with your rights" in done.stderr
+    assert "--trust" in done.stderr and done.stderr.count("\n") == 1
+    assert not list(folder.rglob("it-ran")) and not (folder / "out").exists()

@@ -106,7 +106,7 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
     scenario["routes"] = ["shortest", {"kind": "policy", "policy": "p.py:above"}]
     scenario["pairs"].append({"name": "back", "start": [7, 2], "goal": [1, 1]})
     scenario["obstacles"] = {"count": 6, "sizes": [0.1, 0.2], "margin": 0.2}
-    loaded = load_scenario(write(tmp_path, scenario))
+    loaded = load_scenario(write(tmp_path, scenario), trust=True)
     amap = build_map(loaded.environment, loaded.scanner, spacing=0.2)
     plans = make_plans(loaded, amap)
     worlds = make_worlds(loaded, plans)
@@ -123,7 +123,7 @@ def test_boxes_are_off_all_routes_and_the_same_for_each(
     assert worlds["there"].free.symmetric_difference(worlds["back"].free).area > 0.0
     scenario["obstacles"]["margin"] = 3.0
     with pytest.raises(InputError, match="obstacles, pair 'there': count is 6; there is room"):
-        make_worlds(load_scenario(write(tmp_path, scenario)), plans)
+        make_worlds(load_scenario(write(tmp_path, scenario), trust=True), plans)
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     }
     path = write(tmp_path, scenario)
     out = tmp_path / "out"
-    found = compare(path, out)
+    found = compare(path, out, "--trust")
     assert found.exit_code == 0, found.output
     report = json.loads((out / "report.json").read_text())
     assert report["plans"][1]["planner"] == "above"
@@ -157,7 +157,7 @@ def test_everything_at_once(scenario: dict[str, Any], tmp_path: Path) -> None:
     assert min(abs(lengths[1] - length) for lengths in stored) < 1e-6
     # Nothing is done again.
     kept = (folder / "truth.tum").stat().st_mtime_ns
-    assert compare(path, out).exit_code == 0
+    assert compare(path, out, "--trust").exit_code == 0
     assert (folder / "truth.tum").stat().st_mtime_ns == kept
 
 
@@ -209,7 +209,7 @@ POLICIES = {
 def test_bad_policies(scenario: dict[str, Any], tmp_path: Path, policy: str, message: str) -> None:
     (tmp_path / "p.py").write_text(POLICY)
     scenario["routes"] = [{"kind": "policy", "policy": policy}]
-    found = compare(write(tmp_path, scenario), tmp_path / "out")
+    found = compare(write(tmp_path, scenario), tmp_path / "out", "--trust")
     assert found.exit_code == 2, found.output
     assert message in found.stderr and found.stderr.count("\n") == 1
     assert f"pair 'there', route '{policy}'" in found.stderr

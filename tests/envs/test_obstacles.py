@@ -57,8 +57,8 @@ def test_rays_meet_boxes_and_people_as_they_meet_walls() -> None:
         wanted = Readings(world, p.scanner).true_ranges(state["truth"][None], people, 0.25)[0]
         cast_rays(*state["truth"], site.record.cast, scratch.cast)
         shade(
-            *state["truth"], people, 0.25, simulation.boxes, len(boxes), 0, site.record.cast,
-            scratch.cast, 4.0,
+            *state["truth"], people, 0.25, simulation.boxes, len(boxes), 0,
+            site.record.cast.origin, site.record.cast.start, scratch.cast, 4.0,
         )  # fmt: skip
         nearest_echoes(site.record.cast, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
         assert np.allclose(scratch.ranges, wanted, atol=1e-5)

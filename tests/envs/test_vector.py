@@ -139,10 +139,10 @@ def test_many_robots_in_new_buildings_warn_of_what_that_takes(
     recwarn: pytest.WarningsRecorder,
 ) -> None:
     with pytest.warns(UserWarning, match="give a number of them, such as buildings=64"):
-        gymnasium.make_vec("ambinav/Procedural-v0", MANY, "vector_entry_point")
+        gymnasium.make_vec("ambinav/Navigation-v0", MANY, "vector_entry_point")
     for name, count, options in (
-        ("ambinav/Procedural-v0", MANY - 1, {}),
-        ("ambinav/Procedural-v0", MANY, {"buildings": 4}),
+        ("ambinav/Navigation-v0", MANY - 1, {}),
+        ("ambinav/Navigation-v0", MANY, {"buildings": 4}),
         ("ambinav/Office-v0", MANY, {}),
     ):
         gymnasium.make_vec(name, count, "vector_entry_point", **options)

@@ -98,10 +98,29 @@ class FreeSpaceLattice:
         Raises:
             InputError: the robot fits at no cell of it.
         """
-        environment, radius = checker.environment, checker.footprint.outer
+        radius = checker.footprint.outer
         if spacing is None:
             spacing = min(SPACING, math.sqrt(2.0) * max(radius, SMALLEST_RADIUS))
-        lattice = Lattice.over(environment, spacing)
+        return cls._on(checker, Lattice.over(checker.environment, spacing))
+
+    def like(self, checker: CollisionChecker) -> FreeSpaceLattice:
+        """The same cells in a building that is not quite this one.
+
+        Raises:
+            InputError: the robot fits at no cell of it.
+        """
+        rows, columns = self.room.shape
+        x = self.origin[0] + self.spacing * np.arange(columns, dtype=np.float64)
+        y = self.origin[1] + self.spacing * np.arange(rows, dtype=np.float64)
+        across, up = np.meshgrid(x, y)
+        inside = checker.environment.triangulation.contains(across.ravel(), up.ravel())
+        free = inside.reshape(self.room.shape)
+        return self._on(checker, Lattice(checker.environment, self.spacing, x, y, free))
+
+    @classmethod
+    def _on(cls, checker: CollisionChecker, lattice: Lattice) -> FreeSpaceLattice:
+        environment, radius = checker.environment, checker.footprint.outer
+        spacing = lattice.spacing
         links = np.zeros(lattice.free.shape, dtype=np.uint8)
         links[lattice.free] = lattice.links
         room = np.full(links.shape, -1.0, dtype=np.float32)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ambinav.errors import InputError
 from ambinav.localization.random import states, uniform
-from ambinav_envs.buildings.free_space import FreeSpaceArrays, FreeSpaceLattice
+from ambinav_envs.buildings.doors import close_door, shortest_path
+from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.tasks import (
     CostToGo,
     Task,
@@ -25,16 +27,22 @@ FEWEST, MOST = 32, 256
 _MEMORY = 2_000_000
 # How many of them are tried before a goal is drawn from anywhere.
 _TRIES = 8
+# How many tasks are drawn until there is one that the world has room for, where it is not the map.
+_IN_WORLD = 64
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """One of them: distances to it, and what `Task` holds; see `spread_from` for the label."""
+    """One of them: distances to it, and what `Task` holds; see `spread_from` for the label.
+
+    `lengths` and `label` are the map's, `true_lengths` the world's.
+    """
 
     place: Floats
     lengths: NDArray[np.float32]
+    true_lengths: NDArray[np.float32]
     cost_to_go: CostToGo
     label: int
 
@@ -44,17 +52,29 @@ class Goals:
 
     The cost to go of each is computed when it is first drawn, and kept.
 
+    Where the world is not as the map says (`world.World`), tasks are drawn on the map until both
+    ends are free in the world and a path joins them there. Distances and costs are the world's,
+    the directions that robots are led in are the map's.
+
     Args:
-        lattice: Where the robot fits.
+        lattice: Where the robot fits, by the map.
         prices: What a metre costs, see `geodesic`: robots are led along the cheapest path; None:
             along the shortest one.
+        world: Where it truly fits, on the same cells; None: there.
     """
 
     def __init__(
-        self, lattice: FreeSpaceLattice, prices: NDArray[np.float32] | None = None
+        self,
+        lattice: FreeSpaceLattice,
+        prices: NDArray[np.float32] | None = None,
+        world: FreeSpaceLattice | None = None,
     ) -> None:
         self._lattice = lattice
-        self._priced = None if prices is None else lattice.table._replace(prices=prices)
+        self._world = lattice if world is None else world
+        self._priced = self._true_priced = None
+        if prices is not None:
+            self._priced = lattice.table._replace(prices=prices)
+            self._true_priced = self._world.table._replace(prices=prices)
         self._known: dict[int, _Goal] = {}
         count = min(max(_MEMORY // (4 * lattice.room.size), FEWEST), MOST)
         self._points = np.empty((count if len(lattice.standing) else 0, 2))
@@ -76,20 +96,86 @@ class Goals:
                     goal.lengths, task,
                 )  # fmt: skip
                 if found:
-                    return self._along(task[:3], goal.place, float(task[5]), goal.cost_to_go)
-        return self.towards(draw_task(self._lattice, state, shortest, longest))
+                    drawn = self._along(
+                        task[:3], goal.place, float(task[5]), goal.cost_to_go, goal.true_lengths
+                    )
+                    if drawn is not None:
+                        return drawn
+        return self.between(state, shortest, longest)
 
-    def towards(self, task: Task) -> Task:
-        """A task with the cost to go at the prices, from one with distances."""
-        if self._priced is None:
+    def between(
+        self,
+        state: NDArray[np.uint64],
+        shortest: float,
+        longest: float,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+    ) -> Task:
+        """As `draw_task`, with the cost to go at the prices.
+
+        Raises:
+            InputError: see `draw_task`; or what is given, or all that is drawn, is not free or not
+                joined in the world.
+        """
+        for _ in range(_IN_WORLD if start is None or goal is None else 1):
+            task = self.towards(
+                draw_task(self._lattice, state, shortest, longest, start=start, goal=goal)
+            )
+            if task is not None:
+                return task
+        raise InputError(
+            f"{self._lattice.name}: the map has a start and a goal, but with walls_std and "
+            "furniture_std a wall or a thing stands in the robot's way there; move what is given, "
+            "or give less of these."
+        )
+
+    def towards(self, task: Task) -> Task | None:
+        """A task with the cost to go at the prices in the world, from one with the map's lengths.
+
+        None: the world has no room for it.
+        """
+        if self._priced is None and self._world is self._lattice:
             return task
-        priced = CostToGo.of(self._costs_to(task.goal, self._priced)[0], self._priced)
-        return self._along(task.start, task.goal, task.distance, priced)
+        lengths = true_lengths = task.cost_to_go.costs
+        if self._world is not self._lattice:
+            true_lengths = self._costs_to(task.goal, self._world.table)[0]
+        cost_to_go = self._cost_to_go(task.goal, lengths, true_lengths)
+        return self._along(task.start, task.goal, task.distance, cost_to_go, true_lengths)
 
-    def _along(self, start: Floats, goal: Floats, distance: float, cost_to_go: CostToGo) -> Task:
+    def close_door(
+        self, task: Task, state: NDArray[np.uint64], width: float, detour: tuple[float, float]
+    ) -> Task | None:
+        """One of these tasks with a door on its route closed; see `doors.close_door`."""
+        world = self._world, self._true_priced
+        return close_door(self._lattice, self._priced, world, task, state, width, detour)
+
+    def shortest_path(self, task: Task) -> Floats:
+        """The map's shortest path of one of these tasks; see `doors.shortest_path`."""
+        return shortest_path(self._lattice, self._priced, task)
+
+    def _along(
+        self,
+        start: Floats,
+        goal: Floats,
+        distance: float,
+        cost_to_go: CostToGo,
+        true_lengths: NDArray[np.float32],
+    ) -> Task | None:
+        """A task; None: the world has no room for it."""
+        world, x, y = self._world, float(start[0]), float(start[1])
+        if world is not self._lattice:
+            ends = np.array([[x, y, 0.0], [goal[0], goal[1], 0.0]])
+            distance = world.distance(true_lengths, x, y)
+            checker = world.checker
+            if not (
+                np.isfinite(distance)
+                and checker.poses_free(ends).all()
+                and (checker.clearance(ends) >= MARGIN).all()
+            ):
+                return None
         cost = distance
         if self._priced is not None:
-            cost = self._lattice.distance(cost_to_go.costs, float(start[0]), float(start[1]))
+            cost = world.distance(cost_to_go.costs, x, y)
         return Task(start, goal, distance, cost_to_go, cost)
 
     def _goal(self, which: int) -> _Goal:
@@ -98,12 +184,25 @@ class Goals:
             place = self._points[which].copy()
             table = self._lattice.table
             lengths, label = self._costs_to(place, table)
-            if self._priced is None:
-                found = CostToGo.of(lengths, table)
-            else:
-                found = CostToGo.of(self._costs_to(place, self._priced)[0], self._priced)
-            self._known[which] = _Goal(place, lengths, found, label)
+            true_lengths = lengths
+            if self._world is not self._lattice:
+                true_lengths = self._costs_to(place, self._world.table)[0]
+            found = self._cost_to_go(place, lengths, true_lengths)
+            self._known[which] = _Goal(place, lengths, true_lengths, found, label)
         return self._known[which]
+
+    def _cost_to_go(
+        self, place: Floats, lengths: NDArray[np.float32], true_lengths: NDArray[np.float32]
+    ) -> CostToGo:
+        """Costs in the world and the map's directions, from the lengths of both."""
+        table, true_costs = self._lattice.table, true_lengths
+        if self._priced is not None and self._true_priced is not None:
+            table, lengths = self._priced, self._costs_to(place, self._priced)[0]
+            true_costs = lengths
+            if self._world is not self._lattice:
+                true_costs = self._costs_to(place, self._true_priced)[0]
+        found = CostToGo.of(lengths, table)
+        return found if true_costs is lengths else found._replace(costs=true_costs)
 
     def _costs_to(self, place: Floats, table: FreeSpaceArrays) -> tuple[NDArray[np.float32], int]:
         """Costs to a point at the prices of a table, and the point's label."""

@@ -83,15 +83,19 @@ class Plan:
         self.solids.append(solid)
         return True
 
+    def floor(self) -> shapely.Polygon:
+        """The free space, without what is cut off from most of it."""
+        free = shapely.union_all([*self.rooms, *self.doors])
+        parts = shapely.get_parts(free.difference(shapely.union_all(self.solids)))
+        floor: shapely.Polygon = parts[int(np.argmax(shapely.area(parts)))]
+        return floor
+
     def environment(self, name: str, degrees: float = 0.0) -> Environment:
         """The building, turned by an angle counter-clockwise about the origin.
 
         Corners behind things that are cut off from the rest are solid.
         """
-        free = shapely.union_all([*self.rooms, *self.doors])
-        parts = shapely.get_parts(free.difference(shapely.union_all(self.solids)))
-        floor = parts[int(np.argmax(shapely.area(parts)))]
-        drawn = environment_from_shapes([floor], name=name)
+        drawn = environment_from_shapes([self.floor()], name=name)
         return drawn.transformed(math.radians(degrees)) if degrees else drawn
 
 

@@ -117,7 +117,7 @@ def procedural_building(
     chosen = ProceduralParameters() if parameters is None else parameters
     sampler = PlanSampler(rng)
     for _ in range(_DRAWINGS):
-        plan = _draw(sampler, chosen)
+        plan = procedural_plan(sampler, chosen)
         if plan is not None:
             building = plan.environment(name)
             if shapely.get_num_geometries(building.free.buffer(-ROBOT, quad_segs=4)) == 1:
@@ -125,8 +125,8 @@ def procedural_building(
     raise InputError(f"{name}: no building can be drawn with {chosen}; allow larger rooms.")
 
 
-def _draw(sampler: PlanSampler, parameters: ProceduralParameters) -> Plan | None:
-    """One attempt; None if its rooms cannot be joined."""
+def procedural_plan(sampler: PlanSampler, parameters: ProceduralParameters) -> Plan | None:
+    """One attempt at a building; None if its rooms cannot be joined."""
     width, height = sampler.between(*parameters.size), sampler.between(*parameters.size)
     floors = [np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)])]
     halls: list[Ring] = []

@@ -12,6 +12,7 @@ from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.buildings import drawn
+from ambinav_envs.buildings.cluttered import cluttered_building
 from ambinav_envs.buildings.plan import Plan
 from ambinav_envs.buildings.plan_sampler import PlanSampler
 from ambinav_envs.buildings.procedural import procedural_building
@@ -19,6 +20,8 @@ from ambinav_envs.buildings.procedural import procedural_building
 # Buildings of the drawn families are turned by up to this, degrees, so that their walls do not lie
 # along the axes; the plain one is not.
 TURN = 20.0
+# Joins the names of the suites of a mixture.
+MIX = "+"
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,21 @@ class Suite:
 
 
 def suite(name: str) -> Suite:
-    """The suite of this name.
+    """The suite of this name, or a mixture of suites whose names are joined by a plus.
+
+    Number k of a mixture of n suites is building k of the suite at position k modulo n: as often as
+    a suite is named, as much of it there is, and a range of numbers is the same range in each.
 
     Raises:
         InputError: there is none; the nearest names are offered.
     """
+    if MIX in name:
+        members = [suite(part) for part in name.split(MIX)]
+        return Suite(
+            name,
+            f"a mixture of {', '.join(dict.fromkeys(member.name for member in members))}",
+            lambda variant, called: members[variant % len(members)].draw(variant, called),
+        )
     if name not in _suites:
         raise InputError(f"there is no suite {name!r} of buildings; {nearest(name, _suites)}.")
     return _suites[name]
@@ -93,5 +106,12 @@ register_suite(
         "procedural",
         "rooms, corridors at odd angles, halls and racks, drawn from a generator",
         lambda variant, called: procedural_building(_rng("procedural", variant), name=called),
+    )
+)
+register_suite(
+    Suite(
+        "cluttered",
+        "as recorded maps are: ragged walls, narrow doors, furniture and legs of tables and chairs",
+        lambda variant, called: cluttered_building(_rng("cluttered", variant), name=called),
     )
 )

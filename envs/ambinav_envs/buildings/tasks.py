@@ -56,6 +56,10 @@ class Task:
         distance: Length of the shortest path from start to goal, metres.
         cost_to_go: Along the path that the robot is led on, see `Goals`.
         cost: What it costs from the start.
+        door: A box that closes a door which the map calls open, see `doors.close_door`: x and y of
+            its middle and of the vectors to the middles of two sides, the farther one first,
+            shape (6,); None: there is none. Costs and distance are then those of the world, the
+            directions those of the map.
     """
 
     start: Floats
@@ -63,6 +67,7 @@ class Task:
     distance: float
     cost_to_go: CostToGo
     cost: float
+    door: Floats | None = None
 
     @classmethod
     def shortest(cls, numbers: Floats, cost_to_go: CostToGo) -> Task:
@@ -121,10 +126,10 @@ def draw_task(
             named = f"({end[0]:g}, {end[1]:g})"
             raise InputError(_no_task(lattice, shortest, longest, named, farthest))
         if goal is None:
-            task[3:5] = _beside(state, cell, table)
+            task[3:5] = beside(state, cell, table)
             spread_from(task[3], task[4], table, field)
         else:
-            task[:2] = _beside(state, cell, table)
+            task[:2] = beside(state, cell, table)
             task[2] = math.pi * (2.0 * uniform(state) - 1.0)
     elif not _same_part(lattice, task):
         raise InputError(
@@ -211,7 +216,7 @@ def draw_into(state, shortest, longest, table, field, task):
         goal = table.standing[int(uniform(state) * table.standing.size)]
         if attempt >= _DRAWN and far_end >= 0:
             goal = far_end
-        task[3], task[4] = _beside(state, goal, table)
+        task[3], task[4] = beside(state, goal, table)
         label = spread_from(task[3], task[4], table, field)
         found, away, far_end = start_for(state, shortest, longest, label, table, field, task)
         if found:
@@ -240,7 +245,7 @@ def start_for(state, shortest, longest, label, table, field, task):
     """
     start, away, far_end = _pick(state, shortest, longest, label, table, field)
     if start >= 0:
-        task[0], task[1] = _beside(state, start, table)
+        task[0], task[1] = beside(state, start, table)
         task[5] = _read(task[0], task[1], table, field)
         if not shortest <= task[5] <= longest:
             task[0], task[1] = _centre(start, table)
@@ -254,7 +259,7 @@ def draw_places(state, table, points):
     """Draw places where the robot can stand with `MARGIN` to spare, to `points` (N, 2)."""
     for k in range(len(points)):
         cell = table.standing[int(uniform(state) * table.standing.size)]
-        points[k, 0], points[k, 1] = _beside(state, cell, table)
+        points[k, 0], points[k, 1] = beside(state, cell, table)
 
 
 @kernel
@@ -329,7 +334,7 @@ def _pick(state, shortest, longest, label, table, field):
 
 
 @kernel
-def _beside(state, cell, table):
+def beside(state, cell, table):
     """A point drawn from the disc about a cell's centre that leaves the robot its margin."""
     x, y = _centre(cell, table)
     radius = min(0.5 * table.spacing, table.room.ravel()[cell] - MARGIN)

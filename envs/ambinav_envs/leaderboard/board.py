@@ -125,9 +125,7 @@ def settings_for(
     maps: Sequence[Path],
     buildings: int,
     suites: Sequence[str] = (),
-    *,
-    level: str | None = None,
-    unit: str | None = None,
+    **reading: Any,
 ) -> list[Setting]:
     """Every place under every condition.
 
@@ -135,15 +133,14 @@ def settings_for(
         maps: Environment files.
         buildings: How many of each suite.
         suites: Names of suites; none: `SUITES`.
-        level: Which floor of the environment files, as in `load_environment`.
-        unit: What the environment files are drawn in, as there.
+        reading: How the environment files are read, as in `load_environment`.
 
     Raises:
         InputError: there is no such suite, a map cannot be read, or two have the same name.
     """
     places = [Venue(suite(name).name, name, buildings) for name in suites or SUITES]
     for path in maps:
-        environment = load_environment(path, level=level, unit=unit)
+        environment = load_environment(path, **reading)
         places.append(Venue(environment.name, environment, None))
     names = [place.name for place in places]
     for name in names:
@@ -193,6 +190,7 @@ def _check(board: Board, method: Method) -> dict[str, tuple[str, ...]]:
             f"policy {method.name!r} was trained to see the layer {layer!r}, and all others see "
             f"{parameters.cost_layer!r}; give layer={layer}, or leave it out."
         )
+    driver.configure(parameters)
     driver.prepare(observation_space(parameters), action_space(parameters))
     return check_fit(driver, parameters, board.force)
 

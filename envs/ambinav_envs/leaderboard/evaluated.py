@@ -16,8 +16,9 @@ from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav_envs.evaluation import UNSEEN, Episodes, evaluate
 from ambinav_envs.leaderboard.figures import Row, make_rows, plain
+from ambinav_envs.leaderboard.twin_runs import RUNS, TwinRuns, drive_twins
 from ambinav_envs.policies import load_policy
-from ambinav_envs.policies.file import DRAWN, plain_value
+from ambinav_envs.policies.card import DRAWN, plain_value
 from ambinav_envs.policies.fit import check_fit
 from ambinav_envs.policies.policy import Policy
 from ambinav_envs.registration import IDS
@@ -29,7 +30,7 @@ COUNT: Final = 100
 
 EPISODE_COLUMNS: Final = (
     "seed", "building", "outcome", "was_lost", "error_mean", "error_max", "exposure", "travelled",
-    "shortest", "seconds", "reward", "cost",
+    "shortest", "seconds", "reward", "cost", "lost_at_end", "lost_seconds", "spl",
 )  # fmt: skip
 
 
@@ -44,6 +45,8 @@ class Evaluation:
         seed: Of the episodes.
         differs: How scanner and robot differ from those of the training, see
             `policies.fit.differences`.
+        twins: What it is held against; None: nobody asked.
+        code: Whether the policy is code that was trusted; False: it is data.
     """
 
     row: Row
@@ -51,6 +54,8 @@ class Evaluation:
     environment: dict[str, Any]
     seed: int
     differs: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    twins: TwinRuns | None = None
+    code: bool = False
 
     def to_json(self) -> str:
         """For programs: figures with intervals, and how they came about."""
@@ -58,6 +63,7 @@ class Evaluation:
             "policy": self.row.method,
             "environment": {name: plain_value(v) for name, v in self.environment.items()},
             "differs": self.differs,
+            "code": self.code,
             "episodes": self.row.episodes,
             "seed": self.seed,
             "figures": {cell.figure.key: plain(cell.value) for cell in self.row.cells},
@@ -65,6 +71,7 @@ class Evaluation:
                 key: None if np.isnan(value) else value
                 for key, value in self.episodes.summary().items()
             },
+            "twins": None if self.twins is None else self.twins.to_plain(),
         }
         return json.dumps(record, indent=2, default=str)
 
@@ -117,6 +124,9 @@ def evaluate_policy(
     progress: Callable[[float], None] | None = None,
     *,
     force: bool = False,
+    twins: bool = True,
+    trust: bool = False,
+    trained_in: str | None = None,
 ) -> Evaluation:
     """Let a policy drive.
 
@@ -127,11 +137,16 @@ def evaluate_policy(
         seed: Of the episodes.
         progress: Called with the share done.
         force: Let it drive another scanner or robot than it was trained with.
+        twins: Let it drive with the true pose too, and routes be followed blindly: `TwinRuns`.
+        trust: Run code that the policy is, see `load_policy`.
+        trained_in: For a file of `model.save`: id of the environment, with `changed`, that it was
+            trained in.
 
     Raises:
         InputError: the policy cannot be loaded or does not fit, or an argument is of no use.
     """
-    policy = load_policy(policy_source)
+    environment = None if trained_in is None else {"id": trained_in, **changed}
+    policy = load_policy(policy_source, trust=trust, environment=environment)
     arguments = environment_for(policy, changed)
     options = dict(arguments)
     source, parameters = scenario(
@@ -139,9 +154,28 @@ def evaluate_policy(
         options.pop("first_building", 0), options.pop("max_episode_steps", None), options,
     )  # fmt: skip
     differs = check_fit(policy, parameters, force)
-    found = evaluate(policy, source, parameters, episodes, seed, progress=progress)
+    own = 1.0 / (1 + RUNS) if twins else 1.0
+
+    def report_progress(share: float) -> None:
+        if progress is not None:
+            progress(share)
+
+    found = evaluate(
+        policy,
+        source,
+        parameters,
+        episodes,
+        seed,
+        progress=lambda share: report_progress(own * share),
+    )
     (row,) = make_rows(source.name, {policy.name: found}, None, seed)
-    return Evaluation(row, found, arguments, seed, differs)
+    beside = None
+    if twins:
+        beside = drive_twins(
+            policy, found, source, parameters, seed,
+            lambda share: report_progress(own + (1.0 - own) * share),
+        )  # fmt: skip
+    return Evaluation(row, found, arguments, seed, differs, beside, policy.is_code)
 
 
 def write_evaluation(found: Evaluation, folder: Path) -> None:

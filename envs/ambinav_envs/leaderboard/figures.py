@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -74,6 +74,21 @@ FIGURES: Final = (
 """Length ratio and time are means of the episodes that arrived. Exposure per metre is that of all
 episodes together by the metres of all of them, as in `Episodes.summary`."""
 
+TASK_FIGURES: Final = (
+    EpisodeFigure("spl", "SPL", "", lambda e: mean_parts(e.spl), digits=3),
+    EpisodeFigure(
+        "lost_at_end", "lost at the end", "%", lambda e: _percent(e.lost_at_end), digits=1
+    ),
+    EpisodeFigure(
+        "lost_time", "time lost", "%", lambda e: (100.0 * e.lost_seconds, e.seconds), digits=1
+    ),
+    EpisodeFigure("return", "return", "", lambda e: mean_parts(e.reward), digits=2),
+)
+"""What makes numbers of other papers comparable: `Episodes.spl`, how an episode ends for the
+localizer, the seconds lost of all episodes together by those of all of them, and the undiscounted
+sum of the rewards (see `returns`)."""
+ALL_FIGURES: Final = FIGURES + TASK_FIGURES
+
 
 @dataclass(frozen=True)
 class Row(Cells[EpisodeFigure]):
@@ -83,13 +98,15 @@ class Row(Cells[EpisodeFigure]):
         setting: Name of the setting.
         method: Name of the method.
         episodes: How many.
-        cells: In the order of `FIGURES`.
+        cells: In the order of `ALL_FIGURES`.
+        score: See `normalized`; None: nobody was there to normalize by.
     """
 
     setting: str
     method: str
     episodes: int
     cells: tuple[Cell[EpisodeFigure], ...]
+    score: Interval | None = None
 
 
 def ratios(above: Floats, below: Floats) -> Floats:
@@ -97,6 +114,17 @@ def ratios(above: Floats, below: Floats) -> Floats:
     out = np.full(np.shape(below), np.nan)
     np.divide(above, below, out=out, where=below > 0.0)
     return out
+
+
+def draws(setting: str, building: NDArray[np.str_], seed: int) -> Iterator[Floats]:
+    """How often each draw holds each episode, see `grouped_weights`; the same ones every time.
+
+    Args:
+        setting: Its name.
+        building: Of each episode, shape (E,).
+        seed: Of the bootstrap.
+    """
+    return grouped_weights(building, np.random.default_rng([seed, zlib.crc32(setting.encode())]))
 
 
 def make_rows(
@@ -116,8 +144,7 @@ def make_rows(
     columns = {name: _columns(one, theirs[name]) for name, one in found.items()}
     sums: dict[str, list[Floats]] = {name: [] for name in found}
     keys = [one.building for one in found.values()]
-    rng = np.random.default_rng([seed, zlib.crc32(setting.encode())])
-    for weights in grouped_weights(keys[0], rng) if keys else ():
+    for weights in draws(setting, keys[0], seed) if keys else ():
         for name in found:
             sums[name].append(weights @ columns[name])
     return tuple(
@@ -131,10 +158,10 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
 
     The other two layers are ours and theirs in the episodes in which both have a value.
     """
-    own = np.array([figure.parts(ours) for figure in FIGURES])
+    own = np.array([figure.parts(ours) for figure in ALL_FIGURES])
     layers = [own]
     if theirs is not None:
-        other = np.array([figure.parts(theirs) for figure in FIGURES])
+        other = np.array([figure.parts(theirs) for figure in ALL_FIGURES])
         both = ((own[:, 1] > 0.0) & (other[:, 1] > 0.0))[:, None]
         layers += [np.where(both, own, 0.0), np.where(both, other, 0.0)]
     return np.array([np.vstack(list(layer)).T for layer in layers])
@@ -146,7 +173,7 @@ def _cells(columns: Floats, drawn: Floats) -> tuple[Cell[EpisodeFigure], ...]:
     value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
     counts = np.count_nonzero(columns[..., 1::2], axis=1)
     cells = []
-    for k, figure in enumerate(FIGURES):
+    for k, figure in enumerate(ALL_FIGURES):
         own = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:
@@ -156,6 +183,8 @@ def _cells(columns: Floats, drawn: Floats) -> tuple[Cell[EpisodeFigure], ...]:
     return tuple(cells)
 
 
+SCORE: Final = "normalized_score"
+"""Key of `Row.score` in files."""
 COLUMNS: Final = (
     "setting", "method", "figure", "unit", "episodes", "counted", "value", "low", "high",
     "difference", "difference_low", "difference_high",
@@ -174,6 +203,11 @@ def to_csv(rows: Sequence[Row]) -> str:
                 [row.setting, row.method, cell.figure.key, cell.figure.unit, row.episodes,
                  cell.value.count, *texts]
             )  # fmt: skip
+        if row.score is not None:
+            texts = [*csv_cells(row.score), *csv_cells(None)]
+            writer.writerow(
+                [row.setting, row.method, SCORE, "", row.episodes, row.score.count, *texts]
+            )
     return out.getvalue()
 
 

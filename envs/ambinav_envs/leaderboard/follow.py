@@ -69,14 +69,6 @@ class Followers:
         return want
 
 
-def as_actions(want: Floats, robot: Robot, min_speed: float) -> Floats:
-    """Speeds as the environment's actions, shape (N, 2); see `ambinav_envs.spaces`."""
-    actions = np.empty_like(want)
-    actions[:, 0] = 2.0 * (want[:, 0] - min_speed) / (robot.max_speed - min_speed) - 1.0
-    actions[:, 1] = want[:, 1] / robot.max_turn_rate
-    return actions
-
-
 @kernel
 def _steer(
     belief, speeds, first, points, along, directions, end, goal, turns, piece, stage, p, limits, dt,

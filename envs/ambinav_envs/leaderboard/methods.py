@@ -12,8 +12,9 @@ from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
+from ambinav_envs.commands import as_actions
 from ambinav_envs.evaluation import EpisodeDriver
-from ambinav_envs.leaderboard.follow import Followers, as_actions
+from ambinav_envs.leaderboard.follow import Followers
 from ambinav_envs.leaderboard.routes import PlannerChoice, Routes
 from ambinav_envs.leaderboard.waypoint import (
     AHEAD,
@@ -27,10 +28,14 @@ from ambinav_envs.policies import baselines, load_policy
 from ambinav_envs.policies.load import checksum_of
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, CallablePolicy, Policy
+from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.twins import TRUE_POSE as BY_TRUTH
 
 SHORTEST: Final = "shortest"
 """Name of the method that the others are compared with."""
+TRUE_POSE: Final = f"{SHORTEST}, true pose"
+"""The same one in the twin without localization error."""
 
 PLANNERS: Final = {
     SHORTEST: PlannerChoice("reference", 0.0),
@@ -112,8 +117,8 @@ class RouteFollower:
         if self._followers is None:
             raise RuntimeError("begin was not called")
         state, parameters = simulation.state, simulation.parameters
-        want = self._followers.steer(state["mean"], state["speeds"])
-        return as_actions(want, parameters.robot, parameters.min_speed)
+        want = self._followers.steer(simulation.seen()[0], state["speeds"])
+        return as_actions(want, parameters)
 
 
 def planner_method(name: str, choice: PlannerChoice) -> Method:
@@ -135,6 +140,13 @@ def follower_method(ambiguity_weight: float) -> Method:
         name, "policy", f"drives at the point {AHEAD:g} m ahead on the {path}", {"name": name},
         {**SEES, **STEERS, "ambiguity_weight": ambiguity_weight},
     )  # fmt: skip
+
+
+def true_pose_method() -> Method:
+    """Who follows the shortest routes in the twin without localization error; they are the same."""
+    blind = planner_method(SHORTEST, PLANNERS[SHORTEST])
+    text = f"{blind.text}, by the true pose"
+    return replace(blind, name=TRUE_POSE, text=text, seeing={**blind.seeing, **BY_TRUTH})
 
 
 def planner_methods(names: Sequence[str]) -> list[Method]:
@@ -165,16 +177,21 @@ def planner_methods(names: Sequence[str]) -> list[Method]:
     return methods
 
 
-def policy_method(source: str, folder: Path | None = None, *, shipped: bool = False) -> Method:
+def policy_method(
+    source: str, folder: Path | None = None, *, shipped: bool = False, trust: bool = False
+) -> Method:
     """A policy that a user names.
 
     Raises:
         InputError: see `load_policy`.
     """
-    policy = load_policy(source, folder)
-    if isinstance(policy, CallablePolicy):
+    policy = load_policy(source, folder, trust=trust)
+    if isinstance(policy, ReactivePolicy):
+        identity = {"reactive": policy.checksum}
+        text = policy.baseline.title
+    elif isinstance(policy, CallablePolicy):
         identity = {"callable": source, "code": checksum_of(source, policy, folder)}
-        text = f"policy {source}"
+        text = f"policy {source}, code that was trusted (--trust)"
     else:
         identity = {"file": checksum_of(source, policy, folder)}
         text = f"policy {policy.name}.zip"
@@ -184,7 +201,11 @@ def policy_method(source: str, folder: Path | None = None, *, shipped: bool = Fa
 
 
 def all_methods(
-    planners: Sequence[str], policies: Sequence[str], folder: Path | None = None
+    planners: Sequence[str],
+    policies: Sequence[str],
+    folder: Path | None = None,
+    *,
+    trust: bool = False,
 ) -> list[Method]:
     """Everyone who takes part, in the order of the table.
 
@@ -192,6 +213,7 @@ def all_methods(
         planners: See `planner_methods`.
         policies: What `load_policy` takes, besides the shipped ones.
         folder: What names of files are relative to.
+        trust: Run policies that are code, see `load_policy`.
 
     Raises:
         InputError: one is unknown, or two have the same name.
@@ -199,8 +221,13 @@ def all_methods(
     methods = [
         *(follower_method(weight) for weight in WEIGHTS),
         *planner_methods(planners),
-        *(policy_method(name, shipped=True) for name in baselines() if name not in policies),
-        *(policy_method(name, folder) for name in dict.fromkeys(policies)),
+        true_pose_method(),
+        *(
+            policy_method(name, shipped=True)
+            for name in (*REACTIVE, *baselines())
+            if name not in policies
+        ),
+        *(policy_method(name, folder, trust=trust) for name in dict.fromkeys(policies)),
     ]  # fmt: skip
     names = [method.name for method in methods]
     for name in names:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -15,13 +16,24 @@ from ambinav.plotting.style import FORMATS
 from ambinav.provenance import discard_stale
 from ambinav.reports.criterion import AcceptanceCriterion
 from ambinav.reports.pages import fill
-from ambinav.reports.table import difference_text, is_shown, value_text
+from ambinav.reports.table import difference_text, interval_text, is_shown, value_text
 from ambinav.runfolder import LOCK, WORK, RunFolder
 from ambinav.version import __version__
 from ambinav_envs.evaluation import Episodes
 from ambinav_envs.leaderboard.board import BASELINE, CONDITIONS, Bars, Board, fitting, run
-from ambinav_envs.leaderboard.figures import FIGURES, Row, make_rows, plain, to_csv
+from ambinav_envs.leaderboard.figures import (
+    FIGURES,
+    SCORE,
+    TASK_FIGURES,
+    Row,
+    make_rows,
+    plain,
+    to_csv,
+)
+from ambinav_envs.leaderboard.methods import TRUE_POSE
+from ambinav_envs.leaderboard.normalized import BLIND, NormalizedScores, normalized_scores
 from ambinav_envs.leaderboard.overview import plot_board
+from ambinav_envs.leaderboard.returns import agreeing
 from ambinav_envs.leaderboard.store import computed_by
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.fit import difference_text as differs_text
@@ -61,28 +73,50 @@ def benchmark(
     with FOLDER.hold(folder):
         discard_stale(folder / WORK, computed_by(), kept=(LOCK,))
         found = run(board, folder / WORK, begin)
-        rows = rows_of(found, board.seed)
+        scores = scores_of(found, board.seed)
+        rows = rows_of(board, found, scores)
         for picture in OVERVIEWS:
             (folder / picture).unlink(missing_ok=True)
         picture = f"overview.{image_format}"
         with replacing(folder / picture) as scratch:
             save_figure(plot_board(rows, f"Leaderboard, {board.episodes} episodes each"), scratch)
         write_text(folder / TABLE, to_csv(rows))
-        write_text(folder / JSON, to_json(board, found, rows) + "\n")
-        write_text(folder / MARKDOWN, to_markdown(board, rows, picture))
+        write_text(folder / JSON, to_json(board, scores, rows) + "\n")
+        write_text(folder / MARKDOWN, to_markdown(board, scores, rows, picture))
     return rows
 
 
-def rows_of(found: Mapping[str, Mapping[str, Episodes]], seed: int) -> tuple[Row, ...]:
-    """The table of all settings."""
-    return tuple(
-        row
+def scores_of(
+    found: Mapping[str, Mapping[str, Episodes]], seed: int
+) -> dict[str, NormalizedScores]:
+    """The normalized scores of the settings in which those took part by whom they are."""
+    return {
+        setting: normalized_scores(setting, episodes, episodes[BLIND], episodes[TRUE_POSE], seed)
         for setting, episodes in found.items()
-        for row in make_rows(setting, episodes, BASELINE, seed)
-    )
+        if {BLIND, TRUE_POSE} <= set(episodes)
+    }
 
 
-def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Sequence[Row]) -> str:
+def rows_of(
+    board: Board,
+    found: Mapping[str, Mapping[str, Episodes]],
+    scores: Mapping[str, NormalizedScores],
+) -> tuple[Row, ...]:
+    """The table of all settings; returns are of those alone whose reward is the baseline's."""
+    rows = []
+    for setting in board.settings:
+        parameters = {m.name: board.parameters(setting, m) for m in board.methods}
+        reference = parameters.get(BASELINE, next(iter(parameters.values())))
+        episodes = agreeing(found[setting.name], parameters, reference)
+        known = scores[setting.name].scores if setting.name in scores else {}
+        rows += [
+            replace(row, score=known.get(row.method))
+            for row in make_rows(setting.name, episodes, BASELINE, board.seed)
+        ]
+    return tuple(rows)
+
+
+def to_json(board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row]) -> str:
     """All figures with intervals and differences, and how they came about."""
     record = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -111,18 +145,23 @@ def to_json(board: Board, found: Mapping[str, Mapping[str, Episodes]], rows: Seq
                 "criterion": criterion_text(row, _base(row, rows)),
                 "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
                 "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
-                "reward": float(found[row.setting][row.method].reward.mean()),
+                "reward": row["return"].value.value if row["return"].value.count else None,
+                SCORE: plain(row.score),
             }
             for row in rows
         ],
+        "normalized_by": {setting: one.to_plain() for setting, one in scores.items()},
     }
     return json.dumps(record, indent=2, default=str)
 
 
-def to_markdown(board: Board, rows: Sequence[Row], picture: str) -> str:
+def to_markdown(
+    board: Board, scores: Mapping[str, NormalizedScores], rows: Sequence[Row], picture: str
+) -> str:
     """The report for readers; it shows the picture of this name."""
     filters: dict[str, Callable[..., str]] = {
         "value": value_text,
+        "interval": interval_text,
         "difference": partial(difference_text, bold=True),
         "criterion": lambda row: criterion_text(row, _base(row, rows)),
     }
@@ -131,6 +170,10 @@ def to_markdown(board: Board, rows: Sequence[Row], picture: str) -> str:
         "rows": rows,
         "settings": list(dict.fromkeys(row.setting for row in rows)),
         "figures": FIGURES,
+        "task_figures": TASK_FIGURES,
+        "scores": scores,
+        "blind": BLIND,
+        "true_pose": TRUE_POSE,
         "baseline": BASELINE,
         "picture": picture,
         "conditions": CONDITIONS,

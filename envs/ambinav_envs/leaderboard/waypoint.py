@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ambinav_envs.leaderboard.follow import as_actions
+from ambinav_envs.commands import as_actions
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.normalization import Observation
 from ambinav_envs.policies.policy import Bools, Policy
@@ -14,7 +14,7 @@ from ambinav_envs.policies.policy import Bools, Policy
 NAME = "waypoint follower"
 # Metres ahead; farther on it cuts corners.
 AHEAD = 0.5
-SEES = {"waypoint": True, "waypoint_distance": AHEAD}
+SEES = {"waypoint": True, "waypoint_distance": AHEAD, "ambiguity_seen": True}
 WEIGHTS = (0.0, 5.0)
 """Of the routes that followers take part with: the shortest, and that of the shipped policy."""
 # Above this bearing, radians, it turns on the spot.
@@ -40,7 +40,7 @@ class WaypointFollower(Policy):
     def __init__(self, parameters: NavigationParameters) -> None:
         weight = parameters.ambiguity_weight
         super().__init__(follower_name(weight), {**SEES, "ambiguity_weight": weight})
-        self._robot, self._min_speed = parameters.robot, parameters.min_speed
+        self._parameters, self._robot = parameters, parameters.robot
 
     def prepare(self, observation_space: Any, action_space: Any) -> None:
         """There is nothing to get ready."""
@@ -58,4 +58,4 @@ class WaypointFollower(Policy):
         )
         rate = np.where(spot, np.clip(3.0 * angle, -turning, turning), speed * curvature)
         want = np.stack([speed, np.clip(rate, -turning, turning)], axis=1)
-        return as_actions(want, self._robot, self._min_speed)
+        return as_actions(want, self._parameters)

@@ -1,6 +1,7 @@
 """Policies: as files, shipped, or plugged in, all with one face."""
 
-from ambinav_envs.policies.file import Card, read_card, save_policy
+from ambinav_envs.policies.card import Card
+from ambinav_envs.policies.file import read_card, save_policy, upgrade_policy
 from ambinav_envs.policies.load import baselines, load_policy
 from ambinav_envs.policies.normalization import Normalization
 from ambinav_envs.policies.policy import ModelPolicy, Policy
@@ -14,4 +15,5 @@ __all__ = [
     "load_policy",
     "read_card",
     "save_policy",
+    "upgrade_policy",
 ]

@@ -12,6 +12,7 @@ from ambinav.drive.robot import Robot
 from ambinav.geometry.environment import Environment
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.commands import as_commands
 from ambinav_envs.observer import Observer
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.fit import check_fit, difference_text
@@ -23,7 +24,13 @@ Floats = NDArray[np.float64]
 
 
 def examine(
-    policy_source: str, folder: Path, scanner: RangeScanner, robot: Robot, rate: float, force: bool
+    policy_source: str,
+    folder: Path,
+    scanner: RangeScanner,
+    robot: Robot,
+    rate: float,
+    force: bool,
+    trust: bool = False,
 ) -> tuple[str, str]:
     """Load a policy to see whether it can drive.
 
@@ -34,6 +41,7 @@ def examine(
         robot: What they are.
         rate: Time steps a second.
         force: Let it drive another scanner or robot than it was trained with.
+        trust: See `load_policy`.
 
     Returns:
         Its checksum, and how scanner and robot differ from those of its training, in words.
@@ -41,7 +49,7 @@ def examine(
     Raises:
         InputError: see `load_policy`; or scanner or robot differ, and that is not forced.
     """
-    policy = load_policy(policy_source, folder)
+    policy = load_policy(policy_source, folder, trust=trust)
     found = check_fit(policy, _parameters(policy, scanner, robot, rate), force)
     return checksum_of(policy_source, policy, folder), difference_text(found)
 
@@ -59,6 +67,7 @@ class PolicyController:
         robot: What they are.
         rate: Time steps a second.
         runs: How many.
+        trust: See `load_policy`.
 
     Raises:
         InputError: the policy does not fit the scanner, or the robot has no room at start or goal.
@@ -75,9 +84,11 @@ class PolicyController:
         robot: Robot,
         rate: float,
         runs: int,
+        trust: bool = False,
     ) -> None:
-        self._policy = load_policy(policy_source, folder)
+        self._policy = load_policy(policy_source, folder, trust=trust)
         parameters = _parameters(self._policy, scanner, robot, rate)
+        self._policy.configure(parameters)
         self._policy.prepare(observation_space(parameters), action_space(parameters))
         source = BuildingSource(
             environment, scanner, robot.radius, layers=on_request(parameters.cost_layer)
@@ -99,12 +110,8 @@ class PolicyController:
         seen = self._observer.see(belief, covariance, speeds, ranges)
         actions = self._policy.act(seen, self._starts)
         self._starts = np.zeros_like(self._starts)
-        chosen = checked_actions(name, actions, len(belief), parameters.discrete).clip(-1.0, 1.0)
-        least, most = parameters.min_speed, parameters.robot.max_speed
-        command = np.empty_like(chosen)
-        command[:, 0] = least + 0.5 * (chosen[:, 0] + 1.0) * (most - least)
-        command[:, 1] = chosen[:, 1] * parameters.robot.max_turn_rate
-        return command
+        chosen = checked_actions(name, actions, len(belief), parameters.discrete)
+        return as_commands(chosen, parameters)
 
 
 def _parameters(

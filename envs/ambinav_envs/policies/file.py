@@ -1,76 +1,67 @@
-"""Policy files: what Stable-Baselines3 saves, and beside it what the policy is and sees."""
+"""Policy files: a card, spaces and weights, all of it data."""
 
 from __future__ import annotations
 
-import io
-import json
 import platform
-import zipfile
-import zlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.files import replacing
-from ambinav.geometry.environment import Environment
 from ambinav.provenance import code_digest, library_version
-from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.policies import older
+from ambinav_envs.policies.archive import MEBIBYTE, read_archive, write_archive
+from ambinav_envs.policies.card import (
+    CARD,
+    FORMAT,
+    Card,
+    arguments_of,
+    card_text,
+    parse_card,
+    plain_environment,
+)
+from ambinav_envs.policies.network import ALGORITHMS, build_policy, network_of, required, weights_of
 from ambinav_envs.policies.normalization import Normalization
-from ambinav_envs.policies.policy import seen_in
-from ambinav_envs.policies.shapes import Plain, described
+from ambinav_envs.policies.shapes import described, space_of
 
-FORMAT: Final = 2
-CARD: Final = "ambinav.json"
-"""Member of a policy file that says what it is."""
-MOMENTS: Final = "normalization.npz"
-"""Member that holds the normalisation, if there is one."""
-ALGORITHMS: Final = ("PPO", "SAC", "RecurrentPPO")
+WEIGHTS: Final = "weights.safetensors"
+"""Member of a policy file that holds all tensors: policy.NAME, and those of the normalisation."""
+SIZES: Final = {CARD: MEBIBYTE, WEIGHTS: 68 * MEBIBYTE}
+"""Members of a policy file, and the most bytes that each may have."""
 
-DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
-"""Arguments of an environment that a policy does not depend on."""
-UNREADABLE: Final = (
-    OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile,
-)  # fmt: skip
-"""What reading a damaged zip file may raise; RuntimeError: a bit says that it is encrypted, or
-packed in an unknown way."""
-# What a model remembers of its training and needs for nothing but that.
-_LEFT_OUT = (
-    "_last_obs", "_last_original_obs", "_last_episode_starts", "_last_lstm_states",
-    "ep_info_buffer", "ep_success_buffer", "start_time", "tensorboard_log",
-)  # fmt: skip
-_PACKAGES = ("ambinav", "stable-baselines3", "torch", "gymnasium", "numpy")
+_POLICY, _NORMALIZATION = "policy.", "normalization."
+_VERSIONED = ("ambinav", "stable-baselines3", "torch", "gymnasium", "numpy", "safetensors")
 
 
-@dataclass(frozen=True)
-class Card:
-    """What a policy file says of itself.
+@dataclass(frozen=True, eq=False)
+class PolicyFile:
+    """All of a policy file.
 
     Attributes:
-        algorithm: One of `ALGORITHMS`.
-        environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
-            values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
-            default among them.
-        observation: What it sees, see `described`.
-        action: What it gives, likewise.
-        steps: How many steps it was trained for.
-        seed: Of the training.
-        versions: Of packages, when it was saved.
-        notes: What else was noted when it was saved: checksum of the buildings, a note.
-        code: `ambinav.provenance.code_digest` of what saved it; empty in files of earlier versions.
+        card: What it says of itself; of the present format.
+        weights: Of the network, by name.
+        normalization: Of what the policy sees, if there is one.
     """
 
-    algorithm: str
-    environment: dict[str, Any]
-    observation: Plain
-    action: Plain
-    steps: int
-    seed: int | None
-    versions: dict[str, str] = field(default_factory=dict)
-    notes: dict[str, Any] = field(default_factory=dict)
-    code: str = ""
+    card: Card
+    weights: dict[str, NDArray[Any]]
+    normalization: Normalization | None = None
+
+    def build(self) -> Any:
+        """The policy itself, see `network.build_policy`.
+
+        Raises:
+            InputError: the same.
+        """
+        card = self.card
+        observation, action = space_of(card.observation), space_of(card.action)
+        return build_policy(card.algorithm, card.network, observation, action, self.weights)
 
 
 def save_policy(
@@ -80,7 +71,7 @@ def save_policy(
     environment: Mapping[str, Any],
     normalization: Any = None,
     notes: Mapping[str, Any] | None = None,
-    slim: bool = False,
+    base: str | None = None,
 ) -> None:
     """Write a policy file, whole or not at all.
 
@@ -90,17 +81,25 @@ def save_policy(
         environment: Arguments that the environment was made with, and its `id`.
         normalization: `VecNormalize` or `Normalization` of the observations, if there was one.
         notes: Further plain values for the card.
-        slim: Leave out what the optimizer remembers, most of a file. `PPO.load` reads it all the
-            same; training on begins with a fresh optimizer.
+        base: The reactive baseline that the model corrects, see `Card`.
 
     Raises:
-        InputError: the algorithm is another, a value is not plain, or nothing can be written.
+        InputError: the algorithm or a part of the network is another than files can hold, a value
+            is not plain, or nothing can be written.
     """
     name = type(model).__name__
     if name not in ALGORITHMS:
         raise InputError(f"the model is a {name}; {nearest(name, ALGORITHMS)}.")
     if normalization is not None and not isinstance(normalization, Normalization):
         normalization = Normalization.of(normalization)
+    for space in (model.observation_space, model.action_space):
+        again = space_of(described(space))
+        # Its order and types, too, which gymnasium does not compare.
+        if str(again) != str(space) or again != space:
+            raise InputError(f"the space {space} is none that a policy file can hold; use float32.")
+    limits = None
+    if normalization is not None:
+        limits = {"clip": normalization.clip, "epsilon": normalization.epsilon}
     card = Card(
         name,
         plain_environment(environment),
@@ -111,106 +110,62 @@ def save_policy(
         _versions(name),
         dict(notes or {}),
         code_digest(),
+        network_of(model),
+        limits,
+        base,
     )
-    try:
-        text = _card_text(card)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the policy's card cannot be written ({error}); give plain values."
-        ) from None
-    saved = io.BytesIO()
-    model.save(saved, exclude=_LEFT_OUT)
-    with (
-        zipfile.ZipFile(saved) as source,
-        replacing(Path(path)) as fresh,
-        zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as out,
-    ):
-        for member in source.namelist():
-            content = source.read(member)
-            # It names the machine; versions are on the card.
-            if member == "system_info.txt":
-                continue
-            if slim and member.endswith("optimizer.pth"):
-                content = _without_state(content)
-            out.writestr(member, content)
-        out.writestr(CARD, text)
-        if normalization is not None:
-            out.writestr(MOMENTS, normalization.to_bytes())
+    write_policy_file(PolicyFile(card, dict(weights_of(model.policy)), normalization), path)
+
+
+def write_policy_file(policy: PolicyFile, path: str | Path) -> None:
+    """Write a policy file, whole or not at all; the same content gives the same bytes.
+
+    Raises:
+        InputError: a value of the card is not plain, or nothing can be written.
+    """
+    text = card_text(policy.card)
+    tensors = {_POLICY + name: values for name, values in policy.weights.items()}
+    if policy.normalization is not None:
+        own = policy.normalization.tensors()
+        tensors |= {_NORMALIZATION + name: values for name, values in own.items()}
+    # It takes the bytes as they lie.
+    tensors = {name: np.ascontiguousarray(values) for name, values in tensors.items()}
+    content = required("safetensors.numpy").save(tensors)
+    with replacing(Path(path)) as fresh:
+        write_archive(fresh, {CARD: text.encode(), WEIGHTS: content})
 
 
 def read_card(path: str | Path) -> Card:
     """What a policy file says of itself; this needs no torch.
 
     Raises:
-        InputError: there is no such file, or it is none that `save_policy` of this version wrote.
+        InputError: there is no such file, it is damaged, or none that `save_policy` wrote.
     """
-    card, _ = read_members(path)
+    card, _ = _read(Path(path))
     return card
 
 
-def read_members(path: str | Path) -> tuple[Card, Normalization | None]:
-    """The two members of a policy file that are ours.
+def read_policy_file(path: str | Path) -> PolicyFile:
+    """All of a policy file, one of the format before included; nothing is unpickled.
 
     Raises:
-        InputError: see `read_card`.
+        InputError: see `read_card`; or the weights or the normalisation are of no use.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; give a policy's .zip file.")
+    card, members = _read(path)
     try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            content = archive.read(CARD) if CARD in names else None
-            moments = archive.read(MOMENTS) if MOMENTS in names else None
-            broken = archive.testzip()
-    except UNREADABLE as error:
-        raise InputError(
-            f"{path}: this is no policy file ({error}); copy or train it again."
-        ) from error
-    if broken is not None:
-        raise InputError(f"{path}: the member {broken} is damaged; copy or train it again.")
-    if content is None:
-        raise InputError(
-            f"{path}: the member {CARD} is missing, so nobody knows what the policy sees; save it "
-            "with ambinav_envs.policies.save_policy."
-        )
-    try:
-        return _card(content), None if moments is None else Normalization.from_bytes(moments)
+        if card.format == FORMAT:
+            return _current(card, members)
+        return _older(card, members)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
-def _card(content: bytes) -> Card:
-    try:
-        plain = json.loads(content)
-    except ValueError as error:
-        raise InputError(f"{CARD} is no JSON ({error}); train the policy again.") from error
-    if not isinstance(plain, dict) or plain.pop("format", None) != FORMAT:
-        raise InputError(
-            f"{CARD} is not of format {FORMAT}, which this version of ambinav reads; install the "
-            "version that wrote it, or train the policy again."
-        )
-    known = [item.name for item in fields(Card)]
-    for key in ("algorithm", "environment", "observation", "action", "steps"):
-        if key not in plain:
-            raise InputError(f"{CARD} lacks {key!r}; train the policy again.")
-    card = Card(**{key: value for key, value in plain.items() if key in known})
-    if card.algorithm not in ALGORITHMS:
-        raise InputError(
-            f"{CARD}: algorithm is {card.algorithm!r}; {nearest(str(card.algorithm), ALGORITHMS)}."
-        )
-    shapes = (card.environment, card.observation, card.action)
-    if not all(isinstance(part, dict) for part in shapes):
-        raise InputError(f"{CARD}: environment, observation and action must be mappings.")
-    return card
+def upgrade_policy(path: str | Path, notes: Mapping[str, Any] | None = None) -> bool:
+    """Write a policy file of an earlier version anew, in the present format.
 
-
-def complete_card(path: str | Path, notes: Mapping[str, Any] | None = None) -> bool:
-    """Write out in a policy file's card what files of earlier versions left to the defaults.
-
-    All other members stay as they are, byte for byte, with their times; doing it twice changes
-    nothing. The defaults must be those of when the policy was trained, which whoever calls this
-    has made sure of.
+    What its card left to the defaults is written out: they must be those of when the policy was
+    trained, which whoever calls this has made sure of. Doing it twice changes nothing.
 
     Args:
         path: The file.
@@ -220,85 +175,96 @@ def complete_card(path: str | Path, notes: Mapping[str, Any] | None = None) -> b
         Whether something was to be done.
 
     Raises:
-        InputError: see `read_card`; or nothing can be written.
+        InputError: see `read_policy_file`; or nothing can be written.
     """
-    path = Path(path)
-    card = read_card(path)
+    before, _ = _read(Path(path))
+    policy = read_policy_file(path)
+    card = policy.card
     environment = {"id": card.environment["id"]} if "id" in card.environment else {}
     environment = plain_environment(arguments_of(card)) | environment
     whole = replace(card, environment=environment, notes={**card.notes, **(notes or {})})
-    if whole == card:
+    if whole == before:
         return False
-    with (
-        zipfile.ZipFile(path) as source,
-        replacing(path) as fresh,
-        zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED) as out,
-    ):
-        for member in source.infolist():
-            content = source.read(member)
-            if member.filename == CARD:
-                content = _card_text(whole).encode()
-            out.writestr(member, content)
+    upgraded = replace(policy, card=whole)
+    upgraded.build()
+    write_policy_file(upgraded, path)
     return True
 
 
-def _card_text(card: Card) -> str:
-    return json.dumps({"format": FORMAT, **asdict(card)}, indent=2, allow_nan=False) + "\n"
-
-
-def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of an environment as plain values, without those of `DRAWN`.
-
-    Scanner and robot are written out in full, and so is what the policy sees by default: files may
-    not be there later, and presets and defaults may change.
-    """
-    seen = seen_in(environment)
-    whole = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
-    return {name: plain_value(value) for name, value in whole.items() if name not in DRAWN}
-
-
-def arguments_of(card: Card) -> dict[str, Any]:
-    """Arguments for `gymnasium.make`, without `id`, from a card.
-
-    Older files leave out what their policy saw and drove by default; it is filled in.
+def is_plain_model(path: Path) -> bool:
+    """Whether a file has no card, as what `model.save` of Stable-Baselines3 writes.
 
     Raises:
-        InputError: an argument that says what the policy sees is of no use.
+        InputError: see `archive.read_archive`.
     """
-    arguments = {name: value for name, value in card.environment.items() if name != "id"}
-    scanner = arguments.get("scanner")
-    if isinstance(scanner, Mapping):
-        if not isinstance(scanner.get("yaml"), str):
-            raise InputError(f"{CARD}: scanner has no text under yaml; train the policy again.")
-        arguments["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
-    return seen_in(arguments) | arguments
+    return CARD not in _members(path)
 
 
-def plain_value(value: Any) -> Any:
-    """An argument of an environment as a plain value."""
-    if isinstance(value, RangeScanner):
-        return {"yaml": value.to_yaml()}
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    if isinstance(value, Environment):
-        return value.name
-    if isinstance(value, Path):
-        return str(value)
-    return value
+def _members(path: Path) -> dict[str, bytes]:
+    return read_archive(path, {**SIZES, **older.SIZES}, older.UNREAD)
 
 
-def _without_state(content: bytes) -> bytes:
-    """An optimizer's saved state without its moments: as large as nothing, and it still loads."""
-    import torch
+def _read(path: Path) -> tuple[Card, dict[str, bytes]]:
+    members = _members(path)
+    content = members.pop(CARD, None)
+    if content is None:
+        raise InputError(
+            f"{path}: the member {CARD} is missing, so nobody knows what the policy sees; save it "
+            "with ambinav_envs.policies.save_policy."
+        )
+    try:
+        card = parse_card(content)
+        for name in members:
+            if (name in SIZES) is not (card.format == FORMAT):
+                raise InputError(f"the member {name!r} has no place in format {card.format}.")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return card, members
 
-    state = torch.load(io.BytesIO(content), weights_only=True, map_location="cpu")
-    out = io.BytesIO()
-    torch.save({**state, "state": {}}, out)
-    return out.getvalue()
+
+def _current(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
+    if WEIGHTS not in members:
+        raise InputError(f"the member {WEIGHTS} is missing; copy or train it again.")
+    reader = required("safetensors.numpy")
+    try:
+        tensors: dict[str, NDArray[Any]] = reader.load(members[WEIGHTS])
+    except (required("safetensors").SafetensorError, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{WEIGHTS} cannot be read ({error}); copy or train it again.") from error
+    weights: dict[str, NDArray[Any]] = {}
+    moments: dict[str, NDArray[Any]] = {}
+    for name, values in tensors.items():
+        for prefix, own in ((_POLICY, weights), (_NORMALIZATION, moments)):
+            if name.startswith(prefix):
+                own[name.removeprefix(prefix)] = values
+                break
+        else:
+            raise InputError(f"weights: {name[:80]!r} has no place in a policy file.")
+    if card.normalization is None:
+        if moments:
+            raise InputError("there is a normalisation that the card does not name; save it anew.")
+        return PolicyFile(card, weights)
+    sizes = older.sizes_of(card.observation)
+    return PolicyFile(card, weights, Normalization.of_tensors(moments, sizes, **card.normalization))
+
+
+def _older(card: Card, members: Mapping[str, bytes]) -> PolicyFile:
+    for name in (older.DATA, older.POLICY):
+        if name not in members:
+            raise InputError(f"the member {name} is missing; copy or train it again.")
+    network = older.older_network(members[older.DATA], card)
+    weights = older.older_weights(members[older.POLICY], network)
+    normalization = None
+    if older.MOMENTS in members:
+        normalization = older.older_normalization(members[older.MOMENTS], card)
+    limits = None
+    if normalization is not None:
+        limits = {"clip": normalization.clip, "epsilon": normalization.epsilon}
+    fresh = replace(card, network=network, normalization=limits, format=FORMAT)
+    return PolicyFile(fresh, weights, normalization)
 
 
 def _versions(algorithm: str) -> dict[str, str]:
-    packages = (*_PACKAGES, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
+    packages = (*_VERSIONED, *(("sb3-contrib",) if algorithm == "RecurrentPPO" else ()))
     found = {name: library_version(name) for name in packages}
     known = {name: version for name, version in found.items() if version is not None}
     return {"python": platform.python_version(), **known}

@@ -14,12 +14,13 @@ from ambinav.drive.robot import Robot
 from ambinav.errors import InputError, InputWarning
 from ambinav.provenance import digest_of
 from ambinav.sensing.curves import Curve
+from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.policies.policy import Policy
 
-Value = float | Curve | None
+Value = float | Curve | str | None
 
 SAME: Final = 1e-9
 """Numbers that differ by less, relative to their size, are the same."""
@@ -47,6 +48,7 @@ _SENSOR: Final[Mapping[str, tuple[str, Callable[[RangeSensor], Value], str]]] = 
     ),
     "random_share": ("share of random readings", lambda s: s.random_share, ""),
     "lost_share": ("share of lost readings", lambda s: s.lost_share, ""),
+    "intensity": ("intensity", lambda s: _intensity_text(s.intensity), ""),
 }
 """What a field of a sensor is called, its value as people write it, and its unit."""
 
@@ -175,10 +177,19 @@ def _sensor_difference(
 def _value_text(value: Value, unit: str) -> str:
     if value is None:
         return "any"
+    if isinstance(value, str):
+        return value
     if isinstance(value, int | float):
         return f"{value:.4g}{unit}"
     # A polynomial or a table over the true range: enough of it to distinguish it from another.
     return f"curve {digest_of(value)[:6]}"
+
+
+def _intensity_text(channel: Intensity | None) -> str:
+    """All that a channel is."""
+    if channel is None:
+        return "none"
+    return ", ".join(f"{name} {value!r}" for name, value in channel.to_plain().items())
 
 
 def _mount_text(scanner: RangeScanner, with_yaw: bool) -> str:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import secrets
 import sys
 import warnings
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,8 +17,13 @@ from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.files import sha256
 from ambinav.plugins import load_callable
-from ambinav_envs.policies.file import arguments_of, read_members
-from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy
+from ambinav_envs.policies.archive import UNREADABLE
+from ambinav_envs.policies.card import CARD, arguments_of
+from ambinav_envs.policies.corrected import CorrectedPolicy
+from ambinav_envs.policies.file import is_plain_model, read_policy_file
+from ambinav_envs.policies.older import DATA
+from ambinav_envs.policies.policy import CallablePolicy, ModelPolicy, Policy, seen_in
+from ambinav_envs.policies.reactive.policy import REACTIVE, ReactivePolicy
 
 BASELINES: Final = Path(__file__).parent / "baselines"
 """Folder of the policies that are shipped: NAME.zip, and NAME.md, which says what it is."""
@@ -24,6 +32,9 @@ _HOMES = {"PPO": "stable_baselines3", "SAC": "stable_baselines3", "RecurrentPPO"
 _PACKAGES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
 # Put in the place of what was saved: buffers and schedules that serve training alone, and may be
 # large, or unreadable to another Python.
+_MARKS: Final = {"clip_range": "PPO", "target_entropy": "SAC"}
+"""Hyperparameters that tell algorithms apart."""
+_RECURRENT: Final = "sb3_contrib.common.recurrent.policies"
 _UNUSED: dict[str, dict[str, Any]] = {
     "PPO": {"n_steps": 2, "n_envs": 1, "clip_range": 0.2, "learning_rate": 0.0},
     "RecurrentPPO": {"n_steps": 2, "n_envs": 1, "clip_range": 0.2, "learning_rate": 0.0},
@@ -36,23 +47,39 @@ def baselines() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in BASELINES.glob("*.zip")))
 
 
-def load_policy(source: str | Path, folder: Path | None = None) -> Policy:
+def load_policy(
+    source: str | Path,
+    folder: Path | None = None,
+    *,
+    trust: bool = False,
+    environment: Mapping[str, Any] | None = None,
+) -> Policy:
     """The policy that a user names.
 
-    A file holds pickled objects, and a callable is code: load what you trust alone.
+    A policy file and a shipped policy are data: nothing in them is run. All else is code.
 
     Args:
-        source: A policy file (`save_policy`), the name of a baseline, `module:callable` or
-            `file.py:callable`. The callable is called with the observation and the action space
-            and gives something with `act(observations, starts)`, see `Policy.act`.
+        source: A policy file (`save_policy`), the name of a baseline (`baselines`, or a reactive
+            one, see `reactive.policy.REACTIVE`); or what needs `trust`: `module:callable`,
+            `file.py:callable`, or a file of `model.save` of Stable-Baselines3. The callable is
+            called with the observation and the action space and gives something with
+            `act(observations, starts)`, see `Policy.act`.
         folder: What names of files are relative to; None: the working folder.
+        trust: Run code that the source names or holds, with the rights of this process.
+        environment: For a file of `model.save`, which does not say so: arguments of the environment
+            that it was trained in, and its `id`.
 
     Raises:
-        InputError: there is none, or it cannot be loaded; one sentence says why.
+        InputError: there is none, it is code and not trusted, or it cannot be loaded; one sentence
+            says why.
     """
     folder = Path() if folder is None else folder
     name = str(source)
+    if name in REACTIVE:
+        _check_environment(name, environment)
+        return ReactivePolicy(name)
     if name in baselines():
+        _check_environment(name, environment)
         policy = policy_of(BASELINES / f"{name}.zip", name)
         # What code trained it is said where it is shipped: in its card's text.
         policy.code = None
@@ -61,28 +88,40 @@ def load_policy(source: str | Path, folder: Path | None = None) -> Policy:
     if path.suffix == ".py":
         raise InputError(f"policy {name!r} is a file of code; give {name}:callable.")
     if path.is_file() or path.suffix == ".zip":
+        if is_plain_model(path):
+            return _plain_model(path, trust, environment)
+        _check_environment(name, environment)
         return policy_of(path, path.stem)
     if ":" in name:
+        _check_environment(name, environment)
+        if not trust:
+            raise InputError(
+                f"policy {name!r} is code, which would run with your rights; if you trust it, add "
+                "--trust (trust=True in Python)."
+            )
         return CallablePolicy(_callable(name, folder), name)
-    offer = nearest(name, baselines()) if baselines() else "give a policy's .zip file"
+    offer = nearest(name, (*baselines(), *REACTIVE))
     raise InputError(
         f"policy {name!r} is neither a file nor a baseline nor module:callable; {offer}."
     )
 
 
-def policy_of(path: Path, name: str) -> ModelPolicy:
-    """The policy in a file.
+def policy_of(path: Path, name: str) -> Policy:
+    """The policy in a file; nothing in it is run.
 
     Raises:
-        InputError: see `read_members`; or a package is missing, or the model cannot be loaded.
+        InputError: see `read_policy_file`; or a package is missing, or the network and the weights
+            do not go together.
     """
-    card, normalization = read_members(path)
+    found = read_policy_file(path)
     try:
-        arguments = arguments_of(card)
+        arguments, model = arguments_of(found.card), found.build()
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    model = _model(path, card.algorithm)
-    return ModelPolicy(model, normalization, name=name, environment=arguments, code=str(card.code))
+    policy = ModelPolicy(
+        model, found.normalization, name=name, environment=arguments, code=found.card.code
+    )
+    return policy if found.card.base is None else CorrectedPolicy(policy, found.card.base)
 
 
 def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) -> str:
@@ -99,6 +138,8 @@ def checksum_of(source: str | Path, policy: Policy, folder: Path | None = None) 
     if isinstance(policy, CallablePolicy):
         code = _code_file(policy.make)
         return secrets.token_hex() if code is None else sha256(code)
+    if isinstance(policy, ReactivePolicy):
+        return policy.checksum
     name = str(source)
     return sha256(BASELINES / f"{name}.zip" if name in baselines() else (folder or Path()) / name)
 
@@ -123,7 +164,50 @@ def _callable(source: str, folder: Path) -> Any:
         raise InputError(f"{str(error).rstrip('.')}.") from error
 
 
-def _model(path: Path, algorithm: str) -> Any:
+def _check_environment(name: str, environment: Mapping[str, Any] | None) -> None:
+    if environment is not None:
+        raise InputError(
+            f"policy {name!r} says itself what it was trained in; leave --env out, which is for "
+            "files of model.save."
+        )
+
+
+def _plain_model(path: Path, trust: bool, environment: Mapping[str, Any] | None) -> ModelPolicy:
+    """What `model.save` of Stable-Baselines3 wrote, which is pickled."""
+    if not trust or environment is None:
+        raise InputError(
+            f"{path}: the member {CARD} is missing, as in what model.save of Stable-Baselines3 "
+            "writes: pickled objects, which run code when they are loaded, and no word of the "
+            "environment; if you trust it, add --trust and --env ID (trust=True and environment= "
+            "in Python), or save it with ambinav_envs.policies.save_policy."
+        )
+    arguments = {key: value for key, value in environment.items() if key != "id"}
+    seen = seen_in(arguments)
+    model = _unpickled(path, _algorithm(path))
+    name = {key: value for key, value in environment.items() if key == "id"}
+    policy = ModelPolicy(model, name=path.stem, environment=seen | arguments | name)
+    policy.is_code = True
+    return policy
+
+
+def _algorithm(path: Path) -> str:
+    """Which algorithm saved a model."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            plain = json.loads(archive.read(DATA))
+        recurrent = plain.get("policy_class", {}).get("__module__") == _RECURRENT
+    except (*UNREADABLE, AttributeError) as error:
+        raise InputError(f"{path}: this is no file of model.save; save it again.") from error
+    for key, algorithm in _MARKS.items():
+        if key in plain:
+            return "RecurrentPPO" if recurrent else algorithm
+    raise InputError(
+        f"{path}: this is a model of none of {', '.join(_HOMES)}; give module:callable, which "
+        "loads it."
+    )
+
+
+def _unpickled(path: Path, algorithm: str) -> Any:
     home = _HOMES[algorithm]
     try:
         kind = getattr(importlib.import_module(home), algorithm)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,39 +59,45 @@ class Normalization:
         scaled = (part - self.mean[name]) / np.sqrt(self.var[name] + self.epsilon)
         return np.clip(scaled, -self.clip, self.clip).astype(np.float32)
 
-    def to_bytes(self) -> bytes:
-        """As an .npz file: mean_NAME, var_NAME, clip, epsilon."""
-        out = io.BytesIO()
-        arrays = {f"mean_{name}": value for name, value in self.mean.items()}
-        arrays |= {f"var_{name}": value for name, value in self.var.items()}
-        np.savez(out, **arrays, clip=np.array(self.clip), epsilon=np.array(self.epsilon))  # type: ignore[arg-type]
-        return out.getvalue()
+    def tensors(self) -> dict[str, Floats]:
+        """As tensors by name: mean.PART and var.PART."""
+        means = {f"mean.{name}": value for name, value in self.mean.items()}
+        return means | {f"var.{name}": value for name, value in self.var.items()}
 
     @classmethod
-    def from_bytes(cls, content: bytes) -> Normalization:
-        """Read what `to_bytes` made.
+    def of_tensors(
+        cls,
+        tensors: Mapping[str, NDArray[Any]],
+        sizes: Mapping[str, int],
+        clip: float,
+        epsilon: float,
+    ) -> Normalization:
+        """What `tensors` gave, checked.
+
+        Args:
+            tensors: By name.
+            sizes: Of the parts of an observation; `ROW` where it is one row.
+            clip: See above.
+            epsilon: See above.
 
         Raises:
-            InputError: it is something else.
+            InputError: a name, type, size or number is of no use.
         """
-        try:
-            with np.load(io.BytesIO(content)) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            clip, epsilon = float(arrays.pop("clip")), float(arrays.pop("epsilon"))
-        except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile) as error:
-            raise InputError(
-                f"the normalisation cannot be read ({error}); save it anew."
-            ) from error
-        mean, var = (
-            {
-                name.removeprefix(kind): value
-                for name, value in arrays.items()
-                if name.startswith(kind)
-            }
-            for kind in ("mean_", "var_")
-        )
-        if {name: value.shape for name, value in mean.items()} != {
-            name: value.shape for name, value in var.items()
-        }:
+        found: dict[str, dict[str, Floats]] = {"mean": {}, "var": {}}
+        for name, values in tensors.items():
+            kind, _, part = name.partition(".")
+            if kind not in found or part not in sizes:
+                raise InputError(f"the normalisation has no place for {name[:80]!r}; save it anew.")
+            if values.dtype != np.float64 or values.shape != (sizes[part],):
+                raise InputError(
+                    f"the normalisation's {name!r} is {values.dtype} of the shape {values.shape}, "
+                    f"not float64 of ({sizes[part]},); save it anew."
+                )
+            if not np.isfinite(values).all() or (kind == "var" and values.min(initial=0.0) < 0.0):
+                raise InputError(
+                    f"the normalisation's {name!r} has numbers that are none; save it anew."
+                )
+            found[kind][part] = values
+        if found["mean"].keys() != found["var"].keys():
             raise InputError("the normalisation's means and variances do not match; save it anew.")
-        return cls(mean, var, clip, epsilon)
+        return cls(found["mean"], found["var"], float(clip), float(epsilon))

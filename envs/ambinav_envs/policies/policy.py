@@ -27,7 +27,7 @@ Actions = NDArray[Any]
 
 SEEING: Final[tuple[str, ...]] = (
     "window", "window_cells", "window_spacing", "ambiguity_weight", "waypoint", "waypoint_distance",
-    "discrete", "min_speed",
+    "ambiguity_seen", "discrete", "min_speed", "rest_at_zero",
 )  # fmt: skip
 """Arguments of an environment that say what a policy sees and how it acts."""
 BUILDINGS: Final[tuple[str, ...]] = (
@@ -78,7 +78,12 @@ class Policy(ABC):
         environment: Arguments of the environment that it was trained in, or wants.
         code: `ambinav.provenance.code_digest` of what trained it; empty: its file does not say;
             None: that does not matter.
+
+    Attributes:
+        is_code: Whether it was loaded by running code of its own, which took trust.
     """
+
+    is_code = False
 
     def __init__(self, name: str, environment: dict[str, Any], code: str | None = None) -> None:
         self.name = name
@@ -102,6 +107,15 @@ class Policy(ABC):
     def seeing(self) -> dict[str, Any]:
         """Those arguments of its environment that are among `SEEING`."""
         return {name: self.environment[name] for name in SEEING if name in self.environment}
+
+    def configure(self, parameters: NavigationParameters) -> None:  # noqa: B027
+        """Take in what the spaces do not say: scanner, robot, time step; called before `prepare`.
+
+        What a trained policy knows of them stands in its file, so by default nothing is done.
+
+        Args:
+            parameters: Of the environment.
+        """
 
     @abstractmethod
     def prepare(
@@ -205,7 +219,7 @@ def _one_thread() -> Iterator[None]:
 
 
 class CallablePolicy(Policy):
-    """A policy that somebody else wrote.
+    """A policy that somebody else wrote: code.
 
     Args:
         make: Called with the spaces of a single environment, gives something with `act`; it may
@@ -215,6 +229,8 @@ class CallablePolicy(Policy):
     Raises:
         InputError: that attribute is no mapping, or has an unknown key.
     """
+
+    is_code = True
 
     def __init__(self, make: Callable[..., Any], source: str) -> None:
         wanted = getattr(make, "environment", {})

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
@@ -12,6 +13,11 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 
 Plain = dict[str, Any]
+
+MOST_PARTS: Final = 64
+"""An observation that a file describes may have so many parts."""
+MOST_NUMBERS: Final = 1 << 20
+"""It may have so many numbers."""
 
 REMEDIES: Mapping[str, str] = {
     "window": "make it with the policy's window, window_cells and window_spacing",
@@ -42,6 +48,57 @@ def described(space: spaces.Space[Any]) -> Plain:
         f"the space {space} is none that a policy file can hold; use a Dict of rows, one row, or a "
         "Discrete."
     )
+
+
+def space_of(plain: object) -> spaces.Space[Any]:
+    """The space that `described` described, float32 where it is a Box.
+
+    Raises:
+        InputError: it is nothing of the kind, or larger than `MOST_NUMBERS`.
+    """
+    if not isinstance(plain, Mapping):
+        raise InputError(f"a space is a {type(plain).__name__}; give a mapping.")
+    if set(plain) == {"parts"} and isinstance(plain["parts"], Mapping) and plain["parts"]:
+        parts = plain["parts"]
+        if len(parts) > MOST_PARTS:
+            raise InputError(f"there are {len(parts)} parts, more than {MOST_PARTS}.")
+        sizes = [part.get("size") for part in parts.values() if isinstance(part, Mapping)]
+        if sum(one for one in sizes if isinstance(one, int)) > MOST_NUMBERS:
+            raise InputError(f"the parts have more than {MOST_NUMBERS:,} numbers.")
+        return spaces.Dict(OrderedDict((name, _box_of(part, name)) for name, part in parts.items()))
+    if set(plain) == {"count"}:
+        return spaces.Discrete(_size(plain["count"], "count"))
+    return _box_of(plain, "the space")
+
+
+def _box_of(plain: object, name: str) -> spaces.Box:
+    if not isinstance(plain, Mapping) or set(plain) != {"size", "low", "high"}:
+        raise InputError(f"{name[:80]!r} is no row of numbers with size, low and high.")
+    size = _size(plain["size"], name)
+    low = _limits_of(plain["low"], size, -np.inf, name)
+    high = _limits_of(plain["high"], size, np.inf, name)
+    if not (low <= high).all():
+        raise InputError(f"{name[:80]!r} has a low limit above the high one.")
+    return spaces.Box(low, high, (size,), np.float32)
+
+
+def _size(value: object, name: str) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MOST_NUMBERS:
+        raise InputError(
+            f"{name[:80]!r} has the size {str(value)[:80]}; give 1 to {MOST_NUMBERS:,}."
+        )
+    return value
+
+
+def _limits_of(value: object, size: int, none: float, name: str) -> NDArray[np.float32]:
+    values: list[Any] = value if isinstance(value, list) else [value] * size
+    if len(values) != size:
+        raise InputError(f"{name[:80]!r} has {len(values)} limits for {size} numbers.")
+    for one in values:
+        number = isinstance(one, int | float) and not isinstance(one, bool)
+        if one is not None and not (number and -_GREATEST <= one <= _GREATEST):
+            raise InputError(f"{name[:80]!r} has the limit {str(one)[:80]}, which is no number.")
+    return np.array([none if one is None else one for one in values], dtype=np.float32)
 
 
 def _limits(values: NDArray[Any]) -> float | list[float | None] | None:
@@ -93,6 +150,7 @@ def action_misfit(wanted: Plain, space: spaces.Space[Any]) -> str | None:
     return f"it gives {_action(wanted)} and the environment takes {_action(own)}; {_REMEDY}"
 
 
+_GREATEST = float(np.finfo(np.float32).max)
 _REMEDY = "make the environment with the policy's `discrete`"
 
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from shapely import get_parts
 
+from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, OPEN, ZONES
 from ambinav.plotting import style
-from ambinav_envs.buildings.building import Building
 from ambinav_envs.rendering.camera import Camera
 
 # The zones are paler than in a map by this share of white, so that what moves stands out.
@@ -42,13 +42,13 @@ UNEXPLORED_COLOUR: Final = tuple(
 )
 
 
-def floor_picture(building: Building, camera: Camera) -> pygame.Surface:
-    """The floor and the walls, as much as the camera shows."""
+def floor_picture(amap: AmbiguityMap, environment: Environment, camera: Camera) -> pygame.Surface:
+    """The floor by the map and the walls as they are, as much as the camera shows."""
     picture = pygame.Surface(camera.size)
     picture.fill(_UNKNOWN.astype(int).tolist())
-    _cells(picture, building.amap, camera)
-    _outside(picture, building, camera)
-    _walls(picture, building, camera)
+    _cells(picture, amap, camera)
+    _outside(picture, amap, environment, camera)
+    _walls(picture, environment, camera)
     return picture
 
 
@@ -83,15 +83,17 @@ def _lay(
         picture.blit(pygame.transform.scale(small, size.tolist()), np.rint(corner).tolist())
 
 
-def _outside(picture: pygame.Surface, building: Building, camera: Camera) -> None:
+def _outside(
+    picture: pygame.Surface, amap: AmbiguityMap, environment: Environment, camera: Camera
+) -> None:
     """Cover what is not free: solid, or unknown."""
     cover = pygame.Surface(camera.size)
     cover.fill(_UNKNOWN.astype(int).tolist())
-    solid = building.amap.solid[..., np.newaxis]
-    _lay(cover, np.where(solid, _SOLID, _UNKNOWN), building.amap, camera)
+    solid = amap.solid[..., np.newaxis]
+    _lay(cover, np.where(solid, _SOLID, _UNKNOWN), amap, camera)
     # Drawn apart, so that the holes of a piece show what is in them.
     free = pygame.Surface(camera.size)
-    parts: list[Any] = [p for p in get_parts(building.environment.free) if p.area > 0.0]
+    parts: list[Any] = [p for p in get_parts(environment.free) if p.area > 0.0]
     # A room inside the hole of another one is the smaller of the two.
     for part in sorted(parts, key=lambda p: -p.area):
         pygame.draw.polygon(free, _HOLE, camera.pixels(np.array(part.exterior.coords)).tolist())
@@ -105,9 +107,9 @@ def _outside(picture: pygame.Surface, building: Building, camera: Camera) -> Non
     picture.blit(cover, (0, 0))
 
 
-def _walls(picture: pygame.Surface, building: Building, camera: Camera) -> None:
-    """Walls as dark strokes with round ends, frontiers to unknown space grey and half as wide."""
-    segments = building.environment.segments
+def _walls(picture: pygame.Surface, environment: Environment, camera: Camera) -> None:
+    """Walls as dark strokes with round ends, frontiers grey and half as wide, reflectors bright."""
+    segments = environment.segments
     ends = camera.pixels(segments.xy.reshape(-1, 2, 2))
     low, high = ends.min(axis=1), ends.max(axis=1)
     shown = (high > -9.0).all(axis=1) & (low < np.array(camera.size) + 9.0).all(axis=1)
@@ -115,6 +117,7 @@ def _walls(picture: pygame.Surface, building: Building, camera: Camera) -> None:
     for of_kind, colour, width in (
         (~segments.walls, style.FRONTIER, max(1, wide // 2)),
         (segments.walls, style.WALL, wide),
+        (segments.reflectors, style.REFLECTOR, max(1, wide // 2)),
     ):
         for a, b in ends[shown & of_kind].tolist():
             stroke(picture, colour, a, b, width)

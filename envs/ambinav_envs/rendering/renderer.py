@@ -18,6 +18,7 @@ from ambinav_envs.rendering.marks import Marks
 from ambinav_envs.rendering.panel import panel
 from ambinav_envs.simulation.layout import LOCALIZERS, ODOMETRY, OUTCOMES, PERFECT
 from ambinav_envs.simulation.simulation import Simulation
+from ambinav_envs.simulation.site import Site
 
 SIZE: Final = (960, 640)
 """Width and height of a picture, pixels: the same for all buildings, even, as videos want it."""
@@ -111,7 +112,7 @@ class Renderer:
             raise ResetNeeded("there is nothing to render yet; call reset first.")
         size = FINE * (SIZE[0] - PANEL), FINE * SIZE[1]
         camera = Camera.on(site.building.environment, self._view, state["truth"], size)
-        floor = self._floor(site.building, camera).copy()
+        floor = self._floor(site, camera).copy()
         marks = Marks(floor, camera)
         trail = np.array(self._trails[row]).reshape(-1, 6)
         if len(trail) > 1:
@@ -137,10 +138,10 @@ class Renderer:
         whole.blit(panel(beside, site.building.key, figures, camera.scale, shown), (size[0], 0))
         return whole
 
-    def _floor(self, building: Building, camera: Camera) -> pygame.Surface:
-        key = building, camera
+    def _floor(self, site: Site, camera: Camera) -> pygame.Surface:
+        key = site.building, camera
         if key not in self._floors:
-            self._floors[key] = floor_picture(building, camera)
+            self._floors[key] = floor_picture(site.building.amap, site.world.environment, camera)
         self._floors.move_to_end(key)
         while len(self._floors) > KEPT:
             self._floors.popitem(last=False)

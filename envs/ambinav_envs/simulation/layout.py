@@ -29,6 +29,7 @@ class Terms(NamedTuple):
     progress: float
     arrival: float
     collision: float
+    missed: float
     time: float
     ambiguity: float
     fisher: float
@@ -50,7 +51,7 @@ COST_COLLISION, COST_LOST, COST, ERROR, EXPOSURE, TRAVELLED, SHORTEST = range(
     FIRST_FIGURE, TRUE_POSE
 )
 
-# The streams of random numbers of an episode.
+# The streams of random numbers of an episode; START is also for what the wheels do.
 BUILDING, TASK, START, PARTICLES, ODOMETRY_NOISE, SCANNER, WALKERS, CLUTTER = range(8)
 STREAMS = 8
 
@@ -93,22 +94,35 @@ STATE = record(
     before=(_REAL, 3),
     driven=_REAL,
     collided=np.bool_,
+    kidnap_step=_WHOLE,
+    kidnap_pose=(_REAL, 3),
+    kidnap_cost=_REAL,
+    slippery=(_REAL, 2),
+    gain=(_REAL, 2),
 )
 """One robot in its episode.
 
 truth, mean and goal are in the map frame (metres, radians), odometry is in the odometry frame;
-speeds are metres and radians per second. slot is that of the goal in `cost_to_go.CostToGoTable`.
+speeds are metres and radians per second. mean and covariance are the localizer's latest estimate,
+which may reach the robot later (`Memory.late`). slot is that of the goal in
+`cost_to_go.CostToGoTable`.
 far_steps counts the steps since which the error has been too large, boxes the unmapped boxes around
 the robot. distance is the cost to go from the true position (`Task.cost_to_go`), shortest the
 length of the shortest path at the start; exposure and travelled are sums so far. before, driven and
 collided are of the last step: the true pose before it, the distance driven, whether it touched
-anything.
+anything. After kidnap_step steps (0: never) the robot is carried to kidnap_pose, from where the
+cost to go is kidnap_cost; slippery is the middle of the floor where its wheels slip. gain
+is what its speed and its turn rate are of what is commanded, on the mean of the episode.
 """
+
+LATE = record(mean=(_REAL, 3), covariance=(_REAL, (3, 3)))
+"""An estimate on its way to the robot, as in `STATE`."""
 
 SETTINGS = record(
     dt=_REAL,
     radius=_REAL,
     min_speed=_REAL,
+    rest_at_zero=np.bool_,
     max_speed=_REAL,
     max_turn_rate=_REAL,
     acceleration=_REAL,
@@ -121,6 +135,12 @@ SETTINGS = record(
     start_std=(_REAL, 3),
     goal_radius=_REAL,
     success_radius=_REAL,
+    goal_std=_REAL,
+    slip=_REAL,
+    slip_radius=_REAL,
+    scan_time=_REAL,
+    gain_std=_REAL,
+    actuation_std=_REAL,
     lost_steps=_WHOLE,
     max_steps=_WHOLE,
     end_when_lost=np.bool_,
@@ -130,8 +150,10 @@ SETTINGS = record(
     person_speed=_REAL,
     window_cells=_WHOLE,
     window_spacing=_REAL,
+    ambiguity_seen=np.bool_,
     waypoint=np.bool_,
     waypoint_distance=_REAL,
+    obstacles=_WHOLE,
     box_least=_REAL,
     box_most=_REAL,
 )
@@ -147,6 +169,8 @@ class Memory(NamedTuple):
         boxes: Unmapped boxes, shape (N, Q, 6): x and y of the middle and of the vectors from there
             to the middles of two sides; rows from `state.boxes` on are not in use.
         readings: Of the scanner, shape (N, B), metres: inf no echo, -inf too near.
+        late: The latest K + 1 estimates where the robot observes and stops by that of K steps ago,
+            `LATE`, shape (N, K + 1): that of step s is at s modulo K + 1. Nothing where K is 0.
         settings: `SETTINGS`, shape (1,).
     """
 
@@ -154,6 +178,7 @@ class Memory(NamedTuple):
     people: Floats
     boxes: Floats
     readings: Floats
+    late: NDArray[np.void]
     settings: NDArray[np.void]
 
 

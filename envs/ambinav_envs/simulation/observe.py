@@ -1,4 +1,4 @@
-"""Observations: the scan, and all else relative to the pose that the localizer estimates."""
+"""Observations: the scan, and all else relative to the estimate that has reached the robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_SPREAD = 2.0
 
 
 @kernel(forceinline=True)
-def observe(walls, layers, goals, far, state, settings, readings, view, i):
+def observe(walls, layers, goals, far, state, mean, cov, settings, readings, view, i):
     """Write row i of the observation; see `ambinav_envs.spaces`.
 
     Args:
@@ -24,6 +24,8 @@ def observe(walls, layers, goals, far, state, settings, readings, view, i):
         goals: See `GoalArrays`.
         far: Maximum range of each beam, shape (B,), metres.
         state: The robot's `STATE`.
+        mean: The estimate that has reached it, shape (3,).
+        cov: Its covariance, shape (3, 3).
         settings: See `SETTINGS`.
         readings: Row i is the robot's, shape (N, B), metres.
         view: See `View`.
@@ -32,12 +34,12 @@ def observe(walls, layers, goals, far, state, settings, readings, view, i):
     for b in range(far.size):
         # Too near is 0, no echo 1.
         view.scan[i, b] = min(max(readings[i, b] / far[b], 0.0), 1.0)
-    x, y, theta = state.mean[0], state.mean[1], state.mean[2]
+    x, y, theta = mean[0], mean[1], mean[2]
     co, si = math.cos(theta), math.sin(theta)
     polar(x, y, co, si, state.goal[0], state.goal[1], view.goal, i)
     view.velocity[i, 0] = state.speeds[0] / settings.max_speed
     view.velocity[i, 1] = state.speeds[1] / settings.max_turn_rate
-    _uncertainty(state.covariance, co, si, view.uncertainty, i)
+    _uncertainty(cov, co, si, view.uncertainty, i)
     if view.window.shape[1] > 0:
         _window(x, y, theta, co, si, walls, layers, settings, view.window, i)
     if settings.waypoint:
@@ -83,7 +85,8 @@ def _window(x, y, theta, co, si, walls, layers, settings, out, i):
     """Write the ambiguity and the free cells of the map around a pose.
 
     Cells lie in rows from ahead to behind and in each from left to right. A cell within half its
-    edge of a wall, or outside of the free space, is not free and has the ambiguity 1.
+    edge of a wall, or outside of the free space, is not free and has the ambiguity 1. Without
+    `ambiguity_seen` all free cells have the ambiguity 0: the walls tell that, and the map nothing.
     """
     cells, spacing = settings.window_cells, settings.window_spacing
     values, free = layers.level, layers.free
@@ -110,6 +113,9 @@ def _window(x, y, theta, co, si, walls, layers, settings, out, i):
                 out[i, each + k] = 1.0
                 if free[row, column]:
                     out[i, k] = min(max(values[row, column, heading], 0.0), 1.0)
+    if not settings.ambiguity_seen:
+        for k in range(each):
+            out[i, k] = 1.0 - out[i, each + k]
 
 
 @kernel

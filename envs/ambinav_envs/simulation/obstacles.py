@@ -22,7 +22,7 @@ SPARE = 0.1
 
 
 @kernel
-def shade(x, y, theta, people, radius, boxes, count, row, tables, work, reach):
+def shade(x, y, theta, people, radius, boxes, count, row, origin, start, work, reach):
     """Shorten the rays, cast already, that meet a person or a box before the wall.
 
     A person who stands on a sensor is not seen.
@@ -36,22 +36,23 @@ def shade(x, y, theta, people, radius, boxes, count, row, tables, work, reach):
         boxes: `Memory.boxes`.
         count: How many boxes are in use.
         row: Which robot's they are.
-        tables: See `ambinav.localization.casting.CastTables`.
+        origin: See `ambinav.localization.casting.CastTables`.
+        start: See there; of the rays in `work`.
         work: As `cast_rays` left it; distances are shortened, edges made -1.
         reach: Of the scanner, metres: what is farther than that is not looked at.
     """
     ux, uy, distance, hit, _ = work
     co, si = math.cos(theta), math.sin(theta)
     swing = 0.0
-    for g in range(tables.origin.shape[0]):
-        swing = max(swing, math.hypot(tables.origin[g, 0], tables.origin[g, 1]))
+    for g in range(origin.shape[0]):
+        swing = max(swing, math.hypot(origin[g, 0], origin[g, 1]))
     for k in range(people.shape[1]):
         cx, cy = people[row, k, 0], people[row, k, 1]
         if math.hypot(cx - x, cy - y) > reach + swing + radius:
             continue
         for j in range(distance.size):
-            wx = cx - x - co * tables.start[j, 0] + si * tables.start[j, 1]
-            wy = cy - y - si * tables.start[j, 0] - co * tables.start[j, 1]
+            wx = cx - x - co * start[j, 0] + si * start[j, 1]
+            wy = cy - y - si * start[j, 0] - co * start[j, 1]
             along, across = wx * ux[j] + wy * uy[j], wx * uy[j] - wy * ux[j]
             inside = radius * radius - across * across
             if along > 0.0 and inside > 0.0 and wx * wx + wy * wy > radius * radius:
@@ -65,8 +66,8 @@ def shade(x, y, theta, people, radius, boxes, count, row, tables, work, reach):
         if math.hypot(cx - x, cy - y) > reach + swing + math.sqrt(a2 + b2):
             continue
         for j in range(distance.size):
-            wx = cx - x - co * tables.start[j, 0] + si * tables.start[j, 1]
-            wy = cy - y - si * tables.start[j, 0] - co * tables.start[j, 1]
+            wx = cx - x - co * start[j, 0] + si * start[j, 1]
+            wy = cy - y - si * start[j, 0] - co * start[j, 1]
             across = wx * uy[j] - wy * ux[j]
             if across * across > a2 + b2:
                 continue
@@ -187,27 +188,31 @@ def gather(people, row, x, y, bounds, settings, table, state):
 
 
 @kernel
-def clutter(boxes, row, x, y, goal_x, goal_y, bounds, settings, table, state):
-    """Draw boxes that the robot can pass on any side; returns how many found room.
+def clutter(
+    boxes, row, count, x, y, goal_x, goal_y, later_x, later_y, bounds, settings, table, state
+):  # fmt: skip
+    """Draw boxes that the robot can pass on any side; returns how many there are then.
 
-    Each stands free: the robot gets through between it and any wall, any other box, its own start
-    and its goal, so what could be reached still can.
+    Each stands free: the robot gets through between it and any wall, any other box, its own start,
+    its goal and where it is carried to, so what could be reached still can.
 
     Args:
         boxes: `Memory.boxes`, written.
         row: Which robot's they are.
+        count: How many of them stand already.
         x: The robot, metres, map frame.
         y: The same.
         goal_x: Its goal.
         goal_y: The same.
+        later_x: Where it is carried to; anywhere that it is already, for nowhere.
+        later_y: The same.
         bounds: Left, lower, right and upper end of the building, metres.
         settings: See `SETTINGS`.
         table: The first of `CollisionChecker.arrays`.
         state: Of the random numbers.
     """
     beside = 2.0 * settings.radius + SPARE
-    count = 0
-    for _ in range(boxes.shape[1]):
+    for _ in range(settings.obstacles):
         for _ in range(TRIES):
             cx = bounds[0] + uniform(state) * (bounds[2] - bounds[0])
             cy = bounds[1] + uniform(state) * (bounds[3] - bounds[1])
@@ -218,6 +223,7 @@ def clutter(boxes, row, x, y, goal_x, goal_y, bounds, settings, table, state):
             apart = math.hypot(length, width) + beside
             good = math.hypot(cx - x, cy - y) > apart
             good &= math.hypot(cx - goal_x, cy - goal_y) > apart
+            good &= math.hypot(cx - later_x, cy - later_y) > apart
             for k in range(count):
                 ax, ay, bx, by = (
                     boxes[row, k, 2],

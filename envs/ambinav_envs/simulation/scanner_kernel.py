@@ -8,6 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.drive.world import unicycle
+from ambinav.geometry.raycasting.fan import cast_fan
+from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
 from ambinav.localization.casting import cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
@@ -75,15 +78,61 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
 @kernel(forceinline=True)
 def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
     """Read the scanner of robot i at its true pose, into row i of `Memory.readings`."""
-    x, y, theta = state.truth[0], state.truth[1], state.truth[2]
-    cast_rays(x, y, theta, cast, scratch.cast)
-    if people.shape[1] > 0 or state.boxes > 0:
-        shade(
-            x, y, theta, people, settings.person_radius, boxes, state.boxes, i, cast,
-            scratch.cast, scanner.far.max(),
-        )  # fmt: skip
+    if settings.scan_time > 0.0:
+        sweep(cast, scanner, state, settings, people, boxes, i, scratch)
+    else:
+        x, y, theta = state.truth[0], state.truth[1], state.truth[2]
+        cast_rays(x, y, theta, cast, scratch.cast)
+        if people.shape[1] > 0 or state.boxes > 0:
+            shade(
+                x, y, theta, people, settings.person_radius, boxes, state.boxes, i, cast.origin,
+                cast.start, scratch.cast, scanner.far.max(),
+            )  # fmt: skip
     nearest_echoes(cast, scratch.cast, scratch.ranges, scratch.ray, scratch.edge)
     capture(scratch.ranges, scanner, state.random[SCANNER], scratch.noise, readings, i)
+
+
+@kernel
+def sweep(cast, scanner, state, settings, people, boxes, i, scratch):
+    """As `cast_rays` and `shade`, each beam from where the robot was when that was taken.
+
+    The beams of a sensor are taken one after the other in equal steps, the last one now. On its way
+    the robot has driven as in the last step; people stand where they are now.
+    """
+    ux, uy, distance, hit, stack = scratch.cast
+    moment, speed, rate = scratch.noise, state.speeds[0], state.speeds[1]
+    for run in range(scanner.run.size - 1):
+        first, end = scanner.run[run], scanner.run[run + 1]
+        for b in range(first, end):
+            moment[b] = (b + 1 - end) / (end - first) * settings.scan_time
+    met, far = people.shape[1] > 0 or state.boxes > 0, scanner.far.max()
+    for g in range(cast.origin.shape[0]):
+        for j in range(cast.first[g], cast.first[g + 1]):
+            x, y, theta = unicycle(
+                state.truth[0], state.truth[1], state.truth[2], speed, rate, moment[cast.beam[j]]
+            )
+            co, si = math.cos(theta), math.sin(theta)
+            px = x + co * cast.start[j, 0] - si * cast.start[j, 1]
+            py = y + si * cast.start[j, 0] + co * cast.start[j, 1]
+            ux[j] = co * cast.cosine[j] - si * cast.sine[j]
+            uy[j] = si * cast.cosine[j] + co * cast.sine[j]
+            t = locate(
+                px, py, cast.grid_x, cast.grid_y, cast.cell, cast.rows, cast.columns,
+                cast.grid_start, cast.item, cast.triangle,
+            )  # fmt: skip
+            if t < 0:
+                distance[j], hit[j] = math.nan, -1
+                continue
+            ray = ux[j : j + 1], uy[j : j + 1], distance[j : j + 1], hit[j : j + 1], stack
+            cast_fan(
+                px, py, ray[0], ray[1], 1, t, cast.reach[g], cast.corner, cast.twin, cast.node,
+                cast.hops, cast.border, stack, ray[2], ray[3],
+            )  # fmt: skip
+            if met:
+                shade(
+                    x, y, theta, people, settings.person_radius, boxes, state.boxes, i,
+                    cast.origin, cast.start[j : j + 1], ray, far,
+                )  # fmt: skip
 
 
 @kernel(forceinline=True)

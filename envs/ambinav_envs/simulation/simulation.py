@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -14,17 +15,17 @@ from ambinav.config import nearest
 from ambinav.drive.metrics import INSTANT, LOST_SECONDS
 from ambinav.errors import InputError
 from ambinav.localization.ekf_update import Scratch, scratch_for
-from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.random import states_of_each, uniform
 from ambinav.threads import share
 from ambinav_envs.buildings.source import BuildingSource
-from ambinav_envs.buildings.tasks import Task, draw_task
+from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.plugged import Plugged, PluggedFunctions
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
+    LATE,
     LOCALIZERS,
     MCL,
     PARTICLES,
@@ -37,6 +38,7 @@ from ambinav_envs.simulation.layout import (
     Memory,
     View,
 )
+from ambinav_envs.simulation.particles import ParticleFilters
 from ambinav_envs.simulation.scanner_kernel import scanner_arrays
 from ambinav_envs.simulation.site import Site, Sites
 from ambinav_envs.simulation.step import (
@@ -48,8 +50,10 @@ from ambinav_envs.simulation.step import (
     PLACE,
     SENSE,
     STEP,
+    WORLD,
     advance,
 )
+from ambinav_envs.simulation.upsets import BUILDINGS, TASKS, Upsets, no_door, upset
 from ambinav_envs.spaces import columns_of
 
 Floats = NDArray[np.float64]
@@ -59,6 +63,8 @@ OPTIONS = ("start", "goal", "building")
 
 # So many robots are worth waking a thread for: with fewer it costs what it saves.
 SHARED = 96
+# The same with particle filters, which take some twenty times as long.
+SHARED_FILTERS = 8
 # For who does not act.
 NOTHING: Floats = np.empty((0, 2))
 
@@ -88,7 +94,7 @@ class _Episode(NamedTuple):
 
     site: Site
     task: Task
-    particles: MonteCarloLocalizer | None
+    upsets: Upsets | None
 
 
 class Simulation:
@@ -118,7 +124,6 @@ class Simulation:
         self.tasks: list[Task | None] = [None] * count
         self._scanner = scanner_arrays(parameters.scanner)
         self._known = Sites(parameters, self._scanner)
-        self._filters: list[MonteCarloLocalizer | None] = [None] * count
         # For the threads: each takes one while it works.
         self._scratch: list[Scratch] = []
         # The number of the site around each.
@@ -126,12 +131,16 @@ class Simulation:
         self._everyone = np.arange(count)
         self._columns = columns_of(parameters)
         self._plugged = _plugged(parameters)
-        self._particles = parameters.localizer == LOCALIZERS[MCL]
+        self._filters: ParticleFilters | None = None
+        if parameters.localizer == LOCALIZERS[MCL]:
+            self._filters = ParticleFilters(parameters, count)
+        held = parameters.late_steps + 1 if parameters.late_steps else 0
         self._memory = Memory(
             np.zeros(count, dtype=STATE),
             np.zeros((count, parameters.people.count, 3)),
-            np.zeros((count, parameters.obstacles, 6)),
+            np.zeros((count, parameters.obstacles + (parameters.closed_door > 0.0), 6)),
             np.zeros((count, parameters.scanner.beams)),
+            np.zeros((count, held), dtype=LATE),
             _settings(parameters),
         )
 
@@ -174,6 +183,16 @@ class Simulation:
         """The latest readings, shape (N, B), metres: inf no echo, -inf too near."""
         return self._memory.readings
 
+    def seen(self) -> tuple[Floats, Floats]:
+        """The estimates that have reached the robots, shape (N, 3) and (N, 3, 3).
+
+        Those in `state` are the latest; with a `pose_latency` these are older.
+        """
+        seen, late = self.state, self._memory.late
+        if late.shape[1] > 0:
+            seen = late[self._everyone, (seen["steps"] + 1) % late.shape[1]]
+        return seen["mean"], seen["covariance"]
+
     def outcome(self) -> Outcome:
         """Arrays for a step to write to."""
         parts = [np.empty((self.count, columns), np.float32) for columns in self._columns]
@@ -210,11 +229,13 @@ class Simulation:
         episodes = [self._draw(own, given) for own in streams]
         chosen = np.array(rows, dtype=np.int64)
         self._start(chosen, [episode.task for episode in episodes], streams)
-        for i, episode in zip(rows, episodes, strict=True):
+        for i, episode, own in zip(rows, episodes, streams, strict=True):
             self._settle(i, episode.site, episode.task)
-            self._filters[i] = episode.particles
+            self._upset(i, episode.upsets)
+            if self._filters is not None:
+                self._filters.seed(i, own[PARTICLES])
         self._advance(chosen, BEGIN, out)
-        self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
+        self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
     def step(self, actions: Floats, active: NDArray[np.bool_] | None, out: Outcome) -> None:
         """Let robots drive on for one time step.
@@ -227,7 +248,7 @@ class Simulation:
         rows = self._everyone if active is None else np.flatnonzero(active)
         self._advance(rows, STEP, out, actions)
         rewards = out.figures[:, REWARD]
-        self._plugged.after_step(self.state, self.readings, rows, rewards, out.plugged)
+        self._plugged.after_step(self.state, self.seen, self.readings, rows, rewards, out.plugged)
 
     def observe(self, out: Outcome) -> None:
         """Write the last observation of all robots again; zeros for those in no episode.
@@ -239,40 +260,31 @@ class Simulation:
         rows = [i for i, site in enumerate(self.sites) if site is not None]
         if rows:
             chosen = np.array(rows, dtype=np.int64)
-            self._kernel(chosen, OBSERVE, out, NOTHING)
-            self._plugged.after_reset(self.state, self.readings, chosen, out.plugged)
+            self._advance(chosen, OBSERVE, out)
+            self._plugged.after_reset(self.state, self.seen, self.readings, chosen, out.plugged)
 
     def _draw(self, streams: NDArray[np.uint64], given: Mapping[str, Any]) -> _Episode:
         """Draw what the options leave open of an episode."""
         p = self.parameters
         building, start, goal = given["building"], given["start"], given["goal"]
-        share = uniform(streams[BUILDING])
-        site = self._known.of(
-            self.source.at(share) if building is None else self.source.get(building)
-        )
-        if start is None and goal is None:
-            task = site.goals.draw(streams[TASK], p.shortest, p.longest)
-        else:
-            task = site.goals.towards(
-                draw_task(
-                    site.lattice, streams[TASK], p.shortest, p.longest, start=start, goal=goal
-                )
-            )
-        particles = self._localizer(site, streams[PARTICLES]) if self._particles else None
-        return _Episode(site, task, particles)
 
-    def _localizer(self, site: Site, stream: NDArray[np.uint64]) -> MonteCarloLocalizer:
-        """A particle filter without an initial estimate."""
-        scanner, mcl = self.parameters.scanner, self.parameters.particles
-        environment = site.building.environment
-        own = np.random.Generator(np.random.PCG64(stream))
-        try:
-            field = None
-            if mcl.uses_field:
-                field = site.likelihood(mcl.likelihood_resolution, mcl.laser_likelihood_max_dist)
-            return MonteCarloLocalizer(environment, scanner, mcl, rng=own, field=field)
-        except InputError as error:
-            raise InputError(f"mcl: {error}") from error
+        def draw(site: Site) -> Task:
+            if start is None and goal is None:
+                return site.goals.draw(streams[TASK], p.shortest, p.longest)
+            return site.goals.between(streams[TASK], p.shortest, p.longest, start, goal)
+
+        for _ in range(BUILDINGS if building is None and self.source.count != 1 else 1):
+            share = uniform(streams[BUILDING])
+            site = self._known.of(
+                self.source.at(share) if building is None else self.source.get(building)
+            )
+            tries = TASKS if start is None or goal is None else 1
+            drawn = upset(site, p, streams[TASK], draw, tries)
+            if drawn is not None:
+                break
+        else:
+            raise no_door(site, p)
+        return _Episode(site, *drawn)
 
     def _settle(self, i: int, site: Site, task: Task) -> None:
         """Put robot i into a building, with a goal."""
@@ -282,6 +294,16 @@ class Simulation:
         self.sites[i], self.tasks[i] = site, task
         self._numbers[i] = site.number
         self.state["slot"][i] = site.held.hold(task.cost_to_go)
+
+    def _upset(self, i: int, upsets: Upsets | None) -> None:
+        """Note what befalls robot i, whose record is that of an episode which begins."""
+        if upsets is None:
+            return
+        *numbers, door = upsets
+        for name, value in zip(Upsets._fields, numbers, strict=False):
+            self.state[name][i] = value
+        if door is not None:
+            self.state["boxes"][i], self.boxes[i, 0] = 1, door
 
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]
@@ -299,19 +321,7 @@ class Simulation:
     def _advance(
         self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats = NOTHING
     ) -> None:
-        """Do parts of a step with some robots, see `step.advance`, and with their filters."""
-        if not self._particles:
-            self._kernel(rows, parts, out, actions)
-            return
-        if parts & PLACE:
-            self._kernel(rows, PLACE, out, actions)
-            self._initialize(rows.tolist())
-        self._kernel(rows, parts & (DRIVE | SENSE), out, actions)
-        self._filter(rows.tolist())
-        self._kernel(rows, parts & (JUDGE | OBSERVE), out, actions)
-
-    def _kernel(self, rows: NDArray[np.int64], parts: int, out: Outcome, actions: Floats) -> None:
-        """Call the kernel once for each building, or thread, with the robots in it."""
+        """Do parts of a step with some robots, building by building, shared by threads."""
         rows, ends = self._by_building(rows)
 
         def some(low: int, high: int) -> None:
@@ -323,16 +333,48 @@ class Simulation:
                 end = min(ends[bisect_right(ends, low)], high)
                 site = self.sites[rows[low]]
                 assert site is not None
-                full = advance(
-                    site.record, site.held.arrays, self._scanner, self._memory, out.view,
-                    out.figures, actions, rows[low:end], parts, scratch,
-                )  # fmt: skip
-                if full >= 0:
-                    self._refuse(full)
+                work(rows[low:end], site, parts, out, actions, scratch)
                 low = end
             self._scratch.append(scratch)
 
-        share(some, len(rows), BLOCK if len(rows) >= SHARED else SHARED)
+        work, least = self._kernel, SHARED
+        if self._filters is not None:
+            work, least = self._with_filters, SHARED_FILTERS
+        share(some, len(rows), min(BLOCK, least) if len(rows) >= least else least)
+
+    def _with_filters(
+        self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,
+        scratch: Scratch,
+    ) -> None:  # fmt: skip
+        """As `_kernel`, with particle filters, a kernel of their own, after the scan."""
+        filters, particles = self._filters, site.particles
+        assert filters is not None and particles is not None
+        if parts & PLACE:
+            self._kernel(rows, site, PLACE, out, actions, scratch)
+            if self.parameters.start_unknown:
+                filters.start_globally(rows, particles)
+            else:
+                filters.start(rows, self.state, particles)
+        if parts & SENSE:
+            self._kernel(rows, site, parts & (DRIVE | SENSE), out, actions, scratch)
+            filters.update(rows, self.state, self.readings, particles)
+        self._kernel(rows, site, parts & (JUDGE | OBSERVE), out, actions, scratch)
+
+    def _kernel(
+        self, rows: NDArray[np.int64], site: Site, parts: int, out: Outcome, actions: Floats,
+        scratch: Scratch,
+    ) -> None:  # fmt: skip
+        """Do parts of a step with robots in one building, see `step.advance`."""
+        pieces = [(site.record, parts)]
+        if site.truth is not None:
+            pieces = [(site.truth, parts & WORLD), (site.record, parts & ~WORLD)]
+        for record, some in pieces:
+            full = advance(
+                record, site.held.arrays, self._scanner, self._memory, out.view, out.figures,
+                actions, rows, some, scratch,
+            )  # fmt: skip
+            if full >= 0:
+                self._refuse(full)
 
     def _new_scratch(self) -> Scratch:
         rays = self.parameters.scanner.rays()
@@ -348,13 +390,6 @@ class Simulation:
         ends = np.flatnonzero(np.diff(numbers[order])) + 1
         return rows[order], [*ends.tolist(), len(rows)]
 
-    def _initialize(self, rows: Sequence[int]) -> None:
-        """Give particle filters the initial estimates and their covariances."""
-        for i in rows:
-            localizer = self._filters[i]
-            assert localizer is not None
-            localizer.start(self.state["mean"][i], self.state["covariance"][i])
-
     def _refuse(self, i: int) -> None:
         """Say that there is no room for people around robot i."""
         site, people = self.sites[i], self.parameters.people
@@ -363,16 +398,6 @@ class Simulation:
             f"people: there is no room for {people.count} with a radius of {people.radius:g} m "
             f"in {site.building.environment.name!r}; give fewer or smaller ones."
         )
-
-    def _filter(self, rows: Sequence[int]) -> None:
-        """Let the particle filters of some robots take in their readings."""
-        state, readings = self.state, self.readings
-        for i in rows:
-            localizer = self._filters[i]
-            assert localizer is not None
-            localizer.update(state["odometry"][i], readings[i])
-            state["mean"][i] = localizer.mean[0]
-            state["covariance"][i] = localizer.covariance[0]
 
 
 def _checked(options: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -401,17 +426,22 @@ def _settings(p: NavigationParameters) -> NDArray[np.void]:
     robot, people = p.robot, p.people
     settings = np.zeros(1, dtype=SETTINGS)
     values: dict[str, Any] = {
-        "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed,
+        "dt": p.dt, "radius": robot.radius, "min_speed": p.min_speed, "rest_at_zero": p.zero_rests,
         "max_speed": robot.max_speed, "max_turn_rate": robot.max_turn_rate,
         "acceleration": robot.acceleration, "turn_acceleration": robot.turn_acceleration,
         "true_odometry": tuple(p.true_odometry.packed),
         "modelled_odometry": tuple(p.odometry.packed),
         "localizer": LOCALIZERS.index(p.localizer), "rounds": p.iterations, "gate": p.gate,
         "start_std": p.start_std, "goal_radius": p.goal_radius,
-        "success_radius": p.success_radius, "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),
+        "success_radius": p.success_radius,
+        "goal_std": math.inf if p.goal_std is None else p.goal_std,
+        "slip": p.slip, "slip_radius": p.slip_radius, "obstacles": p.obstacles,
+        "scan_time": p.scan_time, "gain_std": p.gain_std, "actuation_std": p.actuation_std,
+        "lost_steps": int(LOST_SECONDS / p.dt + INSTANT),
         "max_steps": p.max_steps, "end_when_lost": p.end_when_lost, "gamma": p.gamma,
         "weights": p.weights, "person_radius": people.radius, "person_speed": people.speed,
         "window_cells": p.window_cells, "window_spacing": p.window_spacing,
+        "ambiguity_seen": p.ambiguity_seen,
         "waypoint": p.waypoint, "waypoint_distance": p.waypoint_distance,
         "box_least": p.obstacle_sizes[0], "box_most": p.obstacle_sizes[1],
     }  # fmt: skip

@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from ambinav.geometry.environment import Environment
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
-from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.service.service import AmbiguityService
 from ambinav_envs.buildings.building import Building
-from ambinav_envs.buildings.free_space import FreeSpaceLattice
+from ambinav_envs.buildings.free_space import MARGIN, FreeSpaceArrays, FreeSpaceLattice
 from ambinav_envs.buildings.goals import Goals
+from ambinav_envs.buildings.world import World
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.simulation.building_record import BuildingRecord, building_record
+from ambinav_envs.simulation.building_record import BuildingRecord, Walls, building_record
 from ambinav_envs.simulation.cost_to_go import CostToGoTable
+from ambinav_envs.simulation.layout import LOCALIZERS, MCL
+from ambinav_envs.simulation.particles import ParticleMap, particle_map
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays
 
 # So many buildings are kept ready; those that robots are in stay anyway.
@@ -40,10 +42,13 @@ class Site:
     Attributes:
         building: As given.
         number: As given.
-        lattice: Where the robot fits.
+        lattice: Where the robot fits, by the map.
+        world: What truly stands there.
         goals: Where episodes lead to.
-        record: What the kernels read.
+        record: What the kernels read of the map.
+        truth: What they read of the world; None where that is the map.
         held: Costs to go of the goals that robots drive to.
+        particles: What particle filters read; None where there are none.
     """
 
     def __init__(
@@ -61,19 +66,35 @@ class Site:
         level = AmbiguityService(building.amap, parameters.cost_layer, 1.0).ambiguity
         weight = parameters.ambiguity_weight
         prices = self.lattice.prices(level, weight) if weight > 0.0 else None
-        self.goals = Goals(self.lattice, prices)
+        self.world = World.of(building, parameters.walls_std, parameters.furniture_std)
+        self.goals = Goals(self.lattice, prices, self.world.lattice)
         fisher = AmbiguityService(building.amap, "fisher", 1.0).ambiguity
         self.record: BuildingRecord = building_record(building, cast, scanner, noise, level, fisher)
-        self.held = CostToGoTable(self.lattice)
-        self._likelihood: dict[tuple[float, float], LikelihoodField] = {}
+        self.truth: BuildingRecord | None = None
+        if self.world.lattice is not self.lattice:
+            self.truth = _true_record(self.record, self.world, parameters)
+        self.held = CostToGoTable(self.world.lattice)
+        self.particles: ParticleMap | None = None
+        if parameters.localizer == LOCALIZERS[MCL]:
+            self.particles = particle_map(building.environment, parameters)
 
-    def likelihood(self, resolution: float, reach: float) -> LikelihoodField:
-        """The field that particle filters share, see `LikelihoodField.of`."""
-        key = resolution, reach
-        if key not in self._likelihood:
-            environment = self.building.environment
-            self._likelihood[key] = LikelihoodField.of(environment, resolution, reach)
-        return self._likelihood[key]
+    @property
+    def table(self) -> FreeSpaceArrays:
+        """`FreeSpaceLattice.table`, with the room that there is on the map and in the world."""
+        if self.truth is None:
+            return self.lattice.table
+        room = np.minimum(self.lattice.room, self.world.lattice.room)
+        return self.lattice.table._replace(room=room, standing=np.flatnonzero(room >= MARGIN))
+
+
+def _true_record(
+    record: BuildingRecord, world: World, parameters: NavigationParameters
+) -> BuildingRecord:
+    """A map's record with the walls of the world."""
+    table, bound, _ = world.lattice.checker.arrays
+    scanner = parameters.scanner
+    cast = cast_tables(world.environment, scanner, np.arange(scanner.beams))
+    return record._replace(cast=cast, walls=Walls(table, bound), bounds=world.environment.bounds)
 
 
 class Sites:

@@ -51,9 +51,11 @@ from ambinav_envs.simulation.observe import observe
 from ambinav_envs.simulation.obstacles import clutter, free_share_of_boxes, gather, walk
 from ambinav_envs.simulation.scanner_kernel import sense
 
-# What `advance` does. A localizer that is no kernel comes between the scan and the rest.
-PLACE, DRIVE, SENSE, JUDGE, OBSERVE = 1, 2, 4, 8, 16
-STEP, BEGIN = DRIVE | SENSE | JUDGE | OBSERVE, PLACE | SENSE | OBSERVE
+# What `advance` does. A localizer that is no kernel comes between the scan and the rest. What is in
+# `WORLD` happens among the walls as they are, the rest is about the map.
+PLACE, DRIVE, SENSE, JUDGE, OBSERVE, LOCALIZE = 1, 2, 4, 8, 16, 32
+WORLD = PLACE | DRIVE | SENSE
+STEP, BEGIN = DRIVE | SENSE | LOCALIZE | JUDGE | OBSERVE, PLACE | SENSE | LOCALIZE | OBSERVE
 # Robots that go through each part together: the code of all parts is more than a core's first
 # cache holds.
 BLOCK = 16
@@ -84,8 +86,12 @@ def move(walls, state, settings, people, boxes, i, speed, rate):
     state.truth[0], state.truth[1], state.truth[2] = x1, y1, t1
     state.speeds[0], state.speeds[1] = speed, rate
     before = state.odometry[0], state.odometry[1], state.odometry[2]
+    turned = x1, y1, t1
+    if settings.slip > 0.0 and near(state.truth, state.slippery, settings.slip_radius):
+        # The wheels turn on as if there was grip.
+        turned = unicycle(x0, y0, t0, (1.0 + settings.slip) * speed, rate, share * settings.dt)
     after = sample_odometry(
-        *before, x0, y0, t0, x1, y1, t1, settings.true_odometry, state.random[ODOMETRY_NOISE]
+        *before, x0, y0, t0, *turned, settings.true_odometry, state.random[ODOMETRY_NOISE]
     )
     state.odometry[0], state.odometry[1], state.odometry[2] = after
     if settings.localizer != MCL:
@@ -112,6 +118,33 @@ def localize(cast, noise, state, settings, readings, scratch):
 
 
 @kernel
+def keep(state, late, i, steps):
+    """Keep the estimate that a step has made in row i of `Memory.late`; the first one everywhere.
+
+    Args:
+        state: The robot's `STATE`.
+        late: Written.
+        i: Which robot.
+        steps: Number of the step, 0 at the beginning.
+    """
+    held = late.shape[1]
+    for slot in range(steps, steps + (held if steps == 0 else 1)):
+        for k in range(3):
+            late[i, slot % held].mean[k] = state.mean[k]
+            for j in range(3):
+                late[i, slot % held].covariance[k, j] = state.covariance[k, j]
+
+
+@kernel
+def carry(state):
+    """Carry a robot elsewhere; neither odometry nor its localizer notices, nor does `progress`."""
+    for k in range(3):
+        state.truth[k] = state.kidnap_pose[k]
+    state.speeds[0] = state.speeds[1] = 0.0
+    state.distance = state.kidnap_cost
+
+
+@kernel
 def errors(state):
     """Error of the estimate: metres and radians, both at least 0."""
     dx, dy = state.mean[0] - state.truth[0], state.mean[1] - state.truth[1]
@@ -119,13 +152,15 @@ def errors(state):
 
 
 @kernel(forceinline=True)
-def judge(layers, goals, state, settings, i, figures):
+def judge(layers, goals, state, mean, cov, settings, i, figures):
     """Decide what has become of robot i, and what the step was worth.
 
     Args:
         layers: See `MapLayers`.
         goals: See `GoalArrays`.
         state: Its `STATE`, written.
+        mean: The estimate that has reached it, shape (3,).
+        cov: Its covariance, shape (3, 3).
         settings: See `SETTINGS`.
         i: Which robot.
         figures: Row i is written, see `COLUMNS`.
@@ -149,11 +184,12 @@ def judge(layers, goals, state, settings, i, figures):
     # In a tight corner there may be no path from where a robot is: its distance stays as it was.
     if now < math.inf:
         state.distance = now
-    state.outcome = outcome_of(state, settings)
+    state.outcome = outcome_of(state, mean, cov, settings)
     terms = Terms(
         progress=distance - settings.gamma * state.distance,
         arrival=1.0 if state.outcome == ARRIVED else 0.0,
         collision=-1.0 if state.collided else 0.0,
+        missed=-1.0 if state.outcome == MISSED else 0.0,
         time=-settings.dt,
         ambiguity=0.0 - exposed,
         fisher=0.0 - bound,
@@ -173,15 +209,22 @@ def judge(layers, goals, state, settings, i, figures):
 
 
 @kernel
-def outcome_of(state, settings):
+def outcome_of(state, mean, cov, settings):
     """What has become of a robot, one of `OUTCOMES` by code."""
     if state.collided:
         return COLLIDED
-    if near(state.mean, state.goal, settings.goal_radius):
+    if near(mean, state.goal, settings.goal_radius) and sure(cov, settings.goal_std):
         return ARRIVED if near(state.truth, state.goal, settings.success_radius) else MISSED
     if settings.end_when_lost and state.lost:
         return LOST
     return TIMEOUT if state.steps >= settings.max_steps else RUNNING
+
+
+@kernel
+def sure(cov, most):
+    """Whether the deviation of an estimated position is at most this along any axis."""
+    mean, half = 0.5 * (cov[0, 0] + cov[1, 1]), 0.5 * (cov[0, 0] - cov[1, 1])
+    return mean + math.sqrt(half * half + cov[0, 1] * cov[0, 1]) <= most * most
 
 
 @kernel
@@ -208,9 +251,18 @@ def write_status(state, off, figures, i):
 @kernel(forceinline=True)
 def act(walls, state, settings, people, boxes, actions, i):
     """Let robot i drive as its action says, see `spaces.continuous`."""
-    share = 0.5 * (min(max(actions[i, 0], -1.0), 1.0) + 1.0)
-    speed = settings.min_speed + share * (settings.max_speed - settings.min_speed)
+    if state.kidnap_step > 0 and state.steps == state.kidnap_step:
+        carry(state)
+    share, least = min(max(actions[i, 0], -1.0), 1.0), settings.min_speed
+    if settings.rest_at_zero:
+        speed = max(share, 0.0) * settings.max_speed + max(-share, 0.0) * least
+    else:
+        speed = least + 0.5 * (share + 1.0) * (settings.max_speed - least)
     rate = min(max(actions[i, 1], -1.0), 1.0) * settings.max_turn_rate
+    if settings.gain_std + settings.actuation_std > 0.0:
+        random, std = state.random[START], settings.actuation_std
+        speed *= max(state.gain[0] + std * ziggurat(random), 0.0)
+        rate *= max(state.gain[1] + std * ziggurat(random), 0.0)
     move(walls, state, settings, people, boxes, i, speed, rate)
 
 
@@ -225,9 +277,14 @@ def place(walls, bounds, state, settings, people, boxes, i):
         std = settings.start_std[k]
         state.mean[k] = state.truth[k] + std * ziggurat(state.random[START])
         state.covariance[k, k] = std * std
+    for k in range(2):
+        state.gain[k] = 1.0 + settings.gain_std * ziggurat(state.random[START])
     x, y = state.truth[0], state.truth[1]
+    later = x, y
+    if state.kidnap_step > 0:
+        later = state.kidnap_pose[0], state.kidnap_pose[1]
     state.boxes = clutter(
-        boxes, i, x, y, state.goal[0], state.goal[1], bounds, settings, table,
+        boxes, i, state.boxes, x, y, state.goal[0], state.goal[1], *later, bounds, settings, table,
         state.random[CLUTTER],
     )  # fmt: skip
     return gather(people, i, x, y, bounds, settings, table, state.random[WALKERS])
@@ -260,7 +317,7 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
     """
     cast, noise, walls, layers = building.cast, building.noise, building.walls, building.layers
     states, people, boxes, readings = memory.state, memory.people, memory.boxes, memory.readings
-    settings = memory.settings[0]
+    settings, late, held = memory.settings[0], memory.late, memory.late.shape[1]
     for first in range(0, rows.size, BLOCK):
         block = rows[first : first + BLOCK]
         if parts & (PLACE | DRIVE):
@@ -276,6 +333,7 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
             for k in range(block.size):
                 i = block[k]
                 sense(cast, scanner, states[i], settings, people, boxes, readings, i, scratch)
+        if parts & LOCALIZE:
             for k in range(block.size):
                 i = block[k]
                 localize(cast, noise, states[i], settings, readings[i], scratch)
@@ -283,11 +341,21 @@ def advance(building, goals, scanner, memory, view, figures, actions, rows, part
             for k in range(block.size):
                 i = block[k]
                 state = states[i]
+                mean, cov = state.mean, state.covariance
+                if held > 0:
+                    steps = state.steps + (parts & JUDGE) // JUDGE
+                    if parts & JUDGE or steps == 0:
+                        keep(state, late, i, steps)
+                    old = late[i, (steps + 1) % held]
+                    mean, cov = old.mean, old.covariance
                 if parts & JUDGE:
-                    judge(layers, goals, state, settings, i, figures)
+                    judge(layers, goals, state, mean, cov, settings, i, figures)
                 elif parts & OBSERVE:
                     figures[i] = 0.0
                     write_status(state, errors(state)[0], figures, i)
                 if parts & OBSERVE:
-                    observe(walls, layers, goals, scanner.far, state, settings, readings, view, i)
+                    observe(
+                        walls, layers, goals, scanner.far, state, mean, cov, settings, readings,
+                        view, i,
+                    )  # fmt: skip
     return -1

@@ -110,6 +110,7 @@ class Training(ConfigModel):
     envs: Count = 64
     threads: Count | None = None
     log: Count = 20_000
+    base: Literal["vfh"] | None = None
     environment: dict[str, Any]
     evaluation: EvaluationPart = EvaluationPart()
     normalize: NormalizePart = NormalizePart()
@@ -131,6 +132,8 @@ class Training(ConfigModel):
         for where, arguments in self._arguments().items():
             for key in arguments.keys() & MANAGED.keys():
                 raise InputError(f"{where}: {key} cannot be given, {MANAGED[key]}; drop it")
+        if self.base is not None and self.algorithm == "recurrent-ppo":
+            raise InputError("base: recurrent-ppo cannot correct a baseline; choose ppo or sac")
         chosen = hyperparameters_of(self.algorithm, self.hyperparameters, self.envs)
         if self.algorithm == "sac" and self.environment.get("discrete"):
             raise InputError("algorithm: sac has continuous actions alone; drop discrete, or ppo")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,7 +10,8 @@ from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.training.config import StagePart
 
 RECENT: Final = 200
-"""A rate of arrival is that of so many episodes, all of the stage itself."""
+"""A rate of arrival is that of so many episodes, all of the stage itself; Stable-Baselines3 keeps
+them (`stats_window_size`)."""
 
 
 class Curriculum:
@@ -40,18 +41,18 @@ class Curriculum:
         simulation.parameters = replace(simulation.parameters, longest=longest)
         return longest
 
-    def advance(self, share: float, arrived: Sequence[bool]) -> bool:
+    def advance(self, share: float, arrived: Collection[bool]) -> bool:
         """Go on to the next stage if the present one is over.
 
         Args:
             share: Of the whole training that is done.
-            arrived: Whether each episode since the stage began arrived.
+            arrived: Whether each episode since the stage began arrived; the last `RECENT` do.
         """
         if self.number >= len(self.stages):
             return False
         stage = self.stages[self.number]
         over = stage.share is not None and share >= stage.share
         if stage.arrival is not None and len(arrived) >= RECENT:
-            over |= sum(arrived[-RECENT:]) >= stage.arrival * RECENT
+            over |= sum(list(arrived)[-RECENT:]) >= stage.arrival * RECENT
         self.number += over
         return over

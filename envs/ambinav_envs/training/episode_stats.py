@@ -10,7 +10,6 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 
 from ambinav_envs.evaluation import Episodes, per_metre
-from ambinav_envs.training.curriculum import RECENT
 
 FIGURES: Final = {
     "episodes": "how many",
@@ -33,22 +32,17 @@ class EpisodeStatsCallback(BaseCallback):
     """Gathers the episodes that end, as a `VecMonitor` tells them.
 
     Attributes:
-        fresh: Those since the last `take`.
-        stage: Whether each of the latest ones arrived, since the curriculum's stage began; at most
-            `RECENT`.
+        fresh: Those since the last `take`; `ep_info_buffer` of Stable-Baselines3 drops some.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.fresh: list[Episode] = []
-        self.stage: list[bool] = []
 
     def _on_step(self) -> bool:
         for i in np.flatnonzero(self.locals["dones"]):
             figures = self.locals["infos"][i]["episode"]
             self.fresh.append({key: _plain(figures[key]) for key in KEPT})
-            self.stage.append(figures["outcome"] == "arrived")
-        del self.stage[:-RECENT]
         return True
 
     def take(self) -> Figures:

@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from ambinav.errors import InputError
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of
+from ambinav_envs.training.curriculum import RECENT
 from ambinav_envs.training.features import NavigationFeatures, looks_around
 from ambinav_envs.training.hyperparameters import SCHEDULED
 from ambinav_envs.training.schedules import LinearSchedule, schedule_of
@@ -56,6 +57,7 @@ def make_model(config: Training, envs: VecEnv) -> BaseAlgorithm:
             envs,
             seed=config.seed,
             device="cpu",
+            stats_window_size=RECENT,
             policy_kwargs=network(config),
             **_given(config),
         )

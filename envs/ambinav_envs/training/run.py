@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -16,7 +17,8 @@ from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputF
 from ambinav.errors import InputWarning
 from ambinav.files import holding_interrupts
 from ambinav_envs.evaluation import evaluate
-from ambinav_envs.policies import ModelPolicy, Normalization, read_card, save_policy
+from ambinav_envs.policies import ModelPolicy, Normalization, Policy, read_card, save_policy
+from ambinav_envs.policies.corrected import CorrectedPolicy
 from ambinav_envs.training import folder as files
 from ambinav_envs.training.checkpoints import (
     checkpoints,
@@ -26,7 +28,7 @@ from ambinav_envs.training.checkpoints import (
 )
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import source_of, write_config
-from ambinav_envs.training.curriculum import Curriculum
+from ambinav_envs.training.curriculum import RECENT, Curriculum
 from ambinav_envs.training.curve import plot_curve
 from ambinav_envs.training.episode_stats import EpisodeStatsCallback, Figures, figures_of_evaluation
 from ambinav_envs.training.models import make_model, round_steps, schedules
@@ -101,7 +103,9 @@ class Run:
         self.best = best_of(best) if resume and best.is_file() else None
         self.episode_stats = EpisodeStatsCallback()
         self.episode_stats.fresh = list(counters.get("fresh", ()))
-        self.episode_stats.stage = list(counters.get("stage", ()))
+        if "stage" in counters:
+            # A checkpoint of before Stable-Baselines3 kept them.
+            self.model.ep_success_buffer = deque(counters["stage"], RECENT)
         self.curriculum = Curriculum(config.curriculum, int(counters.get("stage_number", 0)))
         self._source, self._judged = source_of(config.judged)
         self._longest = source_of(config.arguments)[1].longest
@@ -212,8 +216,8 @@ class Run:
     def _between(self, rate: float = math.nan) -> None:
         """What is due after a round, or was when the training was interrupted."""
         steps, share = int(self.model.num_timesteps), self.share
-        if self.curriculum.advance(share, self.episode_stats.stage):
-            self.episode_stats.stage = []
+        if self.curriculum.advance(share, self.model.ep_success_buffer or ()):
+            self.model.ep_success_buffer.clear()
         judged = None
         if steps >= self._next["evaluation"]:
             judged = self._evaluate()
@@ -252,7 +256,8 @@ class Run:
     def _evaluate(self) -> Figures:
         """Judge the policy on episodes that are always the same; keep it if it is the best."""
         chosen = self.config.evaluation
-        policy = ModelPolicy(self.model, self._normalization)
+        model, base = ModelPolicy(self.model, self._normalization), self.config.base
+        policy: Policy = model if base is None else CorrectedPolicy(model, base)
         episodes = evaluate(policy, self._source, self._judged, chosen.episodes, chosen.seed)
         figures = figures_of_evaluation(episodes)
         if self.best is None or figures["reward"] > (self.best["reward"] or 0.0):
@@ -274,6 +279,7 @@ class Run:
             # The suite is named, for those who do not ask what the id stands for.
             environment=self.config.environment | self.config.arguments,
             normalization=self._normalization,
+            base=self.config.base,
             notes={
                 "training": self.config.model_dump(mode="json"),
                 "trained_in": self.record["buildings"],
@@ -292,7 +298,6 @@ class Run:
             "seconds": self.seconds,
             "next": self._next,
             "fresh": self.episode_stats.fresh,
-            "stage": self.episode_stats.stage,
             "stage_number": self.curriculum.number,
         }
         folder = self.folder / files.CHECKPOINTS

@@ -9,6 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 from ambinav_envs.sb3 import NavigationVecEnv, make_sb3
 from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.training.config import Training
+from ambinav_envs.training.corrected import CorrectedVecEnv
 
 REPORTED: Final = ("outcome", "was_lost", "exposure", "travelled", "shortest")
 """What the info of an episode's end tells beside return and length."""
@@ -34,7 +35,13 @@ class TrainingEnvs:
         else:
             envs = NavigationVecEnv(state["envs"])
         self._envs = envs
-        self.monitor = VecMonitor(envs, info_keywords=REPORTED)
+        self._corrected: CorrectedVecEnv | None = None
+        if config.base is not None:
+            before = None if state is None else state["corrected"]
+            parameters = self.simulation.parameters
+            self._corrected = CorrectedVecEnv(envs, config.base, parameters, before)
+        inner = envs if self._corrected is None else self._corrected
+        self.monitor = VecMonitor(inner, info_keywords=REPORTED)
         self.normalize: VecNormalize | None = None
         wanted = config.normalize
         if wanted.observations or wanted.reward:
@@ -72,6 +79,7 @@ class TrainingEnvs:
             "envs": self._envs.envs,
             "episodes": (monitor.episode_returns, monitor.episode_lengths),
             "moments": moments,
+            "corrected": None if self._corrected is None else self._corrected.state(),
         }
 
     def close(self) -> None:

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("ompl")
 
 from ambinav import provenance
+from ambinav.drive.bootstrap import Interval
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav_envs.leaderboard import board as board_module
@@ -25,7 +26,15 @@ from ambinav_envs.leaderboard.board import (
     fitting,
     settings_for,
 )
-from ambinav_envs.leaderboard.methods import all_methods, planner_methods, policy_method
+from ambinav_envs.leaderboard.methods import (
+    TRUE_POSE,
+    all_methods,
+    follower_method,
+    planner_methods,
+    policy_method,
+    true_pose_method,
+)
+from ambinav_envs.leaderboard.normalized import BLIND
 from ambinav_envs.leaderboard.report import FOLDER, benchmark
 from ambinav_envs.leaderboard.routes import Routes
 from ambinav_envs.leaderboard.store import (
@@ -43,7 +52,10 @@ OPTIONS = {"longest": 5.0, "max_steps": 150}
 def small(environment: Environment, **changed: Any) -> Board:
     place = Venue("room", environment, None)
     values: dict[str, Any] = {
-        "methods": [*planner_methods(["reference:0.5"]), policy_method("plug.py:spinner", HERE)],
+        "methods": [
+            *planner_methods(["reference:0.5"]),
+            policy_method("plug.py:spinner", HERE, trust=True),
+        ],
         "settings": [Setting(f"room, {name}", place, name) for name in CONDITIONS],
         "episodes": 4,
         "seed": 3,
@@ -77,6 +89,37 @@ def test_what_is_written(tmp_path: Path) -> None:
     for at, line in enumerate(lines):
         if line.startswith("|---"):
             assert lines[at - 1].count("|") == line.count("|") == lines[at + 1].count("|")
+
+
+@pytest.mark.slow
+def test_scores_are_normalized_by_the_shortest_routes_and_their_twin(tmp_path: Path) -> None:
+    methods = [*planner_methods([])[:1], follower_method(5.0), true_pose_method()]
+    hard = {"odometry_scale": 4.0, "start_std": (0.3, 0.3, 0.1), "longest": 12.0}
+    board = small(room(), methods=methods, options=hard, episodes=24)
+    rows = benchmark(board, tmp_path / "out")
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    text = (tmp_path / "out" / "report.md").read_text()
+    table = (tmp_path / "out" / "table.csv").read_text()
+    for setting in board.settings:
+        by = report["normalized_by"][setting.name]
+        own = {row.method: row for row in rows if row.setting == setting.name}
+        assert by["blind"]["arrived"]["value"] == own[BLIND]["arrived"].value.value
+        assert own[TRUE_POSE]["missed"].value.value == own[TRUE_POSE]["lost"].value.value == 0.0
+        assert own[TRUE_POSE]["error"].value.value == own[TRUE_POSE]["lost_time"].value.value == 0
+        assert by["room"]["low"] > 0.0
+        scores = {name: row.score for name, row in own.items()}
+        assert scores[BLIND] == Interval(0.0, 0.0, 0.0, 24)
+        assert scores[TRUE_POSE] == Interval(1.0, 1.0, 1.0, 24)
+        # The reward of who follows another route is another one.
+        assert own[BLIND]["return"].value.count == 24
+        assert own["waypoint follower 5"]["return"].value.count == 0
+        assert f"{setting.name},{BLIND},normalized_score,,24,24,0,0,0,,," in table.replace('"', "")
+    rewards = {(row["setting"], row["method"]): row["reward"] for row in report["rows"]}
+    assert rewards["room, as mapped", "waypoint follower 5"] is None
+    assert rewards["room, as mapped", BLIND] is not None
+    assert "| shortest | 0.00 [0.00, 0.00] |" in text and "room for +" in text
+    # Both follow the same routes, which are planned once.
+    assert len(list((tmp_path / "out" / "work").glob("routes-*.npz"))) == 1
 
 
 def test_going_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,14 +240,14 @@ deep.environment = {"layer": "fisher"}
 
 def test_who_does_not_fit(tmp_path: Path) -> None:
     (tmp_path / "picky.py").write_text(PICKY)
-    picky = policy_method("picky.py:picky", tmp_path)
+    picky = policy_method("picky.py:picky", tmp_path, trust=True)
     board = small(room(), methods=[*planner_methods([])[:1], picky])
     with pytest.raises(InputError, match="it sees nothing"):
         fitting(board)
     kept = small(room(), methods=[board.methods[0], replace(picky, shipped=True)])
     with pytest.warns(InputWarning, match="left out: it sees nothing"):
         assert [method.name for method in fitting(kept).methods] == ["shortest"]
-    deep = policy_method("picky.py:deep", tmp_path)
+    deep = policy_method("picky.py:deep", tmp_path, trust=True)
     with pytest.raises(InputError, match="trained to see the layer 'fisher'"):
         fitting(small(room(), methods=[deep]))
 

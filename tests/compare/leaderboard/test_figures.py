@@ -12,7 +12,7 @@ import pytest
 from ambinav.drive.bootstrap import grouped_weights
 from ambinav.reports.table import difference_text, value_text
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.figures import make_rows, to_csv
+from ambinav_envs.leaderboard.figures import ALL_FIGURES, make_rows, to_csv
 from ambinav_envs.leaderboard.report import criterion_text
 from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
 
@@ -26,7 +26,8 @@ def episodes(outcome: Any, lost: Any = False, metres: Any = 10.0) -> Episodes:
         return np.broadcast_to(np.asarray(value), count).copy()
 
     return Episodes(
-        outcome=codes, was_lost=full(lost), error_max=full(0.5), error_mean=full(0.1),
+        outcome=codes, was_lost=full(lost), lost_at_end=full(lost),
+        lost_seconds=np.where(full(lost), 3.0, 0.0), error_max=full(0.5), error_mean=full(0.1),
         exposure=0.2 * full(metres), travelled=full(metres), shortest=full(10.0),
         seconds=full(30.0), reward=full(1.0), cost=full(0.0), building=full("a"),
         seed=np.arange(count),
@@ -110,7 +111,7 @@ def test_a_row_does_not_hang_on_the_others() -> None:
 def test_csv() -> None:
     both = {"base": episodes([ARRIVED] * 4), "other": episodes([COLLIDED] * 4)}
     lines = to_csv(make_rows("here", both, "base", 1)).splitlines()
-    assert len(lines) == 1 + 2 * 10
+    assert len(lines) == 1 + 2 * len(ALL_FIGURES)
     assert lines[0].startswith("setting,method,figure,unit,episodes,counted,value,low,high")
     assert "here,base,arrived,%,4,4,100,100,100,,," in lines
     assert "here,other,length,,4,0,,,,,," in lines

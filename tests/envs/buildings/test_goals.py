@@ -74,4 +74,5 @@ def test_the_way_to_take_is_the_cheapest_one() -> None:
             assert task.cost >= task.distance + 9.0 * dear_metres - 1e-3
     given = plain.draw(state(3), 2.0, 6.0)
     again = dear.towards(given)
+    assert again is not None
     assert again.distance == given.distance and again.cost >= given.cost

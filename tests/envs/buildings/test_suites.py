@@ -12,6 +12,7 @@ import shapely
 import ambinav as an
 from ambinav.geometry.segments import FRONTIER
 from ambinav_envs.buildings.procedural import ROBOT
+from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import (
     Suite,
     _suites,
@@ -19,6 +20,7 @@ from ambinav_envs.buildings.suites import (
     suite,
     suite_names,
 )
+from tests.envs.buildings.scenes import laser
 
 NAMES = ("hall", "corridor", "office", "warehouse", "loop", "procedural")
 VARIANTS = (*range(8), 1000, 2**31 - 1)
@@ -32,9 +34,9 @@ for name in sys.argv[1:]:
 """
 
 
-def test_there_are_six() -> None:
-    assert suite_names() == NAMES
-    assert all(suite(name).title for name in NAMES)
+def test_there_are_seven() -> None:
+    assert suite_names() == (*NAMES, "cluttered")
+    assert all(suite(name).title for name in suite_names())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -80,6 +82,39 @@ def test_the_same_in_a_fresh_process() -> None:
         for variant in (0, 5)
     ]
     assert out == here
+
+
+def test_cluttered_buildings() -> None:
+    legs, narrow = 0, 0
+    for variant in (*range(4), 1_000_000):
+        building = suite("cluttered").building(variant)
+        assert building.name == f"cluttered-{variant}"
+        assert isinstance(building.free, shapely.Polygon) and building.free.is_valid
+        assert not (building.segments.kind == FRONTIER).any()
+        # Most of the floor where a robot fits is one piece.
+        pieces = shapely.area(shapely.get_parts(building.free.buffer(-0.25)))
+        assert pieces.max() > 0.85 * pieces.sum()
+        assert 80.0 < building.free.area < 450.0
+        legs += sum(shapely.Polygon(hole).area < 0.02 for hole in building.free.interiors)
+        # Where a robot of 0.35 m fits no more, one of the usual size does: doors below 0.8 m.
+        narrow += building.free.buffer(-0.38).geom_type == "MultiPolygon"
+        # No wall is a straight line for long.
+        xy = building.segments.xy
+        assert np.hypot(xy[:, 2] - xy[:, 0], xy[:, 3] - xy[:, 1]).max() < 0.8
+    assert legs > 40 and narrow >= 2
+
+
+def test_a_mixture_takes_each_suite_in_turn() -> None:
+    mixed = suite("hall+cluttered+hall")
+    assert "hall, cluttered" in mixed.title
+    for variant, name in ((3, "hall"), (4, "cluttered"), (5, "hall")):
+        building, own = mixed.building(variant), suite(name).building(variant)
+        assert building.name == f"hall+cluttered+hall-{variant}"
+        assert building.segments.xy.tobytes() == own.segments.xy.tobytes()
+    source = BuildingSource("office+loop", laser(), 0.22, count=4, first=10)
+    assert source.name == "office+loop" and source.get("office+loop-11") is source.get(11)
+    with pytest.raises(an.InputError, match=r"there is no suite 'halt'.*hall"):
+        suite("office+halt")
 
 
 def test_plain_buildings_stand_along_the_axes() -> None:

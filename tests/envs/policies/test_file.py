@@ -17,17 +17,17 @@ from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.provenance import code_digest
 from ambinav.sensing.scanner import RangeScanner
-from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
-
-from stable_baselines3 import PPO  # isort: skip
-
 from ambinav_envs.parameters import default_scanner
 from ambinav_envs.policies import load_policy, read_card, save_policy
-from ambinav_envs.policies.file import CARD, FORMAT, arguments_of, plain_environment
+from ambinav_envs.policies.card import CARD, FORMAT, OLDER, arguments_of, plain_environment
+from ambinav_envs.policies.file import WEIGHTS
+from ambinav_envs.policies.policy import SEEING
+from tests.envs.policies.models import NAME, OPTIONS, model, normalized, saved
 
 SEEN: dict[str, Any] = {
     "window": True, "window_cells": 16, "window_spacing": 0.4, "ambiguity_weight": 0.0,
-    "waypoint": False, "waypoint_distance": 1.5, "discrete": False, "min_speed": 0.0,
+    "waypoint": True, "waypoint_distance": 1.5, "ambiguity_seen": True, "discrete": False,
+    "min_speed": 0.0, "rest_at_zero": True,
     "layer": "level",
 }  # fmt: skip
 """What a policy sees by default."""
@@ -73,21 +73,6 @@ def test_the_card(file: Path) -> None:
     assert card.notes == {"note": "a test"} and "torch" in card.versions
 
 
-def test_stable_baselines_reads_it_whole_and_slim(tmp_path: Path) -> None:
-    envs = normalized()
-    made = model(envs).learn(8)
-    seen = envs.reset()
-    sizes = {}
-    for slim in (False, True):
-        path = tmp_path / f"slim-{slim}.zip"
-        save_policy(made, path, environment={}, slim=slim)
-        again = PPO.load(path)
-        assert np.array_equal(*(m.predict(seen, deterministic=True)[0] for m in (made, again)))
-        assert bool(again.policy.optimizer.state_dict()["state"]) is not slim
-        sizes[slim] = path.stat().st_size
-    assert sizes[True] < 0.7 * sizes[False]
-
-
 def test_parts_of_an_environment_come_back(tmp_path: Path) -> None:
     scanner = RangeScanner.from_preset("rplidar-a1").thinned(60)
     environment = {
@@ -111,10 +96,11 @@ def test_what_it_saw_by_default_is_known_of_old_files_too(file: Path, tmp_path: 
         document = {**json.loads(content), "environment": {"id": NAME, "window_cells": 4}}
         return json.dumps(document).encode()
 
-    for path in (file, rewritten(file, tmp_path / "old.zip", older)):
-        assert load_policy(path).seeing == {
-            name: value for name, value in (SEEN | {"window_cells": 4}).items() if name != "layer"
-        }
+    now = {name: value for name, value in (SEEN | OPTIONS).items() if name in SEEING}
+    assert load_policy(file).seeing == now
+    old = load_policy(rewritten(file, tmp_path / "old.zip", older))
+    # What was the default then.
+    assert old.seeing == now | {"waypoint": False, "rest_at_zero": False}
     # With the robot that it was trained with, since speeds go by its highest.
     quick = {"robot": {"max_speed": 2.0}, "min_speed": -1.0, "window_spacing": 0.2}
     environment = plain_environment(quick)
@@ -142,7 +128,7 @@ def test_a_flipped_byte_anywhere_is_no_crash(file: Path, tmp_path: Path) -> None
         spoilt[at] ^= 0xFF
         (tmp_path / "bad.zip").write_bytes(spoilt)
         with contextlib.suppress(InputError):
-            read_card(tmp_path / "bad.zip")
+            load_policy(tmp_path / "bad.zip")
 
 
 def cut(file: Path, out: Path) -> Path:
@@ -164,7 +150,7 @@ def of_format(number: int) -> Callable[[Path, Path], Path]:
 
 
 def without_weights(file: Path, out: Path) -> Path:
-    return rewritten(file, out, lambda name, content: None if name == "policy.pth" else content)
+    return rewritten(file, out, lambda name, content: None if name == WEIGHTS else content)
 
 
 def of_another_kind(file: Path, out: Path) -> Path:
@@ -176,21 +162,17 @@ def of_another_kind(file: Path, out: Path) -> Path:
     return rewritten(file, out, change)
 
 
-def with_bad_moments(file: Path, out: Path) -> Path:
-    return rewritten(file, out, lambda name, c: b"?" if name == "normalization.npz" else c)
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (broken, "damaged|no policy file|cannot be loaded"),
+        (broken, "damaged|cannot be read"),
         (cut, "no policy file"),
         (without_card, "ambinav.json is missing"),
-        (of_format(FORMAT - 1), f"not of format {FORMAT}"),
+        (of_format(OLDER - 1), f"not of format {FORMAT}"),
+        (of_format(OLDER), f"'{WEIGHTS}' has no place in format {OLDER}"),
         (of_format(FORMAT + 1), f"not of format {FORMAT}"),
-        (without_weights, "cannot be loaded"),
+        (without_weights, f"{WEIGHTS} is missing"),
         (of_another_kind, "algorithm is 'A2C'"),
-        (with_bad_moments, "normalisation cannot be read"),
     ],
 )
 def test_bad_files(spoil: Any, message: str, file: Path, tmp_path: Path) -> None:
@@ -199,3 +181,13 @@ def test_bad_files(spoil: Any, message: str, file: Path, tmp_path: Path) -> None
         load_policy(path)
     assert "bad.zip" in str(caught.value) and str(caught.value).endswith(".")
     assert "\n" not in str(caught.value)
+
+
+def test_the_same_policy_is_the_same_file(tmp_path: Path) -> None:
+    envs = normalized()
+    made = model(envs)
+    for name in ("a.zip", "b.zip"):
+        save_policy(made, tmp_path / name, environment={}, normalization=envs)
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+        assert archive.namelist() == [CARD, WEIGHTS]

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium import spaces
+from typer.testing import CliRunner
 
+from ambinav.cli import app
 from ambinav.errors import InputError
 from ambinav.files import sha256
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.spaces import action_space, observation_space
 from tests.envs.policies.models import OPTIONS, model, saved
+from tests.envs.policies.test_network import observations, same_actions, trained
 
-from ambinav_envs.policies import ModelPolicy, baselines, load_policy  # isort: skip
+from ambinav_envs.policies import ModelPolicy, baselines, load_policy, save_policy  # isort: skip
 from ambinav_envs.evaluation import evaluate
 from ambinav_envs.policies.load import BASELINES, checksum_of
 from ambinav_envs.sb3 import make_sb3
@@ -76,7 +81,7 @@ def spaces_of(**options: Any) -> tuple[spaces.Dict, spaces.Space[Any]]:
 
 
 def test_a_callable(folder: Path) -> None:
-    policy = load_policy("plug.py:straight", folder)
+    policy = load_policy("plug.py:straight", folder, trust=True)
     assert policy.environment == {"waypoint": True}
     policy.prepare(*spaces_of())
     assert policy.act({}, np.zeros(5, dtype=np.bool_)).shape == (5, 2)
@@ -97,12 +102,13 @@ def test_a_callable(folder: Path) -> None:
 )
 def test_bad_names(name: str, message: str, folder: Path) -> None:
     with pytest.raises(InputError, match=message):
-        load_policy(name, folder).prepare(*spaces_of())
+        load_policy(name, folder, trust=True).prepare(*spaces_of())
 
 
 def test_checksums_of_callables(folder: Path) -> None:
     def of(name: str) -> str:
-        return checksum_of(f"more.py:{name}", load_policy(f"more.py:{name}", folder), folder)
+        policy = load_policy(f"more.py:{name}", folder, trust=True)
+        return checksum_of(f"more.py:{name}", policy, folder)
 
     code = """
 import functools
@@ -168,7 +174,7 @@ def test_a_policy_of_one_row() -> None:
     policy.act(seen, np.ones(2, dtype=np.bool_))
     first = {name: part[0] for name, part in seen.items()}
     assert np.array_equal(policy.model.seen[0], spaces.flatten(envs.observation_space, first))
-    with pytest.raises(InputError, match=r"one row of 102 numbers .* make 70"):
+    with pytest.raises(InputError, match=r"one row of 105 numbers .* make 73"):
         policy.prepare(*spaces_of(window=False))
 
 
@@ -206,7 +212,7 @@ def test_a_live_model() -> None:
     assert policy.act(envs.reset(), np.ones(2, dtype=np.bool_)).shape == (2, 2)
 
 
-@pytest.mark.parametrize("name", ["ppo-ambiguity", "ppo-shortest"])
+@pytest.mark.parametrize("name", ["corrected-vfh", "ppo-ambiguity", "ppo-shortest"])
 def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
     assert name in baselines()
     assert (BASELINES / f"{name}.md").read_text(encoding="utf-8").startswith(f"# {name}\n")
@@ -217,3 +223,53 @@ def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
     source, parameters = scenario("corridor", None, 1, 0, None, options)
     episodes = evaluate(policy, source, parameters, 20, 1)
     assert episodes.ended(ARRIVED).mean() >= 0.8
+
+
+@pytest.mark.parametrize("kind", ["PPO", "SAC", "RecurrentPPO"])
+def test_a_file_of_model_save(kind: str, tmp_path: Path) -> None:
+    made = trained(kind, {}, {"net_arch": [8]})
+    made.save(tmp_path / "plain.zip")
+    environment = {"id": "ambinav/Navigation-v0", **OPTIONS}
+    policy = load_policy(tmp_path / "plain.zip", trust=True, environment=environment)
+    assert isinstance(policy, ModelPolicy) and policy.is_code
+    assert same_actions(made, policy.model, observations(made.observation_space))
+    assert policy.environment["window_cells"] == OPTIONS["window_cells"]
+    policy.prepare(*spaces_of(window_cells=4))
+    # As a file that needs no trust.
+    save_policy(policy.model, tmp_path / "mine.zip", environment=environment)
+    again = load_policy(tmp_path / "mine.zip")
+    assert isinstance(again, ModelPolicy) and not again.is_code
+    assert same_actions(made, again.model, observations(made.observation_space))
+
+
+def test_a_file_of_model_save_by_command(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AMBINAV_CACHE", str(tmp_path_factory.getbasetemp() / "ambinav-cache"))
+    model(make_sb3("ambinav/Navigation-v0", 2, **OPTIONS)).save(tmp_path / "plain.zip")
+    saved(tmp_path / "card.zip")
+    words = [str(tmp_path / "plain.zip"), "--env", "ambinav/Hall-v0", "-n", "2", "max_steps=3"]
+    words += ["window_cells=4", "longest=4", "buildings=1"]
+    run = CliRunner().invoke
+    done = run(app, ["evaluate", *words, "--trust", "--json"])
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    assert report["code"] is True and report["environment"]["suite"] == "hall"
+    for arguments, message in (
+        (words, "add --trust and --env ID"),
+        ([words[0], "--trust"], "add --trust and --env ID"),
+        ([*words[:2], "ambinav/Gone-v0", *words[3:], "--trust"], "'ambinav/Gone-v0', which is not"),
+        ([*words, "--trust", "window=false"], "wants the part 'window'"),
+        ([str(tmp_path / "card.zip"), *words[1:]], "leave --env out"),
+        (["ppo-shortest", *words[1:]], "leave --env out"),
+    ):
+        done = run(app, ["evaluate", *arguments])
+        assert done.exit_code == 2 and message in done.stderr, done.output
+        assert done.stderr.count("\n") == 1
+
+
+def test_a_model_of_another_algorithm(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "plain.zip", "w") as archive:
+        archive.writestr("data", json.dumps({"exploration_rate": 0.1}))
+    with pytest.raises(InputError, match="of none of PPO, SAC, RecurrentPPO; give module:callable"):
+        load_policy(tmp_path / "plain.zip", trust=True, environment={"id": "ambinav/Hall-v0"})

@@ -33,6 +33,10 @@ RECURRENT: dict[str, Any] = {
     "algorithm": "recurrent-ppo",
     "policy": {"net_arch": [16], "scan_features": 8, "lstm_hidden_size": 8},
 }
+CORRECTED: dict[str, Any] = {
+    "base": "vfh",
+    "environment": {**TINY["environment"], "waypoint": True, "waypoint_distance": 1.0},
+}
 
 
 def tiny(**other: Any) -> Training:

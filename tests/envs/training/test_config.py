@@ -20,10 +20,12 @@ from tests.envs.training.cases import TINY, tiny
 ROOT = Path(__file__).parents[3]
 
 
-@pytest.mark.parametrize("name", ["ppo", "sac", "recurrent-ppo"])
+@pytest.mark.parametrize("name", ["ppo", "sac", "recurrent-ppo", "corrected-vfh"])
 def test_those_that_are_shipped_can_be_used(name: str) -> None:
     config = load_config(ROOT / "configs" / f"{name}.yaml")
-    assert config.algorithm == name
+    assert (config.base, config.algorithm) == {"corrected-vfh": ("vfh", "ppo")}.get(
+        name, (None, name)
+    )
     train, judged = source_of(config.arguments)[0], source_of(config.judged)[0]
     assert train.count is not None and train.first + train.count <= judged.first
 

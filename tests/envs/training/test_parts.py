@@ -36,7 +36,8 @@ def test_figures_of_training_and_evaluation_mean_the_same() -> None:
     nothing = np.zeros(2)
     codes = np.array([OUTCOMES.index(name) for name in known.pop("outcome")])
     rewards = known.pop("r")
-    others = {"error_max": nothing, "error_mean": nothing, "seconds": nothing, "cost": nothing}
+    names = ("error_max", "error_mean", "seconds", "cost", "lost_at_end", "lost_seconds")
+    others = dict.fromkeys(names, nothing)
     keys, seeds = np.array(["a", "b"]), np.arange(2)
     both = Episodes(
         outcome=codes, reward=rewards, building=keys, seed=seeds, **known, **others

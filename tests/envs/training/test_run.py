@@ -21,16 +21,21 @@ from ambinav_envs.policies import load_policy, read_card
 from ambinav_envs.training.checkpoints import checkpoints
 from ambinav_envs.training.config import Training
 from ambinav_envs.training.config_file import load_config
+from ambinav_envs.training.models import make_model
 from ambinav_envs.training.run import Run, TrainingStatus, best_of
 from ambinav_envs.training.train import train
 from ambinav_envs.training.vec import TrainingEnvs
-from tests.envs.training.cases import RECURRENT, SAC, TINY, tiny
+from tests.envs.training.cases import CORRECTED, RECURRENT, SAC, TINY, tiny
 
 
 def weights(path: Path) -> dict[str, Any]:
     """The parameters in a policy file or a checkpoint's model."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
+    if path.name != "model.zip":
+        policy: Any = load_policy(path)
+        state: dict[str, Any] = getattr(policy, "network", policy).model.state_dict()
+        return state
     _, params, _ = load_from_zip_file(path, device="cpu", load_data=False)
     return params["policy"]
 
@@ -101,12 +106,22 @@ def test_policy_files_are_policies(whole: Path) -> None:
     actions = policy.act(seen, np.ones(8, dtype=np.bool_))
     assert actions.shape == (8, 2)
     assert same(whole / "final.zip", whole / "checkpoints" / "000000000512" / "model.zip")
-    again = PPO.load(whole / "best.zip", device="cpu")
-    assert np.allclose(again.predict(seen, deterministic=True)[0], actions)
+    # Training on with it, and with what a checkpoint holds.
+    again = make_model(tiny(), envs.outer)
+    again.policy.load_state_dict(policy.model.state_dict())  # type: ignore[attr-defined]
+    assert np.array_equal(again.predict(seen, deterministic=True)[0], actions)
+    kept = PPO.load(whole / "checkpoints" / "000000000512" / "model.zip", device="cpu")
+    final = load_policy(whole / "final.zip")
+    final.prepare(envs.outer.observation_space, envs.outer.action_space)
+    assert np.array_equal(
+        kept.predict(seen, deterministic=True)[0], final.act(seen, np.ones(8, dtype=np.bool_))
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("other", [{}, SAC, RECURRENT], ids=["ppo", "sac", "recurrent"])
+@pytest.mark.parametrize(
+    "other", [{}, SAC, RECURRENT, CORRECTED], ids=["ppo", "sac", "recurrent", "corrected"]
+)
 def test_resumed_is_as_if_never_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: dict[str, Any]
 ) -> None:

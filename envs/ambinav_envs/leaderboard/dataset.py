@@ -1,0 +1,261 @@
+"""Minari data sets of what planners and policies drive: offline data for learning.
+
+Minari (https://minari.farama.org) is an extra: `pip install "ambinav[minari]"`. A data set has the
+episodes of one method in one environment, and its seeds: `reset(seed=...)` of the environment that
+it recovers and the recorded actions give the recorded observations and rewards again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import gymnasium as gym
+import numpy as np
+
+from ambinav import __version__
+from ambinav.config import as_count
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav_envs.evaluation import episode_seeds
+from ambinav_envs.leaderboard.methods import Method
+from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.policies.fit import check_fit
+from ambinav_envs.policies.policy import Policy, checked_actions
+from ambinav_envs.registration import IDS, NAMESPACE, register_envs
+from ambinav_envs.seeds import as_seed
+
+if TYPE_CHECKING:
+    from minari.data_collector import EpisodeBuffer
+
+RECORDED: Final = ("cost", "lost", "true_pose", "estimate")
+"""Parts of the info that are kept of each step: what safe and privileged learning need."""
+ENDED: Final = ("outcome", "is_success", "was_lost", "shortest", "travelled")
+"""Parts of the last info that are kept of each episode."""
+VERSION: Final = 0
+_ROOT: Final = "MINARI_DATASETS_PATH"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A data set that was made.
+
+    Attributes:
+        id: What `minari.load_dataset` takes.
+        episodes: How many.
+        steps: Of all of them.
+        arrived: How many arrived.
+    """
+
+    id: str
+    episodes: int
+    steps: int
+    arrived: int
+
+
+def dataset_id(environment: str, method: str) -> str:
+    """Name of a data set as Minari has it: ambinav/hall/reference-5-v0."""
+    suite = environment.rpartition("/")[2].rpartition("-v")[0].lower()
+    name = re.sub(r"[^a-z0-9_]+", "-", method.lower()).strip("-") or "unnamed"
+    return f"{NAMESPACE}/{suite}/{name}-v{VERSION}"
+
+
+def record_datasets(
+    methods: Sequence[Method],
+    environment: str,
+    arguments: Mapping[str, Any],
+    episodes: int,
+    seed: int,
+    folder: Path,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Recorded, ...]:
+    """Let methods drive, and write a data set of each into a folder, all of them or nothing.
+
+    Args:
+        methods: Who drives; all the same episodes.
+        environment: One of `registration.IDS`.
+        arguments: Of the environment, as plain values, since Minari keeps them as JSON; they go
+            before what a method brings along.
+        episodes: Of each method.
+        seed: Of the episodes, see `evaluation.episode_seeds`.
+        folder: Made anew; for `MINARI_DATASETS_PATH`.
+        progress: Called with the share done.
+
+    Raises:
+        InputError: minari is missing, the folder is there, two data sets have the same name, an
+            argument cannot be used, or a method does not fit.
+    """
+    for package in ("minari", "h5py"):
+        if find_spec(package) is None:
+            raise InputError(f'a data set needs {package}; run: pip install "ambinav[minari]".')
+    if environment not in IDS:
+        raise InputError(f"the environment {environment!r} is unknown; give one of {sorted(IDS)}.")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: it is there already; choose another output.")
+    episodes, first = as_count(episodes, "episodes"), as_seed(seed) or 0
+    names = [dataset_id(environment, method.name) for method in methods]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two data sets are called {name!r}; rename a policy's file.")
+    for method in methods:
+        if arguments.get("discrete") and method.seeing.get("discrete") is False:
+            raise InputError(
+                f"discrete is true, but {method.name!r} steers by speed and turn rate; drop it."
+            )
+    register_envs()
+    made = []
+    with replacing(folder) as fresh:
+        fresh.mkdir()
+        with _datasets_in(fresh):
+            for k, (name, method) in enumerate(zip(names, methods, strict=True)):
+
+                def report(share: float, done: int = k) -> None:
+                    if progress is not None:
+                        progress((done + share) / len(methods))
+
+                own = {**method.seeing, **arguments}
+                made.append(_record(name, method, environment, own, episodes, first, report))
+    return tuple(made)
+
+
+@contextlib.contextmanager
+def _datasets_in(folder: Path) -> Iterator[None]:
+    """Where Minari keeps data sets; it knows no other way to say so."""
+    before = os.environ.get(_ROOT)
+    os.environ[_ROOT] = str(folder)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_ROOT]
+        else:
+            os.environ[_ROOT] = before
+
+
+def _record(
+    name: str,
+    method: Method,
+    environment: str,
+    arguments: Mapping[str, Any],
+    episodes: int,
+    seed: int,
+    progress: Callable[[float], None],
+) -> Recorded:
+    """The data set of one method."""
+    from minari import create_dataset_from_buffers
+
+    env = gym.make(environment, **arguments)
+    try:
+        _check_plain(env)
+        driver, done = _Driver(method, env), []
+        for k, number in enumerate(episode_seeds(seed, 0, episodes)):
+            done.append(driver.drive(k, int(number)))
+            progress((k + 1) / episodes)
+        with warnings.catch_warnings():
+            # Author, address and link of the code: those who publish it know them.
+            warnings.simplefilter("ignore", UserWarning)
+            stored = create_dataset_from_buffers(
+                name,
+                [buffer for buffer, _ in done],
+                env,
+                algorithm_name=method.text,
+                description=f"{method.text} in {environment}, {episodes} episodes, seed {seed}; "
+                f"infos: {', '.join(RECORDED)}.",
+                data_format="hdf5",
+                requirements=[f"ambinav[envs]=={__version__}"],
+            )
+        ends = [end for _, end in done]
+        stored.storage.update_episode_metadata(ends)
+    finally:
+        env.close()
+    arrived = sum(end["outcome"] == "arrived" for end in ends)
+    return Recorded(name, episodes, int(stored.total_steps), arrived)
+
+
+def _check_plain(env: gym.Env[Any, Any]) -> None:
+    assert env.spec is not None
+    try:
+        env.spec.to_json()
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"an argument of the environment is no plain value ({error}); Minari keeps it as "
+            "JSON, so give numbers, texts and names of files."
+        ) from None
+
+
+class _Driver:
+    """A method in a single environment, as `evaluation.evaluate` has it in a batched one.
+
+    Raises:
+        InputError: it is a policy that does not fit.
+    """
+
+    def __init__(self, method: Method, env: gym.Env[Any, Any]) -> None:
+        inner = env.unwrapped
+        assert isinstance(inner, NavigationEnv)
+        self._env, self._simulation = env, inner.simulation
+        parameters = self._simulation.parameters
+        self._driver, self._name = method.make(parameters), method.name
+        if isinstance(self._driver, Policy):
+            check_fit(self._driver, parameters, force=False)
+            self._driver.prepare(env.observation_space, env.action_space)
+
+    def drive(self, number: int, seed: int) -> tuple[EpisodeBuffer, dict[str, Any]]:
+        """One episode, and how it ended."""
+        # Its `DataCollector` and `add_step_data` gather the same, but need JAX.
+        from minari.data_collector import EpisodeBuffer
+
+        seen, info = self._env.reset(seed=seed)
+        driver, starts = self._driver, np.array([True])
+        if not isinstance(driver, Policy):
+            driver.begin(self._simulation, [0])
+        observations, infos, actions, rewards = [seen], [info], [], []
+        overs: list[bool] = []
+        cuts: list[bool] = []
+        while not (overs and (overs[-1] or cuts[-1])):
+            rows = {name: part[None] for name, part in seen.items()}
+            if isinstance(driver, Policy):
+                wanted = driver.act(rows, starts)
+            else:
+                wanted = driver.act(rows, starts, self._simulation)
+            actions.append(self._action(wanted))
+            seen, reward, over, cut, info = self._env.step(actions[-1])
+            observations.append(seen)
+            infos.append(info)
+            rewards.append(float(reward))
+            overs.append(over)
+            cuts.append(cut)
+            starts = np.array([False])
+        buffer = EpisodeBuffer(
+            id=number,
+            seed=seed,
+            observations={name: [one[name] for one in observations] for name in seen},
+            actions=actions,
+            rewards=rewards,
+            terminations=overs,
+            truncations=cuts,
+            infos={name: np.array([one[name] for one in infos]) for name in RECORDED},
+        )
+        # What cut it off may have been a wrapper, such as Gymnasium's TimeLimit.
+        last = {"outcome": "timeout", "is_success": False, **info}
+        return buffer, {name: last[name] for name in ENDED}
+
+    def _action(self, wanted: Any) -> Any:
+        """The action as the space has it, so that what is recorded is what was done.
+
+        Raises:
+            InputError: it is of no use.
+        """
+        space = self._env.action_space
+        discrete = isinstance(space, gym.spaces.Discrete)
+        speeds = checked_actions(self._name, wanted, 1, discrete)[0]
+        if isinstance(space, gym.spaces.Box):
+            return np.clip(speeds.astype(space.dtype), space.low, space.high)
+        return np.int64(np.asarray(wanted)[0])

@@ -1,0 +1,286 @@
+"""A model card in the form of model hubs: a README.md with YAML in front, as SB3's tools write it.
+
+Keys of the front matter are those of the Hugging Face Hub (`library_name`, `tags`, `model-index`)
+in the form that `huggingface_sb3` and `rl_zoo3.push_to_hub` give them: one `mean_reward` whose
+value is "mean +/- deviation", and results.json beside. Nothing here reaches for a network.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from ambinav.config import nearest
+from ambinav.errors import InputError
+from ambinav.files import replacing
+from ambinav_envs.leaderboard.figures import FIGURES
+from ambinav_envs.policies import Card, baselines, read_card
+from ambinav_envs.policies.load import BASELINES
+from ambinav_envs.registration import IDS, NAMESPACE
+
+README: Final = "README.md"
+RESULTS: Final = "results.json"
+LIBRARY: Final = "stable-baselines3"
+TASK: Final = "reinforcement-learning"
+NAVIGATION: Final = "ambinav/Navigation-v0"
+"""Where the card of a policy names no id: the environment that takes a map."""
+ENDS: Final = ("value", "low", "high")
+"""Of an interval."""
+BESIDE: Final = ("arrived", "collided", "lost")
+"""Figures that stand in the front matter beside the mean reward."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What `ambinav evaluate POLICY -o DIR` left.
+
+    Attributes:
+        record: evaluation.json.
+        rewards: Sum of rewards of each episode.
+    """
+
+    record: Mapping[str, Any]
+    rewards: Sequence[float]
+
+    @property
+    def mean(self) -> float:
+        """Mean sum of rewards."""
+        return float(np.mean(self.rewards))
+
+    @property
+    def deviation(self) -> float:
+        """Its standard deviation over the episodes, as `evaluate_policy` of SB3 has it."""
+        return float(np.std(self.rewards))
+
+
+def policy_path(source: str) -> Path:
+    """The file of a policy that a user names; a shipped one goes by its name."""
+    return BASELINES / f"{source}.zip" if source in baselines() else Path(source)
+
+
+def read_judged(folder: Path, name: str) -> Judged:
+    """Read an evaluation.
+
+    Args:
+        folder: Where `ambinav evaluate` wrote it.
+        name: Of the policy that it has to be of.
+
+    Raises:
+        InputError: a file is missing or damaged, or it is of another policy.
+    """
+    path, table = folder / "evaluation.json", folder / "episodes.csv"
+    for needed in (path, table):
+        if not needed.is_file():
+            raise InputError(
+                f"{needed}: there is no such file; run: ambinav evaluate {name} -o {folder}."
+            )
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        with table.open(newline="", encoding="utf-8") as file:
+            rewards = [float(row["reward"]) for row in csv.DictReader(file)]
+        same = len(rewards) == record["episodes"] and len(rewards) > 0
+        figures = {key: record["figures"][key] for key in (one.key for one in FIGURES)}
+        ends = [one[end] for one in figures.values() if one is not None for end in ENDS]
+        whole = all(math.isfinite(one) for one in ends)
+        policy, _ = record["policy"], record["environment"].items()
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{folder}: the evaluation is damaged ({type(error).__name__}: {error}); evaluate the "
+            "policy again."
+        ) from error
+    if not (same and whole and np.isfinite(rewards).all()):
+        raise InputError(
+            f"{folder}: evaluation.json and episodes.csv are not of one evaluation; evaluate the "
+            "policy again."
+        )
+    if policy != name:
+        raise InputError(f"{folder}: this is an evaluation of {policy}, not of {name}.")
+    return Judged(record, rewards)
+
+
+def front_matter(name: str, card: Card, judged: Judged) -> dict[str, Any]:
+    """The YAML in front of a model card, as a hub reads it.
+
+    Args:
+        name: Of the policy.
+        card: Of its file.
+        judged: Its evaluation.
+    """
+    trained, (judged_name, judged_id) = _id_of(card.environment), judged_in(card, judged)
+    metrics: list[dict[str, Any]] = [
+        {
+            "type": "mean_reward",
+            "value": f"{judged.mean:.2f} +/- {judged.deviation:.2f}",
+            "name": "mean_reward",
+            "verified": False,
+        }
+    ]
+    for figure in (one for one in FIGURES if one.key in BESIDE):
+        found = judged.record["figures"][figure.key]
+        if found is not None:
+            metrics.append(
+                {
+                    "type": f"{figure.key}_percent",
+                    "value": round(float(found["value"]), figure.digits),
+                    "name": f"{figure.title}, % of episodes",
+                    "verified": False,
+                }
+            )
+    result = {
+        "task": {"type": TASK, "name": TASK},
+        "dataset": {"name": judged_name, "type": judged_id},
+        "metrics": metrics,
+    }
+    return {
+        "library_name": LIBRARY,
+        "pipeline_tag": TASK,
+        "tags": [trained, "deep-reinforcement-learning", TASK, LIBRARY, "ambinav", "robotics"],
+        "model-index": [{"name": card.algorithm, "results": [result]}],
+    }
+
+
+def judged_in(card: Card, judged: Judged) -> tuple[str, str]:
+    """Where a policy was judged: for readers, and the id of the environment."""
+    arguments = judged.record["environment"]
+    if arguments.get("map") is not None:
+        return f"{NAVIGATION}, map {Path(str(arguments['map'])).name}", NAVIGATION
+    trained, suite = _id_of(card.environment), arguments.get("suite")
+    same = suite in (None, card.environment.get("suite"), IDS.get(trained, {}).get("suite"))
+    own = f"{NAMESPACE}/{str(suite).capitalize()}-v0"
+    found = trained if same else own if own in IDS else NAVIGATION
+    return found, found
+
+
+def _id_of(environment: Mapping[str, Any]) -> str:
+    return str(environment.get("id") or NAVIGATION)
+
+
+def model_card(name: str, card: Card, judged: Judged) -> str:
+    """A README.md: front matter, and for readers what the policy is and how it fared."""
+    front = front_matter(name, card, judged)
+    head = yaml.safe_dump(front, sort_keys=False, allow_unicode=True, width=1000)
+    seed = "" if card.seed is None else f", seed {card.seed}"
+    versions = ", ".join(f"{package} {version}" for package, version in card.versions.items())
+    seen = ", ".join(
+        f"`{part}` ({box['size']})" for part, box in card.observation.get("parts", {}).items()
+    )
+    given = card.action
+    action = f"one of {given['count']}" if "count" in given else f"{given['size']} in [-1, 1]"
+    if card.base is not None:
+        action += f", by which it corrects {card.base}"
+    return f"""---
+{head}---
+
+# {name}
+
+A **{card.algorithm}** agent trained in **{front["tags"][0]}** of ambinav: a mobile robot with a
+range scanner that drives to a goal by its estimated pose, with a localizer in the loop.
+{card.steps:,} steps{seed}, with {versions}.
+
+Sees {seen or "one row"}; gives {action}.
+
+## Use
+
+```python
+from ambinav_envs.policies import load_policy
+
+policy = load_policy("{name}.zip")
+```
+
+`ambinav evaluate {name}.zip` lets it drive in buildings that it has not seen.
+
+## Evaluation
+
+{judged.record["episodes"]} episodes in {judged_in(card, judged)[0]} from seed
+{judged.record["seed"]}, without exploration, by `ambinav evaluate`; in brackets 95 % intervals by
+the bootstrap over buildings and episodes.
+
+| figure | value |
+| --- | ---: |
+| sum of rewards, mean +/- deviation | {judged.mean:.2f} +/- {judged.deviation:.2f} |
+{_figures(judged)}
+
+In the environment with these arguments:
+
+```yaml
+{_yaml(judged.record["environment"])}```
+
+## Training
+
+In the environment with these arguments:
+
+```yaml
+{_yaml(card.environment)}```
+
+## What this does not show
+
+- A score in simulation, in the buildings, with the scanner and the robot named above. Another
+  scanner or robot is another task.
+- It drives by the pose that a localizer estimates, and does no safety function's work.
+"""
+
+
+def write_model_card(source: str, evaluation: Path, folder: Path) -> Path:
+    """Make a folder that can be put on a hub as it is: README.md, results.json and the policy.
+
+    Args:
+        source: A policy file, or the name of a shipped one.
+        evaluation: What `ambinav evaluate` wrote with -o.
+        folder: Is made if it is not there.
+
+    Returns:
+        The README.
+
+    Raises:
+        InputError: the policy or the evaluation cannot be read, or nothing can be written.
+    """
+    path = policy_path(source)
+    if path.suffix != ".zip" and not path.is_file():
+        raise InputError(
+            f"policy {source!r} is neither a file nor a baseline; {nearest(source, baselines())}."
+        )
+    card, name = read_card(path), path.stem
+    judged = read_judged(evaluation, name)
+    results = {
+        "mean_reward": judged.mean,
+        "std_reward": judged.deviation,
+        "is_deterministic": True,
+        "n_eval_episodes": len(judged.rewards),
+    }
+    contents = {
+        path.name: path.read_bytes(),
+        RESULTS: (json.dumps(results, indent=2) + "\n").encode(),
+        README: model_card(name, card, judged).encode(),
+    }
+    for file_name, content in contents.items():
+        if (folder / file_name).resolve() != path.resolve():
+            with replacing(folder / file_name) as scratch:
+                scratch.write_bytes(content)
+    return folder / README
+
+
+def _figures(judged: Judged) -> str:
+    rows = []
+    for figure in FIGURES:
+        found, unit = judged.record["figures"][figure.key], f" ({figure.unit})" * bool(figure.unit)
+        if found is not None:
+            value, low, high = (f"{found[end]:.{figure.digits}f}" for end in ENDS)
+            rows.append(f"| {figure.title}{unit} | {value} [{low}, {high}] |")
+    return "\n".join(rows)
+
+
+def _yaml(arguments: Mapping[str, Any]) -> str:
+    """Arguments of an environment; the scanner as its file has it, not as one long line."""
+    plain = dict(arguments)
+    scanner = plain.get("scanner")
+    if isinstance(scanner, Mapping) and isinstance(scanner.get("yaml"), str):
+        plain["scanner"] = yaml.safe_load(scanner["yaml"])
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)

@@ -1,0 +1,104 @@
+"""The normalized score: 0 of who follows routes blindly, 1 of the same one by the true pose.
+
+    (score - blind) / (true pose - blind)
+
+The score is the share of episodes that arrived: it needs no reward. *Blind* is `BLIND`, which
+follows the shortest route by its estimate and looks neither at its readings nor at the ambiguity
+map. *True pose* is the same one in the twin without localization error (`ambinav_envs.twins`), so
+that their difference, the room, is what that error costs, and nothing else. Who drives better than
+both, around boxes say, has more than 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from ambinav.drive.bootstrap import Interval, percentiles
+from ambinav_envs.evaluation import Episodes
+from ambinav_envs.leaderboard.figures import Floats, draws, plain
+from ambinav_envs.leaderboard.methods import SHORTEST, TRUE_POSE
+from ambinav_envs.simulation.layout import ARRIVED
+
+BLIND: Final = SHORTEST
+"""Whose score counts as 0; that of `TRUE_POSE` counts as 1."""
+
+
+@dataclass(frozen=True)
+class NormalizedScores:
+    """Scores of a setting; shares in percent.
+
+    Attributes:
+        blind: Share of `BLIND` that arrived.
+        true_pose: The same of `TRUE_POSE`.
+        room: Their difference, episode by episode, percentage points.
+        scores: By method; nan where no room is shown, that is its interval reaches down to 0.
+    """
+
+    blind: Interval
+    true_pose: Interval
+    room: Interval
+    scores: Mapping[str, Interval]
+
+    def to_plain(self) -> dict[str, Any]:
+        """As JSON has it, without the scores."""
+        return {
+            "score": "arrived",
+            "blind": {"method": BLIND, "arrived": plain(self.blind)},
+            "true_pose": {"method": TRUE_POSE, "arrived": plain(self.true_pose)},
+            "room": plain(self.room),
+        }
+
+
+def normalized_scores(
+    setting: str,
+    found: Mapping[str, Episodes],
+    blind: Episodes,
+    true_pose: Episodes,
+    seed: int,
+) -> NormalizedScores:
+    """The normalized scores of methods that drove the same episodes.
+
+    Args:
+        setting: Its name.
+        found: The episodes of each method.
+        blind: Those of `BLIND`, the same ones in the same order.
+        true_pose: Those of `TRUE_POSE`, likewise.
+        seed: Of the bootstrap, which has the draws of `figures.make_rows`.
+    """
+    runs = [blind, true_pose, *found.values()]
+    count = len(blind)
+    columns = np.array([*(run.ended(ARRIVED) for run in runs), np.ones(count)], dtype=float).T
+    sums = np.vstack([w @ columns for w in draws(setting, blind.building, seed)])
+    whole, drawn = (100.0 * one[..., :-1] / one[..., -1:] for one in (columns.sum(axis=0), sums))
+    room = percentiles(whole[1] - whole[0], drawn[:, 1] - drawn[:, 0], count)
+    scores = {}
+    for k, name in enumerate(found, start=2):
+        scores[name] = Interval(math.nan, math.nan, math.nan, 0)
+        if room.low > 0.0:
+            scores[name] = _score(whole[[k, 0, 1]], drawn[:, [k, 0, 1]], count)
+    return NormalizedScores(
+        percentiles(whole[0], drawn[:, 0], count),
+        percentiles(whole[1], drawn[:, 1], count),
+        room,
+        scores,
+    )
+
+
+def _score(whole: Floats, drawn: Floats, count: int) -> Interval:
+    """The score of shares (method, blind, true pose), shape (3,), and of those of each draw.
+
+    The few draws without room say nothing, so each counts as the worst for either end.
+    """
+    gain, room = drawn[:, 0] - drawn[:, 1], drawn[:, 2] - drawn[:, 1]
+    there = room > 0.0
+    score = np.full(len(drawn), math.inf)
+    np.divide(gain, room, out=score, where=there)
+    value = float((whole[0] - whole[1]) / (whole[2] - whole[1]))
+    high = percentiles(value, score, count).high
+    low = percentiles(value, np.where(there, score, -math.inf), count).low
+    return Interval(value, low, high, count)

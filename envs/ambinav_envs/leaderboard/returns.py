@@ -1,0 +1,49 @@
+"""Returns are compared where rewards agree; elsewhere they are numbers of different things."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ambinav_envs.evaluation import Episodes
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.rewards import TERMS, weights_of
+
+
+def reward_rule(parameters: NavigationParameters) -> dict[str, Any]:
+    """All that a reward depends on besides what happens, as plain values: equal where they agree.
+
+    A waypoint's `ambiguity_weight` is among them, since the term `progress` follows that route.
+    """
+    weights = {term: w for term, w in weights_of(parameters.reward).items() if w != 0.0}
+    rule: dict[str, Any] = {"weights": weights}
+    by_route = "progress" in weights or not set(weights) <= set(TERMS)
+    if by_route:
+        rule |= {"gamma": parameters.gamma, "ambiguity_weight": parameters.ambiguity_weight}
+    if "ambiguity" in weights or (by_route and parameters.ambiguity_weight > 0.0):
+        rule["layer"] = parameters.cost_layer
+    return rule
+
+
+def agreeing(
+    found: Mapping[str, Episodes],
+    parameters: Mapping[str, NavigationParameters],
+    reference: NavigationParameters,
+) -> dict[str, Episodes]:
+    """The episodes, without rewards (nan) where those are not the reference's.
+
+    Args:
+        found: By method.
+        parameters: Of the environment that each drove in, by method.
+        reference: Whose reward counts.
+    """
+    rule = reward_rule(reference)
+    return {
+        name: one
+        if reward_rule(parameters[name]) == rule
+        else replace(one, reward=np.full(len(one), np.nan))
+        for name, one in found.items()
+    }

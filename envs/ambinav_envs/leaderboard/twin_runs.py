@@ -1,0 +1,93 @@
+"""What a policy is held against: itself by the true pose, and who follows routes blindly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.evaluation import EpisodeDriver, Episodes, evaluate
+from ambinav_envs.leaderboard.figures import Row, make_rows, plain
+from ambinav_envs.leaderboard.methods import PLANNERS, STEERS, TRUE_POSE, planner_method
+from ambinav_envs.leaderboard.normalized import BLIND, NormalizedScores, normalized_scores
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies.policy import Policy
+from ambinav_envs.twins import TRUE_POSE as BY_TRUTH
+
+OWN, TWIN = "policy", "policy, true pose"
+RUNS = 3
+"""How often the episodes are driven besides."""
+
+
+@dataclass(frozen=True, eq=False)
+class TwinRuns:
+    """What came of them.
+
+    Attributes:
+        twin: The policy in the twin without localization error; differences are to itself by its
+            estimate, episode by episode.
+        blind: `normalized.BLIND` in the same episodes, with the policy's reward; differences
+            likewise.
+        scores: The policy's, under `OWN`.
+    """
+
+    twin: Row
+    blind: Row
+    scores: NormalizedScores
+
+    def to_plain(self) -> dict[str, Any]:
+        """As JSON has it."""
+        rows = {"policy_true_pose": self.twin, "blind": self.blind}
+        return {
+            "normalized_score": plain(self.scores.scores[OWN]),
+            "normalized_by": self.scores.to_plain(),
+            **{
+                name: {
+                    "figures": {cell.figure.key: plain(cell.value) for cell in row.cells},
+                    "differences": {cell.figure.key: plain(cell.difference) for cell in row.cells},
+                }
+                for name, row in rows.items()
+            },
+        }
+
+
+def drive_twins(
+    policy: Policy,
+    found: Episodes,
+    source: BuildingSource,
+    parameters: NavigationParameters,
+    seed: int,
+    progress: Callable[[float], None],
+) -> TwinRuns:
+    """Let a policy drive its episodes with the true pose, and let routes be followed blindly.
+
+    Args:
+        policy: Who.
+        found: What came of its episodes.
+        source: Where their buildings come from.
+        parameters: Everything else.
+        seed: Of the episodes.
+        progress: Called with the share done.
+    """
+    # The reward stays the policy's, so that returns agree; what nobody looks at is left out.
+    unseen: dict[str, Any] = {**STEERS, "window": False, "waypoint": False}
+    steered = replace(parameters, **unseen)
+    blind = planner_method(BLIND, PLANNERS[BLIND]).make(steered)
+    drivers: dict[str, tuple[EpisodeDriver | Policy, NavigationParameters]] = {
+        TWIN: (policy, replace(parameters, **BY_TRUTH)),
+        BLIND: (blind, steered),
+        # The same one, which has the routes already.
+        TRUE_POSE: (blind, replace(steered, **BY_TRUTH)),
+    }
+    runs = {OWN: found}
+    for k, (name, (driver, own)) in enumerate(drivers.items()):
+
+        def report_progress(share: float, done: int = k) -> None:
+            progress((done + share) / RUNS)
+
+        runs[name] = evaluate(driver, source, own, len(found), seed, progress=report_progress)
+    scores = normalized_scores(source.name, {OWN: found}, runs[BLIND], runs[TRUE_POSE], seed)
+    rows = make_rows(source.name, runs, OWN, seed)
+    by_name = {row.method: row for row in rows}
+    return TwinRuns(replace(by_name[TWIN], method=policy.name), by_name[BLIND], scores)

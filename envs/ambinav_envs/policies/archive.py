@@ -1,0 +1,140 @@
+"""Zip files that strangers made: a few known members, read within bounds and never unpacked."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Final
+
+from ambinav.errors import InputError
+
+MEBIBYTE: Final = 1 << 20
+LARGEST: Final = 256 * MEBIBYTE
+"""A file may have so many bytes."""
+DIRECTORY: Final = 64 * 1024
+"""The list of a file's members may have so many bytes: Python reads all of it before it looks."""
+DATE: Final = (1980, 1, 1, 0, 0, 0)
+"""Of the members that we write, so that the same content is the same file."""
+
+UNREADABLE: Final = (
+    OSError, EOFError, ValueError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile,
+)  # fmt: skip
+"""What reading a damaged zip file may raise; RuntimeError: a bit says that it is encrypted, or
+packed in an unknown way."""
+
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_END = 22
+_END_64 = 20
+
+
+def read_archive(
+    path: Path, sizes: Mapping[str, int], unread: Collection[str] = ()
+) -> dict[str, bytes]:
+    """The members of a zip file.
+
+    Args:
+        path: The file.
+        sizes: Members that are read if they are there, with the most bytes that each may have.
+        unread: Members that may be there too, and are not looked into.
+
+    Raises:
+        InputError: there is no such file, it is damaged, larger than it may be, or has another
+            member, or one twice.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; give a policy's .zip file.")
+    try:
+        if path.stat().st_size > LARGEST:
+            raise InputError(
+                f"{path}: the file has more than {LARGEST // MEBIBYTE} MiB; policies are smaller."
+            )
+        _check_directory(path)
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            _check_members(path, members, sizes, unread)
+            return {
+                one.filename: _content(archive, one) for one in members if one.filename in sizes
+            }
+    except InputError:
+        raise
+    except UNREADABLE as error:
+        raise InputError(
+            f"{path}: this is no policy file, or a damaged one ({error}); copy or train it again."
+        ) from error
+
+
+def write_archive(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write a zip file; the same members give the same bytes."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
+        for name, content in members.items():
+            out.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
+
+
+def check_inner(content: bytes, most: int, what: str) -> None:
+    """Refuse a zip file within a member that unpacks to more than it may.
+
+    Raises:
+        InputError: it does, or is none; `what` names it.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as inner:
+            total = sum(one.file_size for one in inner.infolist())
+            plain = all(one.compress_type in _PACKINGS for one in inner.infolist())
+    except UNREADABLE as error:
+        raise InputError(f"{what} cannot be read ({error}); copy or train it again.") from error
+    if total > most or not plain:
+        raise InputError(f"{what} unpacks to {total:,} bytes, more than {most:,}; train it again.")
+
+
+def _check_directory(path: Path) -> None:
+    """Look at the list of members before Python makes objects of all of them."""
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(max(size - _END - _END_64, 0))
+        tail = file.read()
+    end, before = tail[-_END:], tail[:-_END]
+    if end[:4] != b"PK\x05\x06" or before[:4] == b"PK\x06\x07":
+        raise zipfile.BadZipFile("its end is none of a small zip file")
+    if int.from_bytes(end[12:16], "little") > DIRECTORY:
+        raise InputError(f"{path}: it has far more members than a policy file; train it again.")
+
+
+def _check_members(
+    path: Path,
+    members: list[zipfile.ZipInfo],
+    sizes: Mapping[str, int],
+    unread: Collection[str],
+) -> None:
+    seen: set[str] = set()
+    for one in members:
+        name = one.filename
+        if name in seen:
+            raise InputError(f"{path}: the member {name!r} is there twice; save the policy again.")
+        seen.add(name)
+        if name not in sizes and name not in unread:
+            raise InputError(
+                f"{path}: the member {name!r} has no place in a policy file; save the policy again."
+            )
+        if name not in sizes:
+            continue
+        if one.compress_type not in _PACKINGS:
+            raise InputError(
+                f"{path}: the member {name!r} is packed in an unknown way; save it again."
+            )
+        if one.file_size > sizes[name]:
+            raise InputError(
+                f"{path}: the member {name!r} has {one.file_size:,} bytes, more than "
+                f"{sizes[name]:,}; train a smaller policy."
+            )
+
+
+def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    with archive.open(member) as file:
+        # Bounded: without a number all is unpacked before it is cut to the size that it claims.
+        content = file.read(member.file_size)
+    if len(content) != member.file_size:
+        raise EOFError(f"the member {member.filename!r} ends too early")
+    return content

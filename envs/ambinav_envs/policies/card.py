@@ -1,0 +1,224 @@
+"""The card of a policy file: what the policy is, what it sees and where it was trained."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from ambinav.config import nearest
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.sensing.layout import Layout, Mounts, Planar
+from ambinav.sensing.scanner import RangeScanner
+from ambinav_envs.policies.corrected import BASES
+from ambinav_envs.policies.network import ALGORITHMS
+from ambinav_envs.policies.policy import seen_in
+from ambinav_envs.policies.shapes import MOST_NUMBERS, Plain, space_of
+from ambinav_envs.registration import IDS
+
+FORMAT: Final = 3
+OLDER: Final = 2
+"""The format before, whose weights and network lie in members of Stable-Baselines3's."""
+CARD: Final = "ambinav.json"
+"""Member of a policy file that says what it is."""
+
+BEFORE: Final = {"rest_at_zero": False, "waypoint": False}
+"""What cards leave out that were written when this was the default."""
+DRAWN: Final = ("buildings", "first_building", "render_mode", "render_view")
+"""Arguments of an environment that a policy does not depend on."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a policy file says of itself.
+
+    Attributes:
+        algorithm: One of `ALGORITHMS`.
+        environment: Arguments of `gymnasium.make` that it was trained with, and `id`, as plain
+            values; none of `DRAWN`, but scanner, robot and all that say what it sees, those by
+            default among them.
+        observation: What it sees, see `described`.
+        action: What it gives, likewise.
+        steps: How many steps it was trained for.
+        seed: Of the training.
+        versions: Of packages, when it was saved.
+        notes: What else was noted when it was saved: checksum of the buildings, a note.
+        code: `ambinav.provenance.code_digest` of what saved it; empty in files of earlier versions.
+        network: See `network.network_of`; empty in files of the format `OLDER`.
+        normalization: `clip` and `epsilon` of the normalisation of observations; None: there is
+            none.
+        base: The reactive baseline that the network corrects, one of `corrected.BASES`; None: its
+            actions are those of the robot.
+        format: Of the file.
+    """
+
+    algorithm: str
+    environment: dict[str, Any]
+    observation: Plain
+    action: Plain
+    steps: int
+    seed: int | None
+    versions: dict[str, str] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)
+    code: str = ""
+    network: dict[str, Any] = field(default_factory=dict)
+    normalization: dict[str, float] | None = None
+    base: str | None = None
+    format: int = FORMAT
+
+
+def parse_card(content: bytes) -> Card:
+    """Read a card.
+
+    Raises:
+        InputError: it is damaged, of another format, or a key is unknown, missing or of no use.
+    """
+    try:
+        plain = json.loads(content, parse_constant=_refused)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{CARD} is no JSON ({error}); train the policy again.") from error
+    if not isinstance(plain, dict) or plain.get("format") not in (OLDER, FORMAT):
+        raise InputError(
+            f"{CARD} is not of format {FORMAT} or {OLDER}, which this version of ambinav reads; "
+            "install the version that wrote it, or train the policy again."
+        )
+    known = [item.name for item in fields(Card)]
+    for key in plain:
+        if key not in known:
+            raise InputError(f"{CARD} has the key {key[:80]!r}, which is unknown; save it again.")
+    current = ("network",) if plain["format"] == FORMAT else ()
+    for key in ("algorithm", "environment", "observation", "action", "steps", *current):
+        if key not in plain:
+            raise InputError(f"{CARD} lacks {key!r}; train the policy again.")
+    card = Card(**{"seed": None, **plain})
+    if isinstance(card.environment, dict):
+        for name, value in BEFORE.items():
+            card.environment.setdefault(name, value)
+    _check(card)
+    return card
+
+
+def card_text(card: Card) -> str:
+    """A card as JSON.
+
+    Raises:
+        InputError: a value is not plain.
+    """
+    plain = asdict(card)
+    if card.base is None:
+        # As in files of before there was one.
+        del plain["base"]
+    try:
+        text = json.dumps({"format": plain.pop("format"), **plain}, indent=2, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"the policy's card cannot be written ({error}); give plain values."
+        ) from None
+    return text + "\n"
+
+
+def plain_environment(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of an environment as plain values, without those of `DRAWN`.
+
+    Scanner and robot are written out in full, and so is what the policy sees by default: files may
+    not be there later, and presets and defaults may change.
+    """
+    seen = seen_in(_of_id(environment) | dict(environment))
+    whole = seen | dict(environment) | {name: seen[name] for name in ("scanner", "robot")}
+    return {name: plain_value(value) for name, value in whole.items() if name not in DRAWN}
+
+
+def arguments_of(card: Card) -> dict[str, Any]:
+    """Arguments for `gymnasium.make`, without `id`, from a card.
+
+    Older files leave out what their policy saw and drove by default; it is filled in.
+
+    Raises:
+        InputError: an argument that says what the policy sees is of no use.
+    """
+    arguments = {name: value for name, value in card.environment.items() if name != "id"}
+    scanner = arguments.get("scanner")
+    if isinstance(scanner, Mapping):
+        if not isinstance(scanner.get("yaml"), str):
+            raise InputError(f"{CARD}: scanner has no text under yaml; train the policy again.")
+        arguments["scanner"] = RangeScanner.from_yaml_text(scanner["yaml"], file=CARD)
+    seen = seen_in(_of_id(card.environment) | arguments)
+    beams = sum(_beams(part.layout) for part in seen["scanner"].parts)
+    if beams > MOST_NUMBERS:
+        raise InputError(
+            f"{CARD}: scanner has {beams:,} beams, more than {MOST_NUMBERS:,}; train anew."
+        )
+    return seen | arguments
+
+
+def _of_id(environment: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments that the id stands for."""
+    return IDS.get(str(environment.get("id")), {})
+
+
+def plain_value(value: Any) -> Any:
+    """An argument of an environment as a plain value."""
+    if isinstance(value, RangeScanner):
+        return {"yaml": value.to_yaml()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    if isinstance(value, Environment):
+        return value.name
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def _beams(layout: Layout) -> int:
+    """How many beams there will be, before there are any."""
+    if isinstance(layout, Mounts):
+        return len(layout.each)
+    return layout.beams if isinstance(layout, Planar) else layout.count
+
+
+def _check(card: Card) -> None:
+    """Refuse values of other types than a card's, and spaces that are none."""
+    if card.algorithm not in ALGORITHMS:
+        given = str(card.algorithm)[:80]
+        raise InputError(f"{CARD}: algorithm is {given!r}; {nearest(given, ALGORITHMS)}.")
+    for name in ("environment", "observation", "action", "versions", "notes", "network"):
+        if not isinstance(getattr(card, name), dict):
+            raise InputError(f"{CARD}: {name} must be a mapping; train the policy again.")
+    for name, kind in (("steps", int), ("seed", int | None), ("code", str)):
+        value = getattr(card, name)
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise InputError(f"{CARD}: {name} is {str(value)[:80]!r}; train the policy again.")
+    if card.base is not None and card.base not in BASES:
+        given = str(card.base)[:80]
+        raise InputError(f"{CARD}: base is {given!r}; {nearest(given, BASES)}.")
+    # `gymnasium.make` would import a module that an id names.
+    name = card.environment.get("id", "")
+    if not isinstance(name, str) or name.rpartition(":")[0] not in ("", "ambinav_envs"):
+        raise InputError(
+            f"{CARD}: id is {str(name)[:80]!r}, which names code; train the policy again."
+        )
+    limits = card.normalization
+    if limits is not None and not (
+        isinstance(limits, dict)
+        and set(limits) == {"clip", "epsilon"}
+        and all(isinstance(one, float | int) and one > 0 for one in limits.values())
+    ):
+        raise InputError(
+            f"{CARD}: normalization is {str(limits)[:80]!r}; give clip and epsilon above 0."
+        )
+    if "count" in card.observation or "parts" in card.action:
+        raise InputError(
+            f"{CARD}: observations are rows of numbers, actions one row or a count; save it again."
+        )
+    for what, plain in (("observation", card.observation), ("action", card.action)):
+        try:
+            space_of(plain)
+        except InputError as error:
+            raise InputError(f"{CARD}: {what}: {error}") from error
+
+
+def _refused(constant: str) -> None:
+    raise ValueError(f"{constant} is no number")

@@ -1,0 +1,342 @@
+"""A policy's network as plain values, and built again of them: nothing is imported by name."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ambinav.config import ConfigModel, checked, nearest
+from ambinav.errors import InputError
+
+Weights = dict[str, NDArray[np.float32]]
+Width = Annotated[int, Field(ge=1, le=1 << 16, strict=True)]
+Widths = Annotated[tuple[Width, ...], Field(max_length=32)]
+Few = Annotated[int, Field(ge=1, le=16, strict=True)]
+Yes = Annotated[bool, Field(strict=True)]
+
+ALGORITHMS: Final = ("PPO", "SAC", "RecurrentPPO")
+MOST_WEIGHTS: Final = 1 << 24
+"""A network may have so many numbers: 64 MiB."""
+Activation = Literal["Tanh", "ReLU", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid"]
+
+
+class Features(ConfigModel):
+    """What is made of an observation before the common layers.
+
+    Attributes:
+        kind: navigation: `ambinav_envs.training.features`, whose arguments are the others;
+            combined and flatten: what Stable-Baselines3 does by default to parts and to a row.
+    """
+
+    kind: Literal["navigation", "combined", "flatten"]
+    scan: Literal["conv", "dense"] = "conv"
+    window: Literal["conv", "dense"] = "conv"
+    scan_features: Width = 64
+    window_features: Width = 64
+    circular: Yes = True
+
+
+class Branches(ConfigModel):
+    """Widths of the layers, apart for the actor (pi) and for the critic (vf of PPO, qf of SAC)."""
+
+    pi: Widths = ()
+    vf: Widths | None = None
+    qf: Widths | None = None
+
+
+class Network(ConfigModel):
+    """Arguments of a policy of Stable-Baselines3 that decide what it computes."""
+
+    net_arch: Widths | Branches
+    activation: Activation
+    features: Features
+    share_features_extractor: Yes
+    use_sde: Yes = False
+    squash_output: Yes = False
+    full_std: Yes = True
+    use_expln: Yes = False
+    clip_mean: Annotated[float, Field(ge=0.0, le=1e6)] = 2.0
+    n_critics: Few = 2
+    lstm_hidden_size: Width | None = None
+    n_lstm_layers: Few = 1
+    shared_lstm: Yes = False
+    enable_critic_lstm: Yes = True
+
+
+_OWN: Final[Mapping[str, tuple[str, ...]]] = {
+    "PPO": ("squash_output", "full_std"),
+    "SAC": ("clip_mean", "n_critics"),
+    "RecurrentPPO": (
+        "squash_output", "full_std", "lstm_hidden_size", "n_lstm_layers", "shared_lstm",
+        "enable_critic_lstm",
+    ),
+}  # fmt: skip
+"""Which of the fields an algorithm has beside those that all have."""
+_COMMON = ("use_sde", "use_expln", "share_features_extractor")
+
+
+def network_of(model: Any) -> dict[str, Any]:
+    """The network of a trained model, for the card of its file.
+
+    Raises:
+        InputError: a policy file cannot hold it; the message says what of it.
+    """
+    algorithm, policy = type(model).__name__, model.policy
+    kind = type(policy)
+    root = kind.__module__.partition(".")[0]
+    if root not in _PACKAGES or kind.__name__ not in _CLASSES[algorithm]:
+        raise InputError(
+            f"the policy is a {kind.__name__}, which a policy file cannot hold; use "
+            f"{' or '.join(_CLASSES[algorithm])}."
+        )
+    given = dict(policy._get_constructor_parameters())
+    given["share_features_extractor"] = policy.share_features_extractor
+    if algorithm == "RecurrentPPO":
+        if policy.lstm_kwargs:
+            raise InputError("lstm_kwargs cannot be held by a policy file; leave them out.")
+        layers, _, given["lstm_hidden_size"] = policy.lstm_hidden_state_shape
+        given |= {
+            "n_lstm_layers": layers,
+            "shared_lstm": policy.shared_lstm,
+            "enable_critic_lstm": policy.enable_critic_lstm,
+        }
+    names = (*_COMMON, *_OWN[algorithm])
+    # None: of no account without use_sde.
+    chosen = {name: given[name] for name in names if given.get(name) is not None}
+    activation = str(getattr(given["activation_fn"], "__name__", given["activation_fn"]))
+    if given["activation_fn"] is not getattr(required("torch").nn, activation, None):
+        raise InputError(
+            f"the activation {activation} cannot be held by a policy file; use one of torch.nn."
+        )
+    plain = {
+        "net_arch": _plain_arch(given["net_arch"]),
+        "activation": activation,
+        "features": _features_of(
+            given["features_extractor_class"], given["features_extractor_kwargs"]
+        ),
+        **chosen,
+    }
+    asked = checked(Network, plain, "the policy's network")
+    _check_count(algorithm, asked, model.observation_space, model.action_space)
+    return plain
+
+
+def weights_of(policy: Any) -> Weights:
+    """The parameters of a policy by name, each once."""
+    return {name: one.detach().cpu().numpy() for name, one in policy.named_parameters()}
+
+
+def build_policy(
+    algorithm: str,
+    network: Mapping[str, Any],
+    observation: spaces.Space[Any],
+    action: spaces.Space[Any],
+    weights: Mapping[str, NDArray[Any]],
+) -> Any:
+    """A policy of Stable-Baselines3 that computes what the one did that was saved.
+
+    Args:
+        algorithm: One of `ALGORITHMS`.
+        network: See `network_of`.
+        observation: What it sees.
+        action: What it gives.
+        weights: See `weights_of`.
+
+    Returns:
+        Something with `predict`, `observation_space` and `action_space`.
+
+    Raises:
+        InputError: a value is of no use, the weights are others than the network has, or a package
+            is missing.
+    """
+    torch = required("torch")
+    asked = checked(Network, dict(network), "network")
+    # Before memory is taken for them.
+    _check_count(algorithm, asked, observation, action)
+    options = _options(algorithm, asked)
+    try:
+        with torch.random.fork_rng(devices=[]):
+            policy = _make(algorithm, observation, action, options)
+    except InputError:
+        raise
+    except Exception as error:
+        # What does not go together is found by assertions of others.
+        message = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"network: it does not go with the spaces ({type(error).__name__}: {message})."
+        ) from error
+    wanted = dict(policy.named_parameters())
+    _check_weights(weights, {name: tuple(one.shape) for name, one in wanted.items()})
+    with torch.no_grad():
+        for name, parameter in wanted.items():
+            parameter.copy_(torch.tensor(weights[name]))
+    policy.set_training_mode(False)
+    return policy
+
+
+def _check_weights(
+    weights: Mapping[str, NDArray[Any]], wanted: Mapping[str, tuple[int, ...]]
+) -> None:
+    for name in wanted:
+        if name not in weights:
+            raise InputError(f"weights: {name!r} is missing.")
+    for name, array in weights.items():
+        if name not in wanted:
+            raise InputError(f"weights: {name[:80]!r} has no place in the network.")
+        if array.dtype != np.float32:
+            raise InputError(f"weights: {name!r} is {array.dtype}, not float32.")
+        if array.shape != wanted[name]:
+            raise InputError(
+                f"weights: {name!r} has the shape {array.shape}, and the network {wanted[name]}."
+            )
+        if not np.isfinite(array).all():
+            raise InputError(f"weights: {name!r} has numbers that are not finite.")
+
+
+def _check_count(
+    algorithm: str, network: Network, observation: spaces.Space[Any], action: spaces.Space[Any]
+) -> None:
+    if (count := _count(algorithm, network, observation, action)) > MOST_WEIGHTS:
+        raise InputError(f"network: it has {count:,} weights or so, more than {MOST_WEIGHTS:,}.")
+
+
+def _count(
+    algorithm: str, network: Network, observation: spaces.Space[Any], action: spaces.Space[Any]
+) -> int:
+    """How many weights a network has, or some more; offsets do not count."""
+    whole = {"observation": observation}
+    parts = observation.spaces if isinstance(observation, spaces.Dict) else whole
+    sizes = {name: int(np.prod(part.shape or (1,))) for name, part in parts.items()}
+    features, own = network.features, 0
+    if features.kind == "navigation":
+        for name, layers, made in (
+            ("scan", features.scan, features.scan_features),
+            ("window", features.window, features.window_features),
+        ):
+            if name in sizes:
+                # Of a convolution come at most so many numbers.
+                own += made * (6 * (sizes[name] + 8) if layers == "conv" else sizes[name])
+                sizes[name] = made
+    width = sum(sizes.values())
+    memory = network.lstm_hidden_size or 0
+    # Four gates, which look at what is seen and at what is remembered.
+    recurrent = 4 * memory * (width + memory * (2 * network.n_lstm_layers - 1))
+    given = (
+        int(action.n) if isinstance(action, spaces.Discrete) else int(np.prod(action.shape or ()))
+    )
+    count, seen = 2 * recurrent, memory or width
+    if algorithm == "SAC":
+        # Critics, and those that run after them, which see the action too.
+        critic, times, out, count = seen + given, 2 * network.n_critics, 2 * given, 3 * own
+    else:
+        critic, times, out, count = seen, 1, 2 * given, count + 2 * own
+    arch = network.net_arch
+    pi, others = (
+        (arch.pi, (arch.vf or (), arch.qf or ())) if isinstance(arch, Branches) else (arch, (arch,))
+    )
+    count += sum(a * b for a, b in pairwise((seen, *pi, out)))
+    return count + times * sum(sum(a * b for a, b in pairwise((critic, *one, 1))) for one in others)
+
+
+def _make(
+    algorithm: str,
+    observation: spaces.Space[Any],
+    action: spaces.Space[Any],
+    options: Mapping[str, Any],
+) -> Any:
+    if algorithm == "SAC":
+        kind = required("stable_baselines3.sac.policies").SACPolicy
+    elif algorithm == "PPO":
+        kind = required("stable_baselines3.common.policies").ActorCriticPolicy
+    else:
+        kind = required("sb3_contrib.common.recurrent.policies").RecurrentActorCriticPolicy
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return kind(observation, action, lambda _: 0.0, **options)
+
+
+def _options(algorithm: str, network: Network) -> dict[str, Any]:
+    """Arguments of the policy's class."""
+    features, arch = network.features, network.net_arch
+    arguments = features.model_dump(exclude={"kind"}) if features.kind == "navigation" else {}
+    options: dict[str, Any] = {
+        "net_arch": (
+            {name: list(widths) for name, widths in arch if widths is not None}
+            if isinstance(arch, Branches)
+            else list(arch)
+        ),
+        "activation_fn": getattr(required("torch").nn, network.activation),
+        "features_extractor_class": _extractors()[features.kind],
+        "features_extractor_kwargs": arguments,
+        **{name: getattr(network, name) for name in (*_COMMON, *_OWN[algorithm])},
+    }
+    if algorithm != "SAC":
+        # What it begins with is replaced.
+        options["ortho_init"] = False
+    if algorithm == "RecurrentPPO" and network.lstm_hidden_size is None:
+        raise InputError("network: lstm_hidden_size is missing.")
+    return options
+
+
+def _features_of(kind: Any, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    for name, extractor in _extractors().items():
+        if kind is extractor and (name == "navigation" or not arguments):
+            return {"kind": name, **arguments}
+    known = [extractor.__name__ for extractor in _extractors().values()]
+    raise InputError(
+        f"the features extractor {kind.__name__} with arguments {dict(arguments)!r} cannot be held "
+        f"by a policy file; {nearest(kind.__name__, known)}."
+    )
+
+
+def _extractors() -> dict[str, Any]:
+    """What `Features.kind` stands for."""
+    layers = required("stable_baselines3.common.torch_layers")
+    from ambinav_envs.training.features import NavigationFeatures
+
+    return {
+        "navigation": NavigationFeatures,
+        "combined": layers.CombinedExtractor,
+        "flatten": layers.FlattenExtractor,
+    }
+
+
+def _plain_arch(arch: Any) -> Any:
+    if isinstance(arch, Mapping):
+        return {name: list(widths) for name, widths in arch.items()}
+    return list(arch)
+
+
+_PACKAGES: Final = ("stable_baselines3", "sb3_contrib")
+_CLASSES: Final[Mapping[str, tuple[str, ...]]] = {
+    "PPO": ("ActorCriticPolicy", "MultiInputActorCriticPolicy"),
+    "SAC": ("SACPolicy", "MultiInputPolicy"),
+    "RecurrentPPO": ("RecurrentActorCriticPolicy", "RecurrentMultiInputActorCriticPolicy"),
+}
+"""Policies of Stable-Baselines3 and sb3-contrib that are built again."""
+
+
+def required(module: str) -> Any:
+    """A module that policy files need and a user may not have.
+
+    Raises:
+        InputError: its package is missing.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        missing = (error.name or module).partition(".")[0]
+        package = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}.get(
+            missing, missing
+        )
+        raise InputError(
+            f'a policy file needs {package}; run: pip install "ambinav[envs]" {package}.'
+        ) from error

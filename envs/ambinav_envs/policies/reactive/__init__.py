@@ -1,0 +1,1 @@
+"""Reactive baselines: policies that steer by their scan towards the waypoint, without learning."""

@@ -1,0 +1,113 @@
+"""What a scan says of obstacles: points around the robot."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.sensing.scanner import RangeScanner
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Points = tuple[Floats, Floats]
+
+ARC: Final = math.radians(10.0)
+"""An echo of a cone may be anywhere on an arc, which is taken as points at most this far apart."""
+MARGIN: Final = math.radians(5.0)
+"""A direction this far outside of the next beam is still seen: what is remembered there is not
+needed."""
+DIRECTIONS: Final = 360
+"""In so many directions it is tabulated which are seen."""
+
+
+class ScanPoints:
+    """Where the obstacles of a scan are, in the robot's frame (x ahead, y to the left).
+
+    A laser's echo is a point. That of a cone is the nearest thing in it: points on its arc from
+    edge to edge. No echo is nothing; too near is an obstacle at the sensor's least range.
+
+    Args:
+        scanner: What the robots see with.
+
+    Attributes:
+        beams: Number of readings.
+        all_around: Whether every direction is seen.
+    """
+
+    def __init__(self, scanner: RangeScanner) -> None:
+        sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
+        offsets = [_offsets(sensor.aperture) for sensor in sensors]
+        self.beams = scanner.beams
+        # Of each point: its beam, where that begins and the direction it looks in.
+        self._beam = np.repeat(np.arange(len(sensors)), [len(row) for row in offsets])
+        angle = scanner.mounts[self._beam, 2] + np.concatenate(offsets)
+        self._x, self._y = scanner.mounts[self._beam, 0], scanner.mounts[self._beam, 1]
+        self._cos, self._sin = np.cos(angle), np.sin(angle)
+        self._far = np.array([sensor.max_range for sensor in sensors])
+        self._near = np.array([sensor.min_range for sensor in sensors])
+        half = np.array([0.5 * sensor.aperture for sensor in sensors]) + MARGIN
+        directions = (np.arange(DIRECTIONS) + 0.5) * (2.0 * math.pi / DIRECTIONS)
+        apart = np.abs(wrapped(directions[:, None] - scanner.mounts[:, 2]))
+        self._seen = np.asarray((apart <= half).any(axis=1))
+        self.all_around = bool(self._seen.all())
+
+    def points(self, scan: NDArray[np.float32]) -> tuple[Floats, Floats]:
+        """X and y of N scans, shape (N, P) each, metres; inf where there is no echo.
+
+        Args:
+            scan: The observation's part `scan`, shape (N, B): reading / maximum range.
+        """
+        share = scan.astype(np.float64)
+        reading = np.maximum(share * self._far, self._near)[:, self._beam]
+        echo = (share < 1.0)[:, self._beam]
+        reach = np.where(echo, reading, 0.0)
+        x = np.where(echo, self._x + reach * self._cos, np.inf)
+        y = np.where(echo, self._y + reach * self._sin, np.inf)
+        return x, y
+
+    def in_view(self, angle: Floats) -> Bools:
+        """Whether the scanner looks in these directions, radians in the robot's frame."""
+        part = np.floor(angle * (DIRECTIONS / (2.0 * math.pi))).astype(np.int64)
+        return self._seen[part % DIRECTIONS]
+
+
+def nearest_by_direction(x: Floats, y: Floats, count: int) -> Points:
+    """The nearest point in each of `count` directions, shape (N, count); inf where there is none.
+
+    Args:
+        x: Of points, shape (N, P), metres; inf: none.
+        y: The same.
+        count: How many. With no more points than this they are returned as they are.
+    """
+    if x.shape[1] <= count:
+        return x, y
+    rows = np.arange(len(x))[:, None]
+    there = np.isfinite(x)
+    distance = np.hypot(x, y)
+    angle = np.arctan2(np.where(there, y, 0.0), np.where(there, x, 0.0))
+    part = np.floor(angle * (count / (2.0 * math.pi))).astype(np.int64) % count
+    # From far to near: of several points in a direction the last that is written stays.
+    order = np.argsort(-distance, axis=1, kind="stable")
+    found = np.full((len(x), count), -1)
+    found[rows, np.take_along_axis(part, order, axis=1)] = np.where(
+        np.take_along_axis(there, order, axis=1), order, -1
+    )
+    near_x = np.where(found >= 0, x[rows, found], np.inf)
+    near_y = np.where(found >= 0, y[rows, found], np.inf)
+    return near_x, near_y
+
+
+def wrapped(angle: Floats) -> Floats:
+    """Angles brought to [-pi, pi), radians."""
+    whole = 2.0 * math.pi
+    return np.asarray((angle + math.pi) % whole - math.pi, dtype=np.float64)
+
+
+def _offsets(aperture: float) -> Floats:
+    """Directions within a cone, from edge to edge; its axis alone for a laser."""
+    if aperture <= 0.0:
+        return np.zeros(1)
+    return np.linspace(-0.5, 0.5, 1 + 2 * math.ceil(0.5 * aperture / ARC)) * aperture

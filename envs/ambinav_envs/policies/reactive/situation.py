@@ -1,0 +1,38 @@
+"""What a reactive baseline knows in a step, in metres, radians and the robot's frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """Of N robots with P points of obstacles each.
+
+    Attributes:
+        x: Of obstacles, shape (N, P), metres ahead; inf: none.
+        y: The same to the left.
+        distance: Of the waypoint, shape (N,), metres.
+        bearing: Of the waypoint, shape (N,), radians.
+        speed: Shape (N,), metres per second.
+        rate: Shape (N,), radians per second.
+        turned: Radians since the last step, shape (N,).
+        starts: Whose episode has just begun, shape (N,).
+        limit: Share of the highest speed and turn rate that it may have, shape (N,); None: all of
+            them. VFH+ alone looks at it.
+    """
+
+    x: Floats
+    y: Floats
+    distance: Floats
+    bearing: Floats
+    speed: Floats
+    rate: Floats
+    turned: Floats
+    starts: NDArray[np.bool_]
+    limit: Floats | None = None

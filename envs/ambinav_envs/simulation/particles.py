@@ -1,0 +1,153 @@
+"""Monte Carlo localization of many robots: one call of a kernel for all that share a building.
+
+The filter is `ambinav.localization.mcl`, robot by robot: robot i is run i of one `FilterState`, and
+draws from a generator of its own. What does not change is made once for each building.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.environment import Environment
+from ambinav.kernels import kernel
+from ambinav.localization.casting import CastTables, cast_tables
+from ambinav.localization.filter_state import (
+    FilterModel,
+    FilterState,
+    casts_rays,
+    covariance_roots,
+    filter_bytes,
+    filter_model,
+    filter_state,
+)
+from ambinav.localization.mcl import start_run, start_run_globally, update_run
+from ambinav.localization.random import states
+from ambinav.localization.scanner_settings import unsuited
+from ambinav_envs.parameters import NavigationParameters
+
+# Filters that take more bytes than this are refused.
+MOST_BYTES = 8_000_000_000
+
+
+class ParticleMap(NamedTuple):
+    """A building as particle filters read it.
+
+    Attributes:
+        model: Map, scanner and parameters.
+        cast: Walls and rays; None where the model looks ranges up, or casts none.
+    """
+
+    model: FilterModel
+    cast: CastTables | None
+
+
+def particle_map(environment: Environment, parameters: NavigationParameters) -> ParticleMap:
+    """Lay a building out for particle filters.
+
+    Warns:
+        InputWarning: the model of the scan does not suit the scanner.
+
+    Raises:
+        InputError: the parameters of the filter are of no use here.
+    """
+    scanner, mcl = parameters.scanner, parameters.particles
+    note = unsuited(mcl.laser_model_type, scanner)
+    if note is not None:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    try:
+        model = filter_model(environment, scanner, mcl, None)
+    except InputError as error:
+        raise InputError(f"mcl: {error}") from error
+    cast = cast_tables(environment, scanner, model.beam) if casts_rays(model) else None
+    return ParticleMap(model, cast)
+
+
+class ParticleFilters:
+    """The filters of N robots.
+
+    Args:
+        parameters: Those of the filters among them.
+        count: N.
+
+    Raises:
+        InputError: they would not fit into memory.
+    """
+
+    def __init__(self, parameters: NavigationParameters, count: int) -> None:
+        mcl = parameters.particles
+        size = filter_bytes(mcl) * count
+        if size > MOST_BYTES:
+            raise InputError(
+                f"mcl: max_particles is {mcl.max_particles}, which takes {size / 1e9:.1f} GB for "
+                f"{count} robots; give fewer."
+            )
+        random = np.zeros((count, 4), dtype=np.uint64)
+        self.state: FilterState = filter_state(mcl, count, random)
+
+    def seed(self, i: int, stream: NDArray[np.uint64]) -> None:
+        """Begin the random numbers of robot i anew, from the words of a stream."""
+        self.state.random[i] = states(np.random.Generator(np.random.PCG64(stream)), 1)[0]
+
+    def start(self, rows: NDArray[np.int64], robots: NDArray[np.void], site: ParticleMap) -> None:
+        """Spread the particles of some robots as their records say: mean and covariance."""
+        roots = covariance_roots(robots["covariance"][rows])
+        _start(rows, robots, roots, site.model, self.state)
+
+    def start_globally(self, rows: NDArray[np.int64], site: ParticleMap) -> None:
+        """Spread the particles of some robots evenly over the free space and all headings."""
+        _start_globally(rows, site.model, self.state)
+
+    def update(
+        self,
+        rows: NDArray[np.int64],
+        robots: NDArray[np.void],
+        readings: NDArray[np.float64],
+        site: ParticleMap,
+    ) -> None:
+        """Take odometry and readings of some robots in, and write their estimates.
+
+        Args:
+            rows: Which robots.
+            robots: See `layout.STATE`, shape (N,).
+            readings: Shape (N, B), metres.
+            site: The building that all of them are in.
+        """
+        _update(rows, robots, readings, site.model, site.cast, self.state)
+
+
+@kernel
+def _start(rows, robots, roots, model, filters):
+    for k in range(rows.size):
+        start_run(rows[k], robots[rows[k]].mean, roots[k], model, filters)
+
+
+@kernel
+def _start_globally(rows, model, filters):
+    for k in range(rows.size):
+        start_run_globally(rows[k], model, filters)
+
+
+@kernel
+def _update(rows, robots, readings, model, cast, filters):
+    # In single precision, as `MonteCarloLocalizer.update` takes them.
+    ranges = np.empty(readings.shape[1], dtype=np.float32)
+    for k in range(rows.size):
+        i = rows[k]
+        robot = robots[i]
+        for b in range(ranges.size):
+            ranges[b] = readings[i, b]
+        odometry = robot.odometry
+        # Without a channel intensities are not looked at; with these types the code is that which
+        # `MonteCarloLocalizer` has compiled.
+        update_run(
+            i, odometry[0], odometry[1], odometry[2], ranges, model, cast, filters, None, ranges
+        )
+        for m in range(3):
+            robot.mean[m] = filters.mean[i, m]
+            for n in range(3):
+                robot.covariance[m, n] = filters.covariance[i, m, n]

@@ -1,0 +1,125 @@
+"""What befalls a robot that its map, its odometry and its localizer know nothing of.
+
+All of it is drawn with the task, from the task's stream, so an episode with and without it has the
+same noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.localization.random import uniform
+from ambinav_envs.buildings.free_space import MARGIN
+from ambinav_envs.buildings.tasks import Task, beside
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.simulation.site import Site
+
+Floats = NDArray[np.float64]
+
+# How many buildings, and tasks in each, are drawn before it is said that no door can be closed.
+BUILDINGS, TASKS = 16, 32
+# How far off a closed door a robot is put down, beyond its radius, metres.
+_OFF = 0.5
+
+
+class Upsets(NamedTuple):
+    """Of an episode; see `layout.STATE` for the first four."""
+
+    kidnap_step: int
+    kidnap_pose: Floats
+    kidnap_cost: float
+    slippery: Floats
+    door: Floats | None
+
+
+def upset(
+    site: Site,
+    p: NavigationParameters,
+    stream: NDArray[np.uint64],
+    draw: Callable[[Site], Task],
+    tries: int,
+) -> tuple[Task, Upsets | None] | None:
+    """Draw a task, and what befalls the robot on it.
+
+    Args:
+        site: The building.
+        p: Which of it, and how often.
+        stream: Of the random numbers, uint64, shape (4,); advanced in place.
+        draw: Draws a task.
+        tries: How many tasks are drawn until there is one with a door to close.
+
+    Returns:
+        The task, and what befalls the robot, None where the parameters ask for nothing of it; or
+        None where no task has a door to close.
+
+    Raises:
+        InputError: there is no room for a task.
+    """
+    if not (p.kidnapped or p.slip or p.closed_door):
+        return draw(site), None
+    closing, taken = uniform(stream) < p.closed_door, uniform(stream) < p.kidnapped
+    task = _behind_a_door(site, p, stream, draw, tries) if closing else draw(site)
+    if task is None:
+        return None
+    step, pose, cost = 0, np.zeros(3), 0.0
+    if taken:
+        low, high = p.kidnap_seconds
+        step = max(int((low + uniform(stream) * (high - low)) / p.dt), 1)
+        pose = _elsewhere(site, task, stream)
+        costs = task.cost_to_go.costs
+        cost = site.world.lattice.distance(costs, float(pose[0]), float(pose[1]))
+    slippery = np.zeros(2)
+    if p.slip > 0.0:
+        path = site.goals.shortest_path(task)
+        # Off both ends, so that the robot meets it under way.
+        slippery = path[int((0.25 + 0.5 * uniform(stream)) * len(path))]
+    return task, Upsets(step, pose, cost, slippery, task.door)
+
+
+def _behind_a_door(
+    site: Site,
+    p: NavigationParameters,
+    stream: NDArray[np.uint64],
+    draw: Callable[[Site], Task],
+    tries: int,
+) -> Task | None:
+    """Draw a task on whose path a door can be closed, and close it; None: there is none."""
+    for _ in range(tries):
+        task = site.goals.close_door(draw(site), stream, p.door_width, p.detour)
+        if task is not None:
+            return task
+    return None
+
+
+def no_door(site: Site, p: NavigationParameters) -> InputError:
+    """What is said where no door can be closed."""
+    return InputError(
+        f"closed_door: the paths drawn in {site.building.environment.name!r} lead through no "
+        f"passage of at most {p.door_width:g} m with another way around it that is "
+        f"{p.detour[0]:g} to {p.detour[1]:g} times as long; give another building, door_width or "
+        "detour."
+    )
+
+
+def _elsewhere(site: Site, task: Task, stream: NDArray[np.uint64]) -> Floats:
+    """A pose anywhere from where there is a path to the goal, off a closed door."""
+    lattice, table, costs = site.lattice, site.table, task.cost_to_go.costs.ravel()
+    cells = table.standing[np.isfinite(costs[table.standing])]
+    if task.door is not None:
+        x = table.low_x + table.spacing * (cells % lattice.room.shape[1])
+        y = table.low_y + table.spacing * (cells // lattice.room.shape[1])
+        off = math.hypot(*task.door[2:4]) + lattice.checker.footprint.outer + MARGIN + _OFF
+        cells = cells[np.hypot(x - task.door[0], y - task.door[1]) > off]
+    if not len(cells):
+        raise InputError(
+            f"kidnapped: there is nowhere else to put the robot in {lattice.name}; take another "
+            "building."
+        )
+    cell = int(cells[int(uniform(stream) * len(cells))])
+    return np.array([*beside(stream, cell, table), math.pi * (2.0 * uniform(stream) - 1.0)])

@@ -1,0 +1,90 @@
+"""Tasks that following the route by the estimate does not solve: ids with arguments of their own.
+
+Each is the one environment with other arguments; docs/tasks.md says of each what is asked and why a
+follower cannot do it, benchmarks/results/tasks.md what those reach who have learnt nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+GLOBAL_MCL: Final[dict[str, Any]] = {
+    "laser_model_type": "likelihood_field_prob",
+    "importance_factor": 0.3,
+    "sigma_hit": 0.1,
+    "max_beams": 30,
+    "min_particles": 200,
+    "max_particles": 1000,
+    "recovery_alpha_slow": 0.001,
+    "recovery_alpha_fast": 0.1,
+}
+"""Monte Carlo localization that finds itself again: it multiplies the beams, and puts particles
+anywhere when the scan no longer fits."""
+
+TASKS: Final[dict[str, dict[str, Any]]] = {
+    "Kidnapped-v0": {
+        "suite": "procedural", "localizer": "mcl", "mcl": GLOBAL_MCL, "kidnapped": 1.0,
+        "shortest": 8.0, "longest": 20.0, "max_steps": 1000,
+    },
+    "UnknownStart-v0": {
+        "suite": "warehouse", "localizer": "mcl", "mcl": GLOBAL_MCL, "start_unknown": True,
+        "goal_std": 0.3, "shortest": 5.0, "longest": 15.0, "max_steps": 1000,
+    },
+    "SlipperyFloor-v0": {
+        "suite": "hall", "slip": 1.0, "slip_radius": 3.0, "shortest": 6.0, "longest": 20.0,
+        "max_steps": 800,
+    },
+    "NarrowScanner-v0": {
+        "suite": "hall", "scanner": {"beams": 30, "aperture": math.pi / 2.0},
+        "odometry_scale": 2.0, "shortest": 4.0, "longest": 15.0, "max_steps": 800,
+    },
+    "AccurateGoal-v0": {
+        "suite": "hall", "goal_radius": 0.1, "success_radius": 0.12, "odometry_scale": 2.0,
+        "shortest": 4.0, "longest": 15.0, "max_steps": 800,
+    },
+    "NoWaypoint-v0": {
+        "suite": "procedural", "waypoint": False, "window_cells": 24, "shortest": 6.0,
+        "longest": 20.0, "max_steps": 800,
+    },
+}  # fmt: skip
+"""Arguments beside the number of buildings, by name."""
+
+ABOUT: Final[dict[str, str]] = {
+    "Kidnapped-v0": (
+        "The robot is carried elsewhere between 3 and 12 seconds after its start, and nobody "
+        "tells its odometry or its localizer. A follower goes on along a route that leads from "
+        "where the robot is not: the waypoint, the window and the goal are all seen from the "
+        "wrong pose until the particles have found the right one, and what it drives meanwhile "
+        "decides how soon that is."
+    ),
+    "UnknownStart-v0": (
+        "The particles are spread over the whole building, in rows of racks that look alike, "
+        "and the robot has arrived only where its estimate deviates by 0.3 m at most. A "
+        "follower drives to the waypoint of a guess; what has to be found is a place that tells"
+        " the rows apart."
+    ),
+    "SlipperyFloor-v0": (
+        "On a disc of 3 m of radius on the shortest path the wheels turn twice as far as the "
+        "robot drives. In a hall wider than the range nothing corrects that. A follower of the "
+        "shortest path is a few metres off when it stops; whoever stays near walls, or looks "
+        "for one when the readings come too late, is not."
+    ),
+    "NarrowScanner-v0": (
+        "The scanner looks 90 degrees ahead, and odometry errs twice as much as modelled. A "
+        "follower looks where it drives, in a hall mostly at nothing; the robot has to be "
+        "turned towards a wall in time."
+    ),
+    "AccurateGoal-v0": (
+        "The robot stops within 0.1 m of the goal by its estimate and has to be within 0.12 m "
+        "in truth, in a hall, with odometry twice as bad as modelled. A follower comes with "
+        "whatever error the last bare stretch has left; the last leg has to begin at something "
+        "to see."
+    ),
+    "NoWaypoint-v0": (
+        "There is no waypoint: the robot has its goal and a window of the map of 9.6 m. "
+        "Straight at the goal is a wall; which door leads there has to be seen in the window "
+        "and remembered."
+    ),
+}
+"""What is asked, and why a follower cannot do it; the ids' pages begin with it."""

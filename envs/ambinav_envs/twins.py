@@ -1,0 +1,36 @@
+"""Twins of an environment: the same task with one thing changed, so that its worth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+TRUE_POSE: Final[dict[str, Any]] = {"localizer": "perfect"}
+"""No localization error: policy, follower and rewards read the true pose."""
+NO_MAP: Final[dict[str, Any]] = {"ambiguity_seen": False}
+"""Nothing in the observation is read from the ambiguity map, see `NavigationParameters`."""
+
+TWINS: Final[Mapping[str, Mapping[str, Any]]] = {"TruePose": TRUE_POSE, "NoMap": NO_MAP}
+"""What an id's name gets before its version, and the arguments that its twin has beside its own.
+
+Spaces, reward, buildings and the episodes of a seed stay as they are, so that what a policy scores
+in both is compared episode by episode. POPGym Arcade and POBAX pair tasks with and without the
+hidden state for the same reason.
+"""
+
+
+def twins_of(ids: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The twins of some ids, with the arguments that they stand for.
+
+    Args:
+        ids: Names such as "ambinav/Office-v0", with the arguments that they stand for.
+
+    Returns:
+        Names such as "ambinav/Office-TruePose-v0".
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name, arguments in ids.items():
+        stem, _, version = name.rpartition("-")
+        for kind, changed in TWINS.items():
+            found[f"{stem}-{kind}-{version}"] = {**arguments, **changed}
+    return found

@@ -1,0 +1,461 @@
+"""Policy files of strangers: nothing in them is run, and what is odd is refused in one sentence."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import json
+import os
+import pickle
+import sys
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("stable_baselines3")
+import torch
+from safetensors.numpy import load, save
+from stable_baselines3 import PPO
+
+from ambinav.cli import app
+from ambinav.errors import InputError
+from ambinav_envs.policies import load_policy, read_card
+from ambinav_envs.policies.card import CARD
+from ambinav_envs.policies.file import WEIGHTS
+from tests.envs.policies.models import NAME, OPTIONS, normalized, saved
+from tests.envs.policies.models import model as small_model
+from tests.envs.policies.test_network import older
+
+MARKER = "it-ran"
+_EVENTS: list[str] = []
+_watching = False
+
+
+def _note(event: str, arguments: tuple[Any, ...]) -> None:
+    if _watching and event == "pickle.find_class":
+        _EVENTS.append(".".join(map(str, arguments)))
+
+
+# It cannot be removed, and does nothing but while a test watches.
+sys.addaudithook(_note)
+
+
+class Payload:
+    """What touches a file when it is unpickled."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        return os.system, (f"touch {self.marker}",)
+
+
+@pytest.fixture
+def evil(tmp_path: Path) -> Iterator[bytes]:
+    """A pickle that runs code; it has not been run at the end of the test."""
+    content = pickle.dumps(Payload(tmp_path / MARKER))
+    pickle.loads(content)
+    # It is a real one.
+    (tmp_path / MARKER).unlink()
+    yield content
+    assert not (tmp_path / MARKER).exists()
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return saved(tmp_path_factory.mktemp("policy") / "small.zip")
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from ambinav_envs.policies.normalization import Normalization
+
+    envs = normalized()
+    path = tmp_path_factory.mktemp("policy") / "old.zip"
+    return older(small_model(envs), path, Normalization.of(envs))
+
+
+def members_of(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def written(path: Path, members: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
+        for name, content in members.items():
+            out.writestr(name, content)
+    return path
+
+
+def refusal(path: Path) -> str:
+    """The one sentence that a file is refused with."""
+    with pytest.raises(InputError) as caught:
+        load_policy(path)
+    text = str(caught.value)
+    assert str(path) in text and "\n" not in text and text.endswith("."), text
+    assert len(text) < 700
+    return text
+
+
+def with_card(file: Path, out: Path, change: Callable[[dict[str, Any]], Any]) -> Path:
+    members = members_of(file)
+    plain = json.loads(members[CARD])
+    change(plain)
+    return written(out, members | {CARD: json.dumps(plain).encode()})
+
+
+def with_tensors(file: Path, out: Path, change: Callable[[dict[str, Any]], Any]) -> Path:
+    members = members_of(file)
+    tensors = load(members[WEIGHTS])
+    change(tensors)
+    return written(out, members | {WEIGHTS: save(tensors)})
+
+
+# -- what would run ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("which", ["file", "old"])
+def test_nothing_is_unpickled(which: str, request: pytest.FixtureRequest) -> None:
+    global _watching
+    path = request.getfixturevalue(which)
+    load_policy(path)
+    _EVENTS.clear()
+    _watching = True
+    try:
+        load_policy(path)
+        found = list(_EVENTS)
+        pickle.loads(pickle.dumps(Path()))
+    finally:
+        _watching = False
+    assert found == [] and _EVENTS != []
+
+
+def serialized(evil: bytes) -> dict[str, str]:
+    return {":type:": "<class 'dict'>", ":serialized:": base64.b64encode(evil).decode()}
+
+
+@pytest.mark.parametrize(
+    "key", ["policy_class", "observation_space", "action_space", "lr_schedule", "anything"]
+)
+def test_pickles_in_files_of_the_format_before(
+    key: str, old: Path, evil: bytes, tmp_path: Path
+) -> None:
+    members = members_of(old)
+    plain = json.loads(members["data"])
+    plain[key] = serialized(evil)
+    path = written(tmp_path / "p.zip", members | {"data": json.dumps(plain).encode()})
+    load_policy(path)
+    # In what says the network, too: the plain words beside it are read.
+    plain["policy_kwargs"] |= serialized(evil)
+    load_policy(written(path, members | {"data": json.dumps(plain).encode()}))
+    # Stable-Baselines3 runs it.
+    assert not (tmp_path / MARKER).exists()
+    with warnings.catch_warnings(), contextlib.suppress(Exception):
+        warnings.simplefilter("ignore")
+        PPO.load(path, device="cpu")
+    assert (tmp_path / MARKER).exists()
+    (tmp_path / MARKER).unlink()
+
+
+def torch_zip(payload: object) -> bytes:
+    """As `torch.save` packs any object."""
+    out = io.BytesIO()
+    torch.save(payload, out)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("member", ["policy.pth", "pytorch_variables.pth", "policy.optimizer.pth"])
+@pytest.mark.parametrize("packing", ["raw", "torch"])
+def test_pickles_in_place_of_tensors(
+    member: str, packing: str, old: Path, evil: bytes, tmp_path: Path
+) -> None:
+    payload = Payload(tmp_path / MARKER)
+    content = evil if packing == "raw" else torch_zip({"w": payload})
+    path = written(tmp_path / "p.zip", members_of(old) | {member: content})
+    if member == "policy.pth":
+        assert "policy.pth" in refusal(path)
+    else:
+        # Not looked into.
+        load_policy(path)
+
+
+def test_pickled_arrays(old: Path, evil: bytes, tmp_path: Path) -> None:
+    out = io.BytesIO()
+    payload = np.array([Payload(tmp_path / MARKER)], dtype=object)
+    np.savez(out, mean_goal=payload, clip=10.0, epsilon=1e-8)
+    members = members_of(old) | {"normalization.npz": out.getvalue()}
+    assert "normalisation cannot be read" in refusal(written(tmp_path / "p.zip", members))
+
+
+@pytest.mark.parametrize("content", ["raw", "torch"])
+def test_pickles_in_the_present_format(
+    content: str, file: Path, evil: bytes, tmp_path: Path
+) -> None:
+    given = evil if content == "raw" else torch_zip({"w": Payload(tmp_path / MARKER)})
+    members = members_of(file)
+    path = tmp_path / "p.zip"
+    for name in (CARD, WEIGHTS):
+        assert name in refusal(written(path, members | {name: given}))
+    for name in ("data", "policy.pth", "memory.pkl", "__init__.py"):
+        assert "has no place in" in refusal(written(path, members | {name: given}))
+    path.write_bytes(given)
+    refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda card: card["environment"].update(id="os:system"), "names code"),
+        (lambda card: card["environment"].update(id=["os"]), "names code"),
+        (lambda card: card["network"]["features"].update(kind="os.system"), "kind"),
+        (lambda card: card["network"].update(activation="Module"), "activation"),
+        (lambda card: card["network"].update(activation="__class__"), "activation"),
+        (lambda card: card["network"].update(features_extractor_class="os"), "unknown"),
+        (lambda card: card.update(module="os"), "the key 'module', which is unknown"),
+        (lambda card: card["environment"].update(scanner={"yaml": "!!python/name:os.system"}), ""),
+    ],
+)
+def test_names_of_code_in_the_card(change: Any, message: str, file: Path, tmp_path: Path) -> None:
+    assert message in refusal(with_card(file, tmp_path / "p.zip", change))
+
+
+def test_models_of_others_need_trust(evil: bytes, tmp_path: Path) -> None:
+    model = small_model(normalized())
+    path = tmp_path / "plain.zip"
+    model.save(path)
+    members = members_of(path)
+    plain = json.loads(members["data"]) | {"anything": serialized(evil)}
+    written(path, members | {"data": json.dumps(plain).encode()})
+    for options in ({}, {"environment": {"id": NAME}}):
+        with pytest.raises(InputError, match=r"run code when they are loaded.* add --trust"):
+            load_policy(path, **options)  # type: ignore[arg-type]
+    for command in (
+        ["evaluate", str(path), "--env", NAME],
+        ["benchmark", "--policy", str(path), "-o", str(tmp_path / "out"), "--suite", "hall"],
+    ):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 2 and "--trust" in done.stderr, done.output
+        assert done.stderr.count("\n") == 1
+    assert not (tmp_path / MARKER).exists()
+    policy = load_policy(path, trust=True, environment={"id": NAME, **OPTIONS})
+    assert policy.is_code and (tmp_path / MARKER).exists()
+    (tmp_path / MARKER).unlink()
+
+
+# -- what would take the memory, or lies elsewhere ---------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["../../up.txt", "/tmp/up.txt", "a/b", "C:\\up.txt", "."])
+def test_names_of_other_places(name: str, file: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "p.zip", {**members_of(file), name: b"x"})
+    assert "has no place in a policy file" in refusal(path)
+    assert [one.name for one in tmp_path.iterdir()] == ["p.zip"]
+
+
+@pytest.mark.parametrize("name", [CARD, WEIGHTS])
+def test_a_member_that_is_there_twice(name: str, file: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "p.zip", members_of(file))
+    with zipfile.ZipFile(path, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
+        archive.writestr(name, b"{}")
+    assert "is there twice" in refusal(path)
+
+
+@pytest.mark.parametrize("name", [CARD, WEIGHTS])
+def test_a_bomb(name: str, file: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "p.zip", members_of(file) | {name: bytes(80 << 20)})
+    assert path.stat().st_size < 2 << 20
+    assert "bytes, more than" in refusal(path)
+    # One that claims to be small.
+    content = path.read_bytes()
+    lying = content.replace((80 << 20).to_bytes(4, "little"), (100).to_bytes(4, "little"))
+    assert lying != content
+    path.write_bytes(lying)
+    refusal(path)
+
+
+def test_too_many_members_and_too_many_bytes(file: Path, tmp_path: Path) -> None:
+    members = {**members_of(file), **{f"{k:040d}": b"" for k in range(2000)}}
+    assert "far more members" in refusal(written(tmp_path / "many.zip", members))
+    with (tmp_path / "long.zip").open("wb") as out:
+        out.truncate(300 << 20)
+    assert "more than 256 MiB" in refusal(tmp_path / "long.zip")
+
+
+def test_packings_and_ciphers(file: Path, tmp_path: Path) -> None:
+    path = tmp_path / "p.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as out:
+        for name, content in members_of(file).items():
+            out.writestr(name, content)
+    assert "packed in an unknown way" in refusal(path)
+    content = bytearray(written(path, members_of(file)).read_bytes())
+    content[content.rindex(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(content)
+    assert "encrypted" in refusal(path)
+
+
+def test_inner_bombs_of_the_format_before(old: Path, tmp_path: Path) -> None:
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as out:
+        out.writestr("archive/data.pkl", bytes(70 << 20))
+    path = tmp_path / "p.zip"
+    for name in ("policy.pth", "normalization.npz"):
+        written(path, members_of(old) | {name: inner.getvalue()})
+        assert "unpacks to 73,400,320 bytes" in refusal(path)
+    # Numbers that stand for more than there is.
+    wide = torch_zip({"log_std": torch.zeros(1).expand(1 << 40)})
+    assert "more weights" in refusal(written(path, members_of(old) | {"policy.pth": wide}))
+
+
+# -- what does not fit -------------------------------------------------------------------------
+
+LOG_STD = "policy.log_std"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.pop(LOG_STD), "'log_std' is missing"),
+        (lambda t: t.update({"policy.more": np.zeros(2, np.float32)}), "'more' has no place in"),
+        (lambda t: t.update({"more": np.zeros(2, np.float32)}), "'more' has no place in"),
+        (
+            lambda t: t.update({LOG_STD: np.zeros(3, np.float32)}),
+            "the shape (3,), and the network (2,)",
+        ),
+        (lambda t: t.update({LOG_STD: np.zeros((), np.float32)}), "the shape ()"),
+        (lambda t: t.update({LOG_STD: np.zeros(2)}), "is float64, not float32"),
+        (lambda t: t.update({LOG_STD: np.zeros(2, np.float16)}), "is float16, not float32"),
+        (lambda t: t.update({LOG_STD: np.full(2, np.nan, np.float32)}), "not finite"),
+        (lambda t: t.update({LOG_STD: np.full(2, np.inf, np.float32)}), "not finite"),
+        (lambda t: t.pop("normalization.mean.goal"), "do not match"),
+        (lambda t: t.update({"normalization.mean.goal": np.zeros(4)}), "of the shape (4,)"),
+        (lambda t: t.update({"normalization.mean.goal": np.full(3, np.nan)}), "numbers that are"),
+        (lambda t: t.update({"normalization.var.goal": np.full(3, -1.0)}), "numbers that are"),
+        (lambda t: t.update({"normalization.mean.gaol": np.zeros(3)}), "no place for"),
+    ],
+)
+def test_odd_tensors(change: Any, message: str, file: Path, tmp_path: Path) -> None:
+    assert message in refusal(with_tensors(file, tmp_path / "p.zip", change))
+
+
+def odd_header(file: Path, out: Path, kind: str) -> Path:
+    """Weights whose header lies."""
+    members = members_of(file)
+    content = members[WEIGHTS]
+    size = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + size])
+    if kind == "far":
+        header[LOG_STD]["data_offsets"] = [0, 1 << 40]
+    if kind == "overlapping":
+        header[LOG_STD]["data_offsets"] = [0, 8]
+    if kind == "shape":
+        header[LOG_STD]["shape"] = [1 << 62, 4]
+    if kind == "type":
+        header[LOG_STD]["dtype"] = "O"
+    if kind == "bfloat16":
+        header[LOG_STD] |= {"dtype": "BF16", "shape": [4]}
+    text = json.dumps(header).encode()
+    if kind == "twice":
+        text = text[:-1] + b"," + text[1:]
+    start = (1 << 60) if kind == "long" else len(text)
+    changed = start.to_bytes(8, "little") + text + content[8 + size :]
+    return written(out, members | {WEIGHTS: changed[: -9 if kind == "cut" else None]})
+
+
+@pytest.mark.parametrize(
+    "kind", ["far", "overlapping", "shape", "type", "bfloat16", "long", "cut", "nothing"]
+)
+def test_headers_that_lie(kind: str, file: Path, tmp_path: Path) -> None:
+    path = odd_header(file, tmp_path / "p.zip", kind)
+    if kind == "nothing":
+        load_policy(path)
+        return
+    assert "cannot be read" in refusal(path) or "not float32" in refusal(path)
+
+
+WIDE = (
+    "parts: [{sensor: {max_range: 4, std: 0.03, resolution: 0.01}, "
+    "planar: {beams: 1000000000, aperture_deg: 360}}]"
+)
+
+
+def update(*keys: str, to: Any) -> Callable[[dict[str, Any]], None]:
+    def change(card: dict[str, Any]) -> None:
+        inner = card
+        for key in keys[:-1]:
+            inner = inner[key]
+        inner[keys[-1]] = to
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (update("network", "net_arch", to=[1 << 16] * 4), "weights or so, more than"),
+        (
+            update("network", "net_arch", to={"vf": [8], "qf": [1 << 16] * 4}),
+            "more than 16,777,216",
+        ),
+        (update("action", to={"count": 1 << 20}), "more than 16,777,216"),
+        (update("network", "net_arch", to=[10**30]), "net_arch"),
+        (update("network", "net_arch", to=[8] * 100), "net_arch"),
+        (update("network", "net_arch", to=[9]), "has the shape"),
+        (update("network", "net_arch", to="8"), "net_arch"),
+        (update("network", "use_sde", to=1), "use_sde"),
+        (update("network", "squash_output", to=True), "does not go with"),
+        (update("network", to=[]), "network must be a mapping"),
+        (update("network", to={}), "network"),
+        (update("observation", "parts", "goal", "size", to=4), "limits for 4 numbers"),
+        (update("observation", "parts", "scan", "size", to=61), "of the shape (60,), not"),
+        (update("observation", "parts", "scan", "size", to=1 << 40), "more than 1,048,576"),
+        (update("observation", "parts", "scan", "size", to=-1), "has the size"),
+        (update("observation", "parts", "scan", "low", to="x"), "no number"),
+        (update("observation", "parts", "scan", "low", to=2.0), "low limit above"),
+        (update("observation", "parts", to={}), "no row of numbers"),
+        (update("observation", "parts", "a.b", to={"size": 1, "low": 0, "high": 1}), "go with"),
+        (update("observation", to={"count": 1 << 20}), "observations are rows"),
+        (update("action", to={"size": 3, "low": -1, "high": 1}), "has the shape"),
+        (update("action", to={"count": 9}), "log_std"),
+        (update("action", to=None), "action must be a mapping"),
+        (update("algorithm", to="SAC"), "weights"),
+        (update("algorithm", to=["PPO"]), "algorithm is"),
+        (update("steps", to="many"), "steps is 'many'"),
+        (update("seed", to=True), "seed is 'True'"),
+        (update("normalization", to=None), "that the card does not name"),
+        (update("normalization", to={"clip": -1.0, "epsilon": 1e-8}), "give clip and epsilon"),
+        (update("environment", "window_cells", to="many"), "window_cells"),
+        (update("environment", "window_cells", to=1 << 20), "window_cells is 1048576"),
+        (
+            update("environment", "scanner", to={"yaml": WIDE}),
+            "scanner has 1,000,000,000 beams",
+        ),
+        (update("environment", to=3), "environment must be"),
+        (update("format", to=[3]), "not of format"),
+    ],
+)
+def test_odd_cards(change: Any, message: str, file: Path, tmp_path: Path) -> None:
+    assert message in refusal(with_card(file, tmp_path / "p.zip", change))
+
+
+@pytest.mark.parametrize("text", [b"[" * 100_000, b'{"format": 3, "steps": ' + b"9" * 10_000 + b"}",
+    b'{"format": 3, "steps": NaN}', b"\xff\xfe", b"", b"null"])  # fmt: skip
+def test_cards_that_are_no_json(text: bytes, file: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "p.zip", members_of(file) | {CARD: text})
+    assert CARD in refusal(path)
+    with pytest.raises(InputError):
+        read_card(path)
+
+
+def test_any_cut_is_refused(file: Path, tmp_path: Path) -> None:
+    content = file.read_bytes()
+    path = tmp_path / "p.zip"
+    for at in np.random.default_rng(0).integers(0, len(content), 40):
+        path.write_bytes(content[: int(at)])
+        refusal(path)

@@ -1,0 +1,64 @@
+"""Actions as speeds: what the kernel drives, what controllers are asked for, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ambinav_envs.commands import as_actions, as_commands
+from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.parameters import NavigationParameters
+from tests.envs.cases import room
+
+CHOICES: list[dict[str, Any]] = [
+    {"min_speed": least, "rest_at_zero": rests} for least in (0.0, -0.3) for rests in (True, False)
+]
+
+
+@pytest.mark.parametrize("options", CHOICES)
+@given(
+    share=st.floats(-1.5, 1.5).map(lambda x: round(x, 6)),
+    turn=st.floats(-1.0, 1.0).map(lambda x: round(x, 6)),
+)
+def test_actions_of_commands_ask_for_them(
+    options: dict[str, Any], share: float, turn: float
+) -> None:
+    parameters = NavigationParameters(robot={"max_speed": 0.8, "max_turn_rate": 1.5}, **options)
+    commands = as_commands(np.array([[share, turn]]), parameters)
+    assert parameters.min_speed <= commands[0, 0] <= 0.8 and commands[0, 1] == 1.5 * turn
+    again = as_commands(as_actions(commands, parameters), parameters)
+    assert again == pytest.approx(commands, abs=1e-12)
+
+
+@pytest.mark.parametrize("options", CHOICES)
+@pytest.mark.parametrize("share", [-2.0, -1.0, -0.4, 0.0, 0.3, 1.0, 2.0])
+def test_the_simulation_drives_them(options: dict[str, Any], share: float) -> None:
+    """Acceleration is no limit here, so the speed of a step is the one that was asked for."""
+    robot = {"max_speed": 0.8, "max_turn_rate": 1.5, "acceleration": 100.0}
+    env = NavigationEnv(map=room(), robot=robot, localizer="perfect", window=False, **options)
+    env.reset(seed=1, options={"start": (3.0, 2.0, 0.0)})
+    env.step(np.array([share, 0.2]))
+    wanted = as_commands(np.array([[share, 0.2]]), env.simulation.parameters)[0, 0]
+    assert env.simulation.state["speeds"][0, 0] == wanted
+
+
+def test_zeros_rest_and_may_be_the_middle() -> None:
+    zeros = np.zeros((1, 2))
+    assert not as_commands(zeros, NavigationParameters(min_speed=-0.2)).any()
+    middle = as_commands(zeros, NavigationParameters(min_speed=-0.2, rest_at_zero=False))
+    assert middle.tolist() == [[pytest.approx(0.15), 0.0]]
+
+
+def test_discrete_actions_are_the_same_with_both() -> None:
+    speeds = []
+    for rests in (True, False):
+        env = NavigationEnv(map=room(), discrete=True, rest_at_zero=rests, window=False)
+        env.reset(seed=1, options={"start": (3.0, 2.0, 0.0)})
+        for number in range(9):
+            env.step(number)
+            speeds.append(env.simulation.state["speeds"][0].tolist())
+    assert speeds[:9] == speeds[9:]
