@@ -28,8 +28,11 @@ LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
 # What the project asks for, on 2 cores, 60 beams and the Kalman filter: steps a second of 64 robots
 # or more, and of one.
 WANTED, WANTED_ALONE = 300_000, 10_000
+# And on one core, with Monte Carlo localization by so many particles.
+WANTED_PARTICLES, PARTICLES = 20_000, 200
 SIZES = (64, 256, 1024, 2048)
 Floats = NDArray[np.float32]
+Clock = Callable[[], float]
 
 
 def towards(seen: dict[str, Floats]) -> Floats:
@@ -42,19 +45,22 @@ def towards(seen: dict[str, Floats]) -> Floats:
 class Driving:
     """Robots driving; each call takes them some steps on."""
 
-    def __init__(self, count: int, steps: int, options: dict[str, Any]) -> None:
+    def __init__(
+        self, count: int, steps: int, options: dict[str, Any], clock: Clock = time.perf_counter
+    ) -> None:
         self.envs = NavigationVectorEnv(count, waypoint=True, waypoint_distance=0.5, **options)
         _visit(self.envs, options)
         self.seen, _ = self.envs.reset(seed=0)
         self.steps, self.ended, self.taken, self.seconds = steps, 0, 0, 0.0
+        self.clock = clock
 
     def __call__(self) -> None:
         """Take them on; the policy's own time is not counted."""
         for _ in range(self.steps):
             actions = towards(self.seen)
-            begin = time.perf_counter()
+            begin = self.clock()
             self.seen, _, terminated, truncated, _ = self.envs.step(actions)
-            self.seconds += time.perf_counter() - begin
+            self.seconds += self.clock() - begin
             self.ended += int((terminated | truncated).sum())
             self.taken += self.envs.num_envs
 
@@ -62,22 +68,25 @@ class Driving:
 class Alone:
     """The single environment, likewise."""
 
-    def __init__(self, steps: int, options: dict[str, Any]) -> None:
+    def __init__(
+        self, steps: int, options: dict[str, Any], clock: Clock = time.perf_counter
+    ) -> None:
         self.env = NavigationEnv(waypoint=True, waypoint_distance=0.5, **options)
         _visit(self.env, options)
         self.seen, _ = self.env.reset(seed=0)
         self.steps, self.ended, self.taken, self.seconds = steps, 0, 0, 0.0
+        self.clock = clock
 
     def __call__(self) -> None:
         """Take it on."""
         for _ in range(self.steps):
             action = towards(self.seen)
-            begin = time.perf_counter()
+            begin = self.clock()
             self.seen, _, terminated, truncated, _ = self.env.step(action)
             if terminated or truncated:
                 self.seen, _ = self.env.reset()
                 self.ended += 1
-            self.seconds += time.perf_counter() - begin
+            self.seconds += self.clock() - begin
             self.taken += 1
 
 
@@ -156,6 +165,41 @@ def rows_of_parts(options: dict[str, Any], repeats: int) -> list[tuple[str, ...]
     ]
 
 
+def rows_of_localizers(options: dict[str, Any], steps: int, repeats: int) -> list[tuple[str, ...]]:
+    """Thousand steps a second of one robot and of 64 on one thread, by localizer.
+
+    Seconds are the processor's, since the clock's count what else the machine is doing.
+    """
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    few = {"min_particles": PARTICLES, "max_particles": PARTICLES}
+    product = few | {"laser_model_type": "likelihood_field_prob"}
+    ring = {"scanner": "polaroid-6500-ring"}
+    cases: dict[str, dict[str, Any]] = {
+        "dead reckoning": {"localizer": "odometry"},
+        "Kalman filter": {"localizer": "ekf"},
+        f"{PARTICLES} particles, likelihood field (default of lasers)": {"mcl": few},
+        f"{PARTICLES} particles, product of the likelihood field": {"mcl": product},
+        "500 to 2000 particles (AMCL's defaults)": {},
+        f"{PARTICLES} particles, scan taken in at every step": {
+            "mcl": few | {"update_min_d": 0.0, "update_min_a": 0.0}
+        },
+        "16 sonars, Kalman filter": ring | {"localizer": "ekf"},
+        f"16 sonars, {PARTICLES} particles, product of cones (their default)": ring | {"mcl": few},
+    }
+    rows = []
+    for name, case in cases.items():
+        chosen = options | {"window": False, "localizer": "mcl"} | case
+        run: dict[str, Driving | Alone] = {
+            "1": Alone(4 * steps, chosen, time.process_time),
+            "64": Driving(64, steps, chosen, time.process_time),
+        }
+        found = rates(run, repeats)
+        rows.append((name, found["1"][0], found["64"][0]))
+    numba.set_num_threads(before)
+    return rows
+
+
 def _often(run: Callable[[], object], times: int) -> None:
     for _ in range(times):
         run()
@@ -228,11 +272,24 @@ def main() -> None:
     parser.add_argument("--suite", default="procedural")
     parser.add_argument("--buildings", type=int, default=8)
     parser.add_argument(
+        "--localizers", action="store_true", help="the localizers beside each other, nothing else"
+    )
+    parser.add_argument(
         "--irsim-python", type=Path, help="a Python with ir-sim, to measure beside it"
     )
     add_out(parser)
     args = parser.parse_args()
     options = {"suite": args.suite, "buildings": args.buildings}
+    if args.localizers:
+        body = (
+            f"{args.buildings} buildings of the suite {args.suite}, no window, thousand steps a "
+            f"second of one core (the processor's seconds). Wanted with {PARTICLES} particles: "
+            f"{WANTED_PARTICLES // 1000} thousand.\n\n"
+        )
+        header = ("localizer", "1 robot", "64 robots")
+        body += table(header, rows_of_localizers(options, args.steps, args.repeats))
+        report("Localizers in the navigation environments", LIBRARIES, body, args.out)
+        return
     rows = rows_of_rates(options, args.steps, args.repeats)
     body = "\n\n".join(
         [

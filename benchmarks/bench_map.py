@@ -21,7 +21,7 @@ MAIN = "willow_full_005"
 GROWTH = ("demo", "aces", "willow_full_005", "edmonton", "infinite-corridor")
 PRESET, HEADINGS = "hokuyo-urg-04lx", 8
 PART_NAMES = {
-    "beam_returns": "casting the beams",
+    "panorama_returns": "casting the beams",
     "neighbourhood_sums": "ambiguity kernel",
     "turning_moments": "heading",
     "assemble": "layers and dataset",

@@ -35,7 +35,7 @@ from ambinav.server.limits import Limits
 
 LIMITS = Limits(plan_seconds=0.05, job_seconds=5.0, audit_cells=50, audits=1, waiting=1, batch=1000)
 """Under which jobs end soon."""
-SLOW = {"/plan": 0.03, "/pareto": 0.03, "/audits": 0.05, "/map.npz": 0.1}
+SLOW = {"/plan": 0.03, "/pareto": 0.03, "/edits": 0.1, "/audits": 0.05, "/map.npz": 0.1}
 """Shares of an even number of cases that go to paths whose answers take long."""
 KNOWN = {"layer": "level"}
 """Parameters of paths that there are, besides the map."""

@@ -14,19 +14,19 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 from harness import ROOT, report, table
-from stable_baselines3 import PPO
 
 from ambinav.reports.table import value_text
 from ambinav_envs.evaluation import UNSEEN, evaluate
 from ambinav_envs.leaderboard.board import CONDITIONS
 from ambinav_envs.leaderboard.figures import make_rows
-from ambinav_envs.policies import load_policy, save_policy
-from ambinav_envs.policies.file import Card, complete_card, read_members
+from ambinav_envs.policies import Card, load_policy, upgrade_policy
+from ambinav_envs.policies.file import read_policy_file, write_policy_file
 from ambinav_envs.policies.load import BASELINES
 from ambinav_envs.scenario import scenario
 from ambinav_envs.training import folder as files
@@ -163,15 +163,15 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument(
         "--cards-only", action="store_true",
-        help="train nothing, judge nothing and leave the weights: write out, in the cards within "
-        "the shipped files, scanner and robot, which earlier versions left to the defaults",
+        help="train nothing, judge nothing and leave the weights: write shipped files of earlier "
+        "versions in the present format, with scanner and robot in their cards",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, default=OUT, help="the report")
     args = parser.parse_args()
     if args.cards_only:
         for name in POLICIES:
-            done = complete_card(BASELINES / f"{name}.zip", {"commit": TRAINED_AT})
-            print(f"{name}: {'completed' if done else 'complete already'}")
+            done = upgrade_policy(BASELINES / f"{name}.zip", {"commit": TRAINED_AT})
+            print(f"{name}: {'written anew' if done else 'up to date'}")
         return
     if args.report_only is None:
         args.folder.mkdir(parents=True, exist_ok=True)
@@ -187,15 +187,13 @@ def main() -> None:
         "train in, boxes and odometry as in training."
     ]
     for name, run in made.items():
-        card, normalization = read_members(run / files.FINAL)
-        notes = {key: card.notes[key] for key in ("training", "trained_in")}
+        policy = read_policy_file(run / files.FINAL)
+        notes = {key: policy.card.notes[key] for key in ("training", "trained_in")}
         if args.report_only is None:
-            save_policy(
-                PPO.load(run / files.FINAL, device="cpu"), BASELINES / f"{name}.zip",
-                environment=card.environment, normalization=normalization, notes=notes, slim=True,
-            )  # fmt: skip
+            shipped = replace(policy, card=replace(policy.card, notes=notes))
+            write_policy_file(shipped, BASELINES / f"{name}.zip")
         figures = judged(name)
-        text = card_text(name, card, notes["training"], figures)
+        text = card_text(name, policy.card, notes["training"], figures)
         (BASELINES / f"{name}.md").write_text(text, encoding="utf-8")
         parts += [f"## {name}", course_of(run, read_rows(run / files.PROGRESS))]
         parts += [

@@ -21,9 +21,10 @@ import numpy as np
 import shapely
 from harness import ENVIRONMENTS, environment_path
 
-from ambinav.ambiguity import build, kernel, reference
+from ambinav.ambiguity import build, reference
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.model import AmbiguityModel, independent_tau
+from ambinav.ambiguity.reach import reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.lattice import STEPS, Lattice
@@ -35,7 +36,7 @@ from ambinav.sensing.sensor import RangeSensor
 SPACING = 0.1
 RADIUS = 0.5
 # The parts of the build that are timed apart: names in `ambinav.ambiguity.build`.
-PARTS = ("beam_returns", "neighbourhood_sums", "turning_moments", "assemble")
+PARTS = ("panorama_returns", "neighbourhood_sums", "turning_moments", "assemble")
 
 
 def plain_scanner() -> RangeScanner:
@@ -102,7 +103,7 @@ def _count_pairs(rows_columns, index, links, offsets, side, steps):  # type: ign
     pairs = 0
     for p in range(rows_columns.shape[0]):
         row, column = rows_columns[p, 0], rows_columns[p, 1]
-        kernel.reach(row, column, index, 0, links, offsets, side, steps, marks, queue)
+        reach(row, column, index, 0, links, offsets, side, steps, marks, queue)
         pairs += (marks == 2).sum()
     return pairs
 

@@ -2,7 +2,8 @@
 
     python benchmarks/page_screenshots.py MAP.zarr --report DIR/report.html --out out/page
 
-They are for people to look at: nothing is compared. `--start` and `--goal` are for the routes.
+They are for people to look at: nothing is compared. `--start` and `--goal` are for the routes,
+`--obstacles` names a file of them for an edit.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ def main() -> None:
     parser.add_argument("--report", type=Path, action="append", default=[])
     parser.add_argument("--start", type=float, nargs=2)
     parser.add_argument("--goal", type=float, nargs=2)
+    parser.add_argument("--obstacles", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/page"))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
@@ -75,6 +77,19 @@ def _page(page: Any, args: argparse.Namespace, name: str) -> None:
         page.locator(".chart .dot").nth(1).click()
         page.wait_for_timeout(500)
         page.screenshot(path=args.out / f"routes-{name}")
+    if args.obstacles:
+        page.locator(".map").focus()
+        page.keyboard.press("Escape")
+        page.keyboard.press("0")
+        page.keyboard.press("1")
+        page.get_by_role("tab", name="Edit").click()
+        page.wait_for_timeout(500)
+        page.screenshot(path=args.out / f"edit-before-{name}")
+        page.get_by_label("File of obstacles").set_input_files(args.obstacles)
+        page.locator(".gain").wait_for(timeout=120_000)
+        page.wait_for_selector("#panel-edit:not([aria-busy])")
+        page.wait_for_timeout(800)
+        page.screenshot(path=args.out / f"edit-after-{name}")
 
 
 def _ready(page: Any) -> None:

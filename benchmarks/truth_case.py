@@ -18,12 +18,12 @@ from typing import Any
 
 import numba
 import numpy as np
-import shapely
 from harness import appended, environment_path, kept_rows
 from localizers import LOCALIZERS, ROBOT, localizer_of
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.ambiguity.build import build_map
+from ambinav.drive.ageing import with_aged_walls
 from ambinav.drive.clutter import scattered_boxes, with_obstacles
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
@@ -34,7 +34,6 @@ from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.motion.steering import Steering
-from ambinav.geometry.segments import Segments
 from ambinav.localization.filter_state import filter_state
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
@@ -60,11 +59,9 @@ FOUND = 0.5
 START_STD = (0.05, 0.05, 0.03)
 BOXES_PER_AREA = 0.04
 """In the aged world: boxes that the map does not know, per square metre."""
-WALLS_OFF, WAVES = 0.03, 32
+WALLS_OFF = 0.03
 """There too: how far walls stand from where the map has them, metres in x and in y (standard
-deviation), and of how many waves, 2 to 8 m long, that is made: walls that meet still do."""
-PIECE = 0.25
-"""Walls are bent in pieces of this length, metres."""
+deviation)."""
 PARTICLES_PER_AREA = {"laser-4m": 250.0, "laser-8m": 1000.0}
 """With an unknown start, on a square metre of free floor, for the first scan;"""
 PARTICLES = 5000
@@ -259,33 +256,9 @@ def scanner_of(name: str) -> RangeScanner:
 
 def aged(mapped: Environment, rng: np.random.Generator) -> Environment:
     """The building where its walls truly are, with furniture that came after its map."""
-    true = surveyed(mapped, rng)
+    true = with_aged_walls(mapped, WALLS_OFF, rng)
     count = round(BOXES_PER_AREA * true.free.area)
     return with_obstacles(true, scattered_boxes(true, count, rng))
-
-
-def surveyed(mapped: Environment, rng: np.random.Generator) -> Environment:
-    """The building of which this map was made: every corner a little off, neighbours alike."""
-    turn = rng.uniform(0.0, math.pi, WAVES)
-    wave = 2.0 * math.pi / rng.uniform(2.0, 8.0, WAVES) * np.array([np.cos(turn), np.sin(turn)])
-    phase = rng.uniform(0.0, 2.0 * math.pi, (2, WAVES))
-
-    def moved(points: Floats) -> Floats:
-        waves = np.cos((points @ wave)[:, None, :] + phase)
-        return points + WALLS_OFF * math.sqrt(2.0 / WAVES) * waves.sum(axis=2)
-
-    lines = shapely.segmentize(shapely.linestrings(mapped.segments.xy.reshape(-1, 2, 2)), PIECE)
-    points, line = shapely.get_coordinates(lines, return_index=True)
-    points, within = moved(points), line[1:] == line[:-1]
-    walls = np.hstack([points[:-1], points[1:]])[within]
-    free = shapely.transform(shapely.segmentize(mapped.free, PIECE), moved)
-    return Environment(
-        Segments(walls, mapped.segments.kind[line[1:][within]]),
-        # Where walls touch, pieces may cross by a millimetre.
-        shapely.make_valid(free, method="structure", keep_collapsed=False),
-        name=mapped.name,
-        resolution=mapped.resolution,
-    )
 
 
 def places(amap: AmbiguityMap, checker: CollisionChecker, rng: np.random.Generator) -> Floats:

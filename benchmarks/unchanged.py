@@ -126,7 +126,8 @@ def episodes() -> dict[str, str]:
 def training(folder: Path) -> dict[str, str]:
     """The weights of a policy after a very short training."""
     import torch
-    from stable_baselines3 import PPO
+
+    from ambinav_envs.policies import load_policy
 
     config = yaml.safe_load((ROOT / "configs" / "ppo.yaml").read_text())
     config |= {"steps": 8192, "envs": 32}
@@ -137,7 +138,7 @@ def training(folder: Path) -> dict[str, str]:
     short.write_text(yaml.safe_dump(config))
     command("train", short, "-o", folder / "train")
     policies = sorted((folder / "train").rglob("*.zip"))
-    state = PPO.load(policies[-1], device="cpu").policy.state_dict()
+    state = load_policy(policies[-1]).model.state_dict()  # type: ignore[attr-defined]
     values = [value.detach().numpy() for value in state.values() if isinstance(value, torch.Tensor)]
     return {f"training {policies[-1].stem}": digest(*values)}
 

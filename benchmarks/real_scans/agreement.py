@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import FAST, compare
+from ambinav.ambiguity.gaussian import FAST
+from ambinav.ambiguity.pair import compare
 from ambinav.ambiguity.returns import BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.kernels import kernel

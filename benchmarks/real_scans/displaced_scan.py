@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.kernel import pose_sums
+from ambinav.ambiguity.kernel import around_arrays, batch_arrays, listed, pose_sums
 from ambinav.ambiguity.returns import BEYOND, BLIND, TABLE, BeamTable
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.kernels import kernel
@@ -154,6 +154,7 @@ def _displaced(
     solid = np.empty(angles.size, dtype=np.int64)
     marks = np.zeros(index.size, dtype=np.uint8)
     middle = index.shape[0] // 2
+    arrays, around = batch_arrays(limit.size), around_arrays(len(steps))
     for s in range(low, high):
         join(ranges[s], solid)
         x, y = ranges[s] * np.cos(angles), ranges[s] * np.sin(angles)
@@ -168,7 +169,10 @@ def _displaced(
                 ranges[s], slopes[s], angles, x, y, solid, heading[s], co * ox + si * oy,
                 co * oy - si * ox, directions, limit[0], spread, data[k],
             )  # fmt: skip
+        count = listed(
+            middle, middle, index, 0, marks, steps, index.shape[0], spacing, c0, around, sums[s]
+        )
         pose_sums(
-            middle, middle, index, 0, marks, steps, spacing, data, limit, icap, use, evidence, tau,
-            c0, c2, sums[s],
+            index[middle, middle], around, count, data, limit, icap, use, evidence, tau, c0, c2,
+            arrays, sums[s],
         )  # fmt: skip

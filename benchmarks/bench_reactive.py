@@ -1,0 +1,102 @@
+"""The reactive baselines beside the shipped policies, in disturbed halls and on recorded maps.
+
+Every method drives the same episodes as in `ambinav benchmark`: boxes that the map lacks, people,
+and odometry that errs twice as much as the localizer assumes. Differences are paired episode by
+episode, to the shipped policy on the same route. What has been driven stays in `--work`; the same
+command goes on from there.
+
+    AMBINAV_DATA=/data python benchmarks/bench_reactive.py --out benchmarks/results/reactive.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from harness import add_out, environment_path, report, table
+
+from ambinav.reports.table import difference_text, value_text
+from ambinav_envs.evaluation import Episodes
+from ambinav_envs.leaderboard.board import Board, Setting, run, settings_for
+from ambinav_envs.leaderboard.figures import EpisodeFigure, Row, make_rows
+from ambinav_envs.leaderboard.methods import policy_method
+
+CONDITION: Final = "disturbed"
+MAPS: Final = ("intel", "freiburg-079", "aces", "belgioioso")
+PAIRS: Final[Mapping[str, tuple[str, ...]]] = {
+    "ppo-ambiguity": ("vfh-aware", "dwa-aware"),
+    "ppo-shortest": ("vfh", "dwa"),
+}
+"""Each shipped policy, and the baselines that drive on the same route."""
+SHOWN: Final = ("arrived", "missed", "collided", "timeout", "lost", "length", "seconds")
+COMPARED: Final = ("arrived", "collided", "lost")
+BUILDINGS: Final = 100
+LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
+
+
+def silent(text: str) -> Callable[[float], None]:
+    """Say what is being driven, and nothing of how far it is."""
+    print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
+    return lambda share: None
+
+
+def titles(keys: Sequence[str], row: Row) -> list[str]:
+    """Heads of the columns of some figures."""
+    return [_title(row[key].figure) for key in keys]
+
+
+def _title(figure: EpisodeFigure) -> str:
+    return f"{figure.title} {figure.unit}".strip()
+
+
+def section(setting: Setting, found: Mapping[str, Episodes], seed: int) -> str:
+    """The tables of a setting: figures, then differences to the policy on the same route."""
+    rows = make_rows(setting.name, found, None, seed)
+    figures = table(
+        ("", *titles(SHOWN, rows[0])),
+        [(row.method, *(value_text(row[key]) for key in SHOWN)) for row in rows],
+    )
+    lines = []
+    for policy, baselines in PAIRS.items():
+        paired = make_rows(setting.name, found, policy, seed)
+        for row in paired:
+            if row.method in baselines:
+                texts = [difference_text(row[key]) for key in COMPARED]
+                lines.append((f"{row.method} less {policy}", *texts))
+    differences = table(("paired", *titles(COMPARED, rows[0])), lines)
+    return f"## {setting.name}, {rows[0].episodes} episodes\n\n{figures}\n\n{differences}"
+
+
+def main() -> None:
+    """Drive, and report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--episodes", type=int, default=128)
+    parser.add_argument("--seed", type=int, default=3)
+    parser.add_argument("--maps", nargs="*", default=MAPS)
+    parser.add_argument("--work", type=Path, default=Path("out/reactive"))
+    add_out(parser)
+    chosen = parser.parse_args()
+    names = [name for policy, others in PAIRS.items() for name in (policy, *others)]
+    paths = [environment_path(name) for name in chosen.maps]
+    settings = [
+        one for one in settings_for(paths, BUILDINGS, ["hall"]) if one.condition == CONDITION
+    ]
+    chosen.work.mkdir(parents=True, exist_ok=True)
+    methods = [policy_method(name) for name in names]
+    sections = []
+    for setting in settings:
+        board = Board(methods, [setting], chosen.episodes, chosen.seed)
+        found = run(board, chosen.work, silent)[setting.name]
+        sections.append(section(setting, found, chosen.seed))
+    text = (
+        "Seeds of the episodes are none that the baselines' parameters were chosen on. In "
+        "brackets: 95 % intervals by the bootstrap, over buildings and episodes in them.\n\n"
+    )
+    report("Reactive baselines", LIBRARIES, text + "\n\n".join(sections), chosen.out)
+
+
+if __name__ == "__main__":
+    main()

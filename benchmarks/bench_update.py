@@ -1,0 +1,145 @@
+"""Maps of a changed building: `AmbiguityMap.update` against a whole build, in time and in numbers.
+
+Walls of 2 m are put at random on the floor, and one in the middle of the widest room. Timed are the
+edit and the update together, and a build of the same changed building, each with nothing prepared
+but the map before; every layer of the two maps is compared. Processor time is that of all threads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import math
+import os
+import sys
+import time
+from collections.abc import Callable
+
+import numba
+import numpy as np
+import shapely
+from harness import add_out, environment_path, report, spread, table
+from kernel_case import scanner_of
+
+import ambinav as an
+from ambinav.geometry.obstacle import Obstacle, panel
+
+LENGTH = 2.0
+SCANNERS = ("plain", "hokuyo-urg-04lx", "rplidar-a1", "hokuyo-ust-20lx", "rplidar-s2")
+
+
+def random_walls(
+    env: an.Environment, count: int, rng: np.random.Generator
+) -> list[tuple[float, float, float, float]]:
+    """Ends of walls of `LENGTH` that lie in the free space; the first in the widest room."""
+    shapely.prepare(env.free)
+    x, y = shapely.get_coordinates(shapely.maximum_inscribed_circle(env.free))[0].tolist()
+    found = [(x, y - LENGTH / 2, x, y + LENGTH / 2)]
+    while len(found) < count:
+        x, y = rng.uniform(env.bounds[:2], env.bounds[2:]).tolist()
+        angle = float(rng.uniform(0.0, math.pi))
+        ends = (x, y, x + LENGTH * math.cos(angle), y + LENGTH * math.sin(angle))
+        if env.free.contains(shapely.LineString([ends[:2], ends[2:]])):
+            found.append(ends)
+    return found
+
+
+def timed(run: Callable[[], an.AmbiguityMap]) -> tuple[an.AmbiguityMap, float, float]:
+    """A map, and the seconds that it took: wall clock, and processor time."""
+    start, used = time.perf_counter(), os.times()
+    found = run()
+    now = os.times()
+    return found, time.perf_counter() - start, now.user + now.system - used.user - used.system
+
+
+def edited_map(amap: an.AmbiguityMap, env: an.Environment, wall: Obstacle) -> an.AmbiguityMap:
+    """The map with the wall."""
+    return amap.update(env.edited([wall]))
+
+
+def difference(one: an.AmbiguityMap, other: an.AmbiguityMap) -> float:
+    """Greatest difference of a value in any variable; inf where one map alone has a value."""
+    worst = 0.0
+    for name, values in one.dataset.variables.items():
+        a, b = (np.asarray(v.values, dtype=np.float64) for v in (values, other.dataset[name]))
+        if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
+            return math.inf
+        worst = max(worst, float(np.nan_to_num(np.abs(a - b)).max(initial=0.0)))
+    return worst
+
+
+def rows_of(
+    path: str, name: str, walls: int, repeats: int, seed: int
+) -> tuple[list[tuple[object, ...]], list[tuple[object, ...]]]:
+    """A line of the summary for a scanner, and one for each wall."""
+    env, scanner = an.load_environment(path), scanner_of(name)
+    first = an.build_map(env, scanner, store=False)
+    cells = int((first.dataset["free"].values > 0).sum())
+    shares: dict[str, list[float]] = {"wall clock": [], "processor": []}
+    lines: list[tuple[object, ...]] = []
+    for k, ends in enumerate(random_walls(env, walls, np.random.default_rng(seed))):
+        print(f"{name}: wall {k + 1} of {walls}", file=sys.stderr)
+        wall = panel(*ends)
+        again = functools.partial(edited_map, first, env, wall)
+        made = [timed(again) for _ in range(repeats)]
+        after, clock_s, used_s = min(made, key=lambda one: one[2])
+        whole, *built = timed(
+            functools.partial(an.build_map, env.edited([wall]), scanner, store=False)
+        )
+        took = (clock_s, used_s)
+        before = [first.floor("level").values, after.floor("level").values]
+        moved = int((np.abs(np.nan_to_num(before[0]) - np.nan_to_num(before[1])) > 1e-6).sum())
+        for i, clock in enumerate(shares):
+            shares[clock].append(took[i] / built[i])
+        lines.append(
+            (
+                name, "widest room" if k == 0 else f"random {k}", f"{moved / cells:.1%}",
+                f"{took[0]:.2f}", f"{took[1]:.2f}", f"{built[0]:.2f}", f"{built[1]:.2f}",
+                f"{took[1] / built[1]:.3f}", f"{difference(after, whole):.1e}",
+            )
+        )  # fmt: skip
+    reach = f"{scanner.max_range:g} m, {first.dataset.sizes.get('theta', 1)}"
+    summary: list[tuple[object, ...]]
+    summary = [(name, reach, clock, spread(found, 3)) for clock, found in shares.items()]
+    return summary, lines
+
+
+def main() -> None:
+    """Measure as the command line says, and report."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--map", default="willow_full_005")
+    parser.add_argument("--scanners", nargs="+", default=SCANNERS)
+    parser.add_argument("--walls", type=int, default=6)
+    parser.add_argument("--repeats", type=int, default=3, help="updates, of which the fastest")
+    parser.add_argument("--seed", type=int, default=23)
+    add_out(parser)
+    args = parser.parse_args()
+    numba.set_num_threads(2)
+    path = str(environment_path(args.map))
+    # Kernels are made before the clock starts.
+    small = an.load_environment(environment_path("demo"))
+    for name in args.scanners:
+        amap = an.build_map(small, scanner_of(name), 1.0, 2.0, store=False)
+        amap.update(small.edited([panel(*random_walls(small, 1, np.random.default_rng(0))[0])]))
+    summary: list[tuple[object, ...]] = []
+    lines: list[tuple[object, ...]] = []
+    for name in args.scanners:
+        some, more = rows_of(path, name, args.walls, args.repeats, args.seed)
+        summary += some
+        lines += more
+    header = ("scanner", "range, headings", "seconds", "update by build")
+    every = (
+        "scanner", "wall", "cells whose level moves", "update, s", "processor, s", "build, s",
+        "processor, s", "processor, update by build", "greatest difference",
+    )  # fmt: skip
+    body = (
+        f"{args.walls} walls of {LENGTH:g} m on {args.map}, seed {args.seed}; edit and update, the "
+        f"fastest of {args.repeats}, by one build.\n\n{table(header, summary, words=3)}\n\n"
+        f"## Each wall\n\n{table(every, lines, words=2)}"
+    )
+    libraries = ("ambinav", "numba", "numpy", "shapely")
+    report("Maps of a changed building", libraries, body, args.out)
+
+
+if __name__ == "__main__":
+    main()

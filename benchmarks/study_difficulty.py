@@ -1,0 +1,212 @@
+"""What reactive baselines and a blind follower reach at each difficulty, in suites and maps.
+
+At one level all drive the same episodes, and buildings are the same at all levels. Levels must be
+worth their name: with each of them, all suites together, nobody is to arrive more often.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numba
+import numpy as np
+from bench_env import Driving, rates
+from harness import add_out, environment_path, report, table
+from study_tasks import interval
+
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.difficulty import LEVELS
+from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes, evaluate, joined
+from ambinav_envs.leaderboard.methods import PLANNERS, SHORTEST, STEERS, planner_method
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.policies import load_policy
+from ambinav_envs.policies.policy import Policy
+from ambinav_envs.registration import SUITES
+from ambinav_envs.scenario import scenario
+from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
+
+LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
+REACTIVE = ("vfh", "vfh-aware")
+DRIVERS = (SHORTEST, *REACTIVE)
+HEADER = (
+    "where", "drives", "difficulty", "arrived %", "ever lost %", "lost at the end %", "collided %",
+    "missed %", "timeout %", "error (m)",
+)  # fmt: skip
+Driver = EpisodeDriver | Policy
+SOURCES: dict[tuple[str | None, Path | None], BuildingSource] = {}
+
+
+def places(names: list[str]) -> dict[str, tuple[str | None, Path | None]]:
+    """Suites, or files of recorded maps, by name."""
+    return {
+        name: (name, None) if name in SUITES else (None, environment_path(name)) for name in names
+    }
+
+
+def drive(
+    suite: str | None, path: Path | None, who: str, level: int, episodes: int, buildings: int,
+    seed: int, one: Mapping[str, float],
+) -> Episodes:  # fmt: skip
+    """Episodes of one driver in one place.
+
+    Args:
+        suite: Where.
+        path: Or in which map.
+        who: One of `DRIVERS`.
+        level: Difficulty.
+        episodes: How many.
+        buildings: Of the suite.
+        seed: Of the episodes.
+        one: Arguments besides.
+    """
+    policy = load_policy(who) if who in REACTIVE else None
+    seeing = {**STEERS, "window": False} if policy is None else policy.seeing
+    fresh, parameters = scenario(
+        suite, path, buildings if suite else None, UNSEEN if suite else 0, None,
+        {**seeing, **one, "difficulty": level},
+    )  # fmt: skip
+    # The same one for all, which holds the maps.
+    source = SOURCES.setdefault((suite, path), fresh)
+    make: Callable[[NavigationParameters], Driver] = planner_method(
+        SHORTEST, PLANNERS[SHORTEST]
+    ).make
+    return evaluate(
+        make(parameters) if policy is None else policy, source, parameters, episodes, seed,
+        chunk=min(episodes, 128),
+    )  # fmt: skip
+
+
+def share(which: np.ndarray) -> str:
+    """A share with its interval, per cent."""
+    low, high = interval(int(which.sum()), len(which))
+    return f"{100 * which.mean():.0f} ({low:.0f} to {high:.0f})"
+
+
+def row(where: str, who: str, level: str, done: Episodes) -> list[str]:
+    """A line of the table."""
+    return [
+        where, who, level, share(done.ended(ARRIVED)), share(done.was_lost),
+        share(done.lost_at_end), share(done.ended(COLLIDED)),
+        *(f"{100 * done.ended(code).mean():.0f}" for code in (MISSED, TIMEOUT)),
+        f"{done.error_mean.mean():.3f}",
+    ]  # fmt: skip
+
+
+def difference(first: Episodes, second: Episodes) -> tuple[float, float, float]:
+    """By how many points the first ones arrived more often, bootstrap over episodes of each."""
+    rng = np.random.default_rng(0)
+    a, b = (100.0 * done.ended(ARRIVED) for done in (first, second))
+    draws = [x[rng.integers(0, len(x), (4000, len(x)))].mean(axis=1) for x in (a, b)]
+    low, high = np.percentile(draws[0] - draws[1], (2.5, 97.5))
+    return float(a.mean() - b.mean()), float(low), float(high)
+
+
+def judged(done: Mapping[tuple[str, int], Episodes]) -> str:
+    """Whether levels are worth their name."""
+    lines = []
+    for who in DRIVERS:
+        steps = []
+        for level in range(1, len(LEVELS)):
+            gain, low, high = difference(done[who, level], done[who, level - 1])
+            word = "fewer" if high < 0 else ("MORE" if low > 0 else "not shown")
+            steps.append(f"{level - 1} to {level}: {gain:+.1f} ({low:+.1f} to {high:+.1f}) {word}")
+        lines.append(f"- {who}: " + "; ".join(steps))
+    return "\n".join(lines)
+
+
+def section(title: str, names: list[str], arguments: argparse.Namespace) -> str:
+    """The table of some places, and what is said of all of them."""
+    rows, parts = [], {}
+    for name, (suite, path) in places(names).items():
+        for who in DRIVERS:
+            for level in range(len(LEVELS)):
+                begin = time.perf_counter()
+                done = drive(
+                    suite, path, who, level, arguments.episodes, arguments.buildings,
+                    arguments.seed, {},
+                )  # fmt: skip
+                parts.setdefault((who, level), []).append(done)
+                rows.append(row(name, who, str(level), done))
+                took = f"{time.perf_counter() - begin:.0f} s"
+                print(*rows[-1], took, sep=" | ", flush=True)
+    together = {key: joined(each) for key, each in parts.items()}
+    summary = [row("all", who, str(level), done) for (who, level), done in together.items()]
+    return (
+        f"## {title}\n\n{table(HEADER, summary, 3)}\n\nArrivals from level to level, points:\n\n"
+        f"{judged(together)}\n\n{table(HEADER, rows, 3)}\n"
+    )
+
+
+def options_one_by_one(arguments: argparse.Namespace) -> str:
+    """What each option costs alone, at its value of the highest level."""
+    rows = []
+    for name, value in [("as mapped", None), *LEVELS[-1].items()]:
+        for who in REACTIVE[:1]:
+            given = {} if value is None else {name: value}
+            done = joined(
+                [
+                    drive(
+                        suite, None, who, 0, arguments.episodes, arguments.buildings,
+                        arguments.seed, given,
+                    )
+                    for suite in SUITES
+                ]
+            )  # fmt: skip
+            text = name if value is None else f"`{name}` {value:g}"
+            rows.append(row(text, who, "0", done))
+            print(*rows[-1], sep=" | ", flush=True)
+    return (
+        f"## Each option alone, at the value of level 3, all suites\n\n{table(HEADER, rows, 3)}\n"
+    )
+
+
+def speeds(repeats: int = 9, steps: int = 60, robots: int = 64) -> str:
+    """Steps a second of the processor, on one thread, by level and by option."""
+    numba.set_num_threads(1)
+    cases: dict[str, dict[str, float]] = {
+        f"difficulty {level}": {"difficulty": level} for level in range(len(LEVELS))
+    }
+    cases |= {f"`{name}` {value:g}": {name: value} for name, value in LEVELS[-1].items()}
+    runs = {
+        name: Driving(
+            robots, steps,
+            {"suite": "procedural", "buildings": 4, "window": False, **given}, time.process_time,
+        )
+        for name, given in cases.items()
+    }  # fmt: skip
+    rows = [(name, rate) for name, (rate, _) in rates(runs, repeats).items()]
+    return (
+        f"## Speed\n\nThousand steps a second of the processor, {robots} robots on one thread, "
+        f"Kalman filter, no window; median and extremes of {repeats} rounds.\n\n"
+        f"{table(('options', 'steps / s'), rows)}\n"
+    )
+
+
+def main() -> None:
+    """Parse arguments, drive, report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--suites", nargs="*", default=list(SUITES))
+    parser.add_argument("--maps", nargs="*", default=[], help="names of harness.ENVIRONMENTS")
+    parser.add_argument("--alone", action="store_true", help="each option alone besides")
+    parser.add_argument("--speed", action="store_true", help="steps a second besides")
+    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--buildings", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    add_out(parser)
+    arguments = parser.parse_args()
+    parts = []
+    for title, names in (("Suites", arguments.suites), ("Recorded maps", arguments.maps)):
+        if names:
+            parts.append(section(title, names, arguments))
+    if arguments.alone:
+        parts.append(options_one_by_one(arguments))
+    if arguments.speed:
+        parts.append(speeds())
+    report("Difficulty", LIBRARIES, "\n".join(parts), arguments.out)
+
+
+if __name__ == "__main__":
+    main()

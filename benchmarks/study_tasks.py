@@ -1,0 +1,166 @@
+"""What those reach who have learnt nothing, in the tasks and in the plain ids, and what is left.
+
+Each drives the same episodes. The room for learning is what the oracle arrives more often than the
+best baseline; a task with less than 10 points of it gets no id. The plain ids are no tasks: what
+room they have is told beside.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from typing import Any
+
+import numpy as np
+from harness import add_out, report, table
+from task_baselines import BASELINES, Baseline, baseline
+
+from ambinav.ambiguity.layers.registry import on_request
+from ambinav_envs.buildings.source import BuildingSource
+from ambinav_envs.evaluation import Episodes, evaluate
+from ambinav_envs.parameters import NavigationParameters
+from ambinav_envs.registration import SUITES, VARIANTS
+from ambinav_envs.simulation.layout import ARRIVED, COLLIDED, MISSED, TIMEOUT
+from ambinav_envs.tasks import TASKS
+
+LIBRARIES = ("ambinav", "gymnasium", "numba", "numpy")
+# What the criterion asks for, points of 100.
+ROOM = 10.0
+# Which baselines see more than the task gives, so that their rows stand apart.
+WAYPOINTS = [name for name, who in BASELINES.items() if "waypoint" in who.seeing]
+NOT_GIVEN = {"NoWaypoint-v0": (*WAYPOINTS, "replanner")}
+# Tasks that were tried and have no id.
+TRIED: dict[str, dict[str, Any]] = {
+    "closed door": {
+        "buildings": VARIANTS, "suite": "procedural", "closed_door": 1.0, "detour": [1.3, 3.0],
+        "shortest": 4.0, "longest": 12.0, "max_steps": 1000,
+    },
+}  # fmt: skip
+
+
+PLAIN: dict[str, dict[str, Any]] = {
+    f"{name.capitalize()}-v0": {"buildings": VARIANTS, "suite": name} for name in SUITES
+}
+EVERYTHING = {name: {"buildings": VARIANTS, **TASKS[name]} for name in TASKS} | TRIED | PLAIN
+USUAL = (
+    *(name for name in BASELINES if name != "oracle"),
+    "vfh",
+    "vfh-aware",
+    "vfh-paced",
+    "oracle",
+)
+FEW = (
+    "random",
+    "standing",
+    "spinning",
+    "circling",
+    "ramming",
+    "vfh",
+    "vfh-aware",
+    "vfh-paced",
+    "oracle",
+)
+"""What drives the tasks by default, and what the plain ids."""
+
+
+def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) -> Episodes:
+    """Episodes of one baseline in one task."""
+    given = {**arguments, **who.seeing}
+    suite, buildings = given.pop("suite"), given.pop("buildings")
+    parameters = NavigationParameters.of(given)
+    source = BuildingSource(
+        suite, parameters.scanner, parameters.robot.radius, count=buildings,
+        layers=on_request(parameters.cost_layer),
+    )  # fmt: skip
+    return evaluate(
+        who.make(parameters), source, parameters, episodes, seed, chunk=min(episodes, 200)
+    )
+
+
+def interval(hits: int, count: int) -> tuple[float, float]:
+    """Wilson's interval of a share at 95 %, per cent."""
+    z, share = 1.96, hits / count
+    middle = share + z * z / (2 * count)
+    half = z * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
+    scale = 100.0 / (1 + z * z / count)
+    return (middle - half) * scale, (middle + half) * scale
+
+
+def row(name: str, who: Baseline, done: Episodes, seconds: float) -> list[str]:
+    """A line of the table."""
+    count = len(done)
+    arrived = done.ended(ARRIVED)
+    low, high = interval(int(arrived.sum()), count)
+    shares = [f"{100 * done.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)]
+    priced = "ambiguity_weight" in who.seeing
+    error = 1.96 * done.reward.std(ddof=1) / math.sqrt(count)
+    return [
+        name, who.text, f"{100 * arrived.mean():.0f} ({low:.0f} to {high:.0f})", *shares,
+        f"{100 * done.was_lost.mean():.0f}",
+        "other prices" if priced else f"{done.reward.mean():.1f} ± {error:.1f}",
+        f"{done.seconds.mean():.0f}", f"{seconds:.0f}",
+    ]  # fmt: skip
+
+
+def room(oracle: Episodes, best: Episodes) -> tuple[float, float, float]:
+    """By how many points the oracle arrives more often, and its interval: paired bootstrap."""
+    gain = 100.0 * (oracle.ended(ARRIVED).astype(float) - best.ended(ARRIVED))
+    draws = np.random.default_rng(0).integers(0, len(gain), (4000, len(gain)))
+    low, high = np.percentile(gain[draws].mean(axis=1), (2.5, 97.5))
+    return float(gain.mean()), float(low), float(high)
+
+
+HEADER = (
+    "name", "drives", "arrived %", "missed %", "collided %", "timeout %", "ever lost %", "return",
+    "seconds", "took s",
+)  # fmt: skip
+
+
+def section(name: str, arguments: dict[str, Any], whom: list[str], episodes: int, seed: int) -> str:
+    """The table of one task, and the room for learning."""
+    rows, done = [], {}
+    for other in whom:
+        who, begin = baseline(other), time.perf_counter()
+        done[other] = drive(arguments, who, episodes, seed)
+        rows.append(row(other, who, done[other], time.perf_counter() - begin))
+        print(name, *rows[-1], sep=" | ", flush=True)
+    more = NOT_GIVEN.get(name, ())
+    known = {other: BASELINES[other].kind if other in BASELINES else "baseline" for other in done}
+    usual = {o: d for o, d in done.items() if known[o] != "oracle" and o not in more}
+    text = f"## {name}\n\n`{arguments}`\n\n{table(HEADER, rows, 2)}\n"
+    if "oracle" in done and usual:
+        best = max(usual, key=lambda o: usual[o].ended(ARRIVED).mean())
+        gain, low, high = room(done["oracle"], usual[best])
+        text += f"\nRoom for learning: {gain:.0f} points ({low:.0f} to {high:.0f}) over {best}"
+        verdict = "has an id" if gain >= ROOM else "has no id"
+        text += ".\n" if name in PLAIN else f"; {ROOM:.0f} are asked for, so it {verdict}.\n"
+    if more:
+        others = ", ".join(other for other in done if other in more)
+        text += f"\nNot counted, since they see a waypoint: {others}.\n"
+    return text
+
+
+def main() -> None:
+    """Parse arguments, drive, report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--task", action="append", choices=tuple(EVERYTHING), help="default: all")
+    parser.add_argument(
+        "--baseline", action="append",
+        help=f"{', '.join(BASELINES)}, or what `ambinav evaluate` takes; default: all of these and "
+        "VFH+, in plain ids fewer",
+    )  # fmt: skip
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    add_out(parser)
+    arguments = parser.parse_args()
+    episodes, seed = arguments.episodes, arguments.seed
+    parts = []
+    for name in arguments.task or EVERYTHING:
+        whom = arguments.baseline or list(FEW if name in PLAIN else USUAL)
+        parts.append(section(name, EVERYTHING[name], whom, episodes, seed))
+    report("Tasks that a follower cannot do", LIBRARIES, "\n".join(parts), arguments.out)
+
+
+if __name__ == "__main__":
+    main()
