@@ -77,6 +77,20 @@ def replacing(path: Path) -> Iterator[Path]:
         _put(fresh, path, scratch / ".old")
 
 
+def move_onto(fresh: Path, path: Path) -> None:
+    """Rename a finished folder onto `path`; a folder that is there goes only after.
+
+    Args:
+        fresh: On the same file system, with nothing beside it that ends in `.old`.
+        path: A folder, or nothing.
+    """
+    old = fresh.with_name(f"{fresh.name}.old")
+    with holding_interrupts():
+        _put(fresh, Path(os.path.realpath(path)), old)
+        for left in (fresh, old):
+            shutil.rmtree(left, ignore_errors=True)
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text in UTF-8, whole or not at all; raises as `replacing` does."""
     with replacing(path) as fresh:

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from ambinav.errors import InputError
 
 IMAGES: Final = (".pgm", ".png", ".bmp", ".ppm", ".jpg", ".jpeg", ".tif", ".tiff", ".gif")
-PLANS: Final = (".geojson", ".wkt")
+PLANS: Final = (".geojson", ".wkt", ".ifc", ".dxf")
 GEOJSON: Final = ("FeatureCollection", "Feature", "GeometryCollection", "Polygon", "LineString")
 
 

@@ -66,7 +66,9 @@ def files(folder: Path) -> set[str]:
     return {item.name for item in folder.iterdir()}
 
 
-AUDIT = ("audit", "plan.geojson", "-s", "scanner.yaml", "-o", "out", "--spacing", "0.2")
+AUDIT = (
+    "audit", "plan.geojson", "-s", "scanner.yaml", "-o", "out", "--spacing", "0.2", "--posts", "0"
+)  # fmt: skip
 MAP = ("map", "plan.geojson", "-s", "scanner.yaml", "-o", "plan.zarr", "--spacing", "0.2")
 
 

@@ -50,11 +50,23 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_evaluate(runner: CliRunner, folder: Path) -> None:
-    command = ["evaluate", "plug.py:spinner", "--map", DEMO, "-n", "3", "-o", "out", "people=1"]
+    command = [
+        "evaluate",
+        "plug.py:spinner",
+        "--trust",
+        "--map",
+        DEMO,
+        "-n",
+        "3",
+        "-o",
+        "out",
+        "people=1",
+    ]
     done = runner.invoke(app, [*command, "--json"])
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)
     assert report["figures"]["timeout"]["value"] == 100.0
+    assert report["code"] is True
     assert report["environment"]["people"] == 1 and report["environment"]["max_steps"] == 5
     assert json.loads((folder / "out" / "evaluation.json").read_text()) == report
     with (folder / "out" / "episodes.csv").open() as file:
@@ -65,6 +77,15 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
     assert float(rows[2]["shortest"]) == pytest.approx(info["shortest"], rel=1e-5)
     done = runner.invoke(app, command)
     assert "3 episodes in demo" in done.stdout and "exposure per metre" in done.stdout
+    assert "normalized score" in done.stdout and "with the true pose: arrived (%)" in done.stdout
+    twins = report["twins"]
+    assert twins["normalized_by"]["blind"]["method"] == "shortest"
+    # Who spins arrives nowhere, by the truth as little as by its estimate.
+    assert twins["policy_true_pose"]["figures"]["arrived"]["value"] == 0.0
+    assert twins["policy_true_pose"]["differences"]["arrived"]["high"] == 0.0
+    assert twins["blind"]["figures"]["return"] is not None
+    alone = runner.invoke(app, [*command, "--json", "--no-twins"])
+    assert json.loads(alone.stdout) == report | {"twins": None}
 
 
 @pytest.mark.parametrize(
@@ -88,7 +109,7 @@ def test_evaluate(runner: CliRunner, folder: Path) -> None:
 def test_evaluate_bad_input(
     arguments: list[str], message: str, runner: CliRunner, folder: Path
 ) -> None:
-    done = runner.invoke(app, ["evaluate", *arguments])
+    done = runner.invoke(app, ["evaluate", *arguments, "--trust"])
     assert done.exit_code == 2, done.output
     assert message in done.stderr and done.stderr.startswith("ambinav: error: ")
     assert done.stderr.count("\n") == 1 and not done.stdout
@@ -100,7 +121,7 @@ def test_benchmark(runner: CliRunner, folder: Path) -> None:
     # The package's attribute of this name is the command.
     module = importlib.import_module("ambinav.cli.benchmark")
     command = ["benchmark", "-o", "out", "-n", "2", "--quick", "--planner", "reference:1"]
-    command += ["--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
+    command += ["--trust", "--policy", "plug.py:spinner", "max_steps=20", "longest=4"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "QUICK_BUILDINGS", 1)
         done = runner.invoke(app, [*command, "--json"])
@@ -165,7 +186,9 @@ def test_a_module_of_the_working_folder(
 ) -> None:
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(folder))])
     (folder / "plug_of_mine.py").write_text(PLUG)
-    done = runner.invoke(app, ["evaluate", "plug_of_mine:spinner", "--map", DEMO, "-n", "1"])
+    done = runner.invoke(
+        app, ["evaluate", "--trust", "plug_of_mine:spinner", "--map", DEMO, "-n", "1"]
+    )
     assert done.exit_code == 0, done.output
 
 
@@ -174,7 +197,19 @@ def test_odd_actions_name_the_policy(given: str, runner: CliRunner, folder: Path
     (folder / "odd.py").write_text(
         PLUG.replace("np.tile(np.float32([-1.0, 0.3]), (len(starts), 1))", given)
     )
-    done = runner.invoke(app, ["evaluate", "odd.py:spinner", "--map", DEMO, "-n", "1"])
+    done = runner.invoke(app, ["evaluate", "--trust", "odd.py:spinner", "--map", DEMO, "-n", "1"])
     assert done.exit_code == 2, done.output
     assert done.stderr.startswith("ambinav: error: policy odd.py:spinner: action")
     assert done.stderr.count("\n") == 1
+
+
+def test_code_runs_only_if_it_is_trusted(runner: CliRunner, folder: Path) -> None:
+    (folder / "plug.py").write_text("open('it-ran', 'w')\n" + PLUG)
+    for command in (
+        ["evaluate", "plug.py:spinner", "--map", DEMO],
+        ["benchmark", "-o", "out", "--policy", "plug.py:spinner", "--map", DEMO],
+    ):
+        done = runner.invoke(app, command)
+        assert done.exit_code == 2, done.output
+        assert "'plug.py:spinner' is code" in done.stderr and "add --trust" in done.stderr
+        assert done.stderr.count("\n") == 1 and not (folder / "it-ran").exists()

@@ -21,7 +21,7 @@ from tests.store.scenes import ROOT, build, python, room
 PLAN = {"type": "Polygon", "coordinates": [[[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]]}
 BUILDING = ("plan.geojson", "-s", "rplidar-a1", "--spacing", "0.4")
 MAP = ("map", *BUILDING, "-o", "out.zarr")
-AUDIT = ("audit", *BUILDING, "-o", "report", "--no-aliasing")
+AUDIT = ("audit", *BUILDING, "-o", "report", "--no-aliasing", "--posts", "0")
 
 
 @pytest.fixture

@@ -236,6 +236,7 @@ COMMANDS = {
     "compare": ("compare", "scenario.yaml", "-o", "out", "--jobs", "2"),
     "benchmark": ("benchmark", "-o", "out", "--map", DEMO, "localizer=mcl"),
     "evaluate": ("evaluate", "ppo-ambiguity", "-n", "5000", "localizer=mcl"),
+    "dataset": ("dataset", "-o", "out", "-n", "5000", "--planner", "reference:5"),
     "train": ("train", "training.yaml", "-o", "out"),
 }
 """Long enough that none is done when the signal comes."""
@@ -248,6 +249,8 @@ MOMENTS = (1.5, 6.0)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_ctrl_c_ends_a_command_with_130(command: str, moment: float, tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
+    if command == "dataset":
+        pytest.importorskip("minari")
     pytest.importorskip("ompl")
     (tmp_path / "scenario.yaml").write_text(SCENARIO)
     (tmp_path / "training.yaml").write_text(TRAINING)

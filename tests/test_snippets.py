@@ -78,15 +78,22 @@ class Page:
 
 PAGES = (
     Page("README.md"),
+    Page("docs/concepts/rays-in-space.md", quick=True),
     Page("docs/howto/audit-in-ci.md"),
+    Page("docs/howto/change.md"),
     Page("docs/howto/export.md"),
     Page("docs/howto/my-scanner.md"),
     Page("docs/howto/nav2.md"),
     Page("docs/howto/ompl.md"),
+    Page("docs/howto/plans.md", quick=True),
     Page("docs/howto/read-the-report.md"),
     Page("docs/howto/store.md", quick=True),
     Page("docs/howto/serve.md"),
+    Page("docs/howto/share-a-policy.md"),
+    Page("docs/howto/sweep.md", quick=True),
+    Page("docs/howto/tiles.md", quick=True),
     Page("docs/howto/train-a-policy.md"),
+    Page("docs/howto/what-would-help.md"),
     Page("docs/howto/which-scanner.md"),
     Page("docs/audit.md", DEMO),
     Page("docs/compare.md", DEMO + COMPARED, quick=True),
@@ -101,6 +108,7 @@ PAGES = (
     Page("docs/layers.md", DEMO),
     Page("docs/leaderboard.md", EPISODE, {"run/best.zip": "ppo-shortest"}),
     Page("docs/localizability.md", DEMO + SCANS),
+    Page("docs/tasks.md"),
     Page("docs/training.md", SMALL, {"configs/ppo.yaml": "small.yaml", "100_000": "512"}),
 )
 ELSEWHERE = {

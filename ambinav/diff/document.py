@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from ambinav.diff.difference import Difference
 from ambinav.diff.regions import NOTABLE, ChangedRegion
@@ -16,6 +16,7 @@ from ambinav.diff.walls import total_length
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import ZONES
 from ambinav.plotting.style import ZONE_COLOURS
+from ambinav.reports.fields import Metres, Part, Share, SquareMetres, rounded
 from ambinav.version import __version__
 
 FORMAT: Final = "ambinav-diff/1"
@@ -25,22 +26,11 @@ UNLIKE: Final = 0.4
 """Share of the walls that either map has for itself, from which the two may not fit together."""
 
 
-def _rounded(digits: int) -> AfterValidator:
-    return AfterValidator(lambda value: round(value, digits) + 0.0)
-
-
-Metres = Annotated[float, _rounded(3)]
-SquareMetres = Annotated[float, _rounded(2)]
-Share = Annotated[float, _rounded(4), Field(ge=0.0, le=1.0 + 1e-6)]
-LevelChange = Annotated[float, _rounded(4)]
+LevelChange = Annotated[float, rounded(4)]
 Stretch = tuple[Metres, Metres, Metres, Metres]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class MapPart(_Part):
+class MapPart(Part):
     """One of the two maps."""
 
     source: str
@@ -54,7 +44,7 @@ class MapPart(_Part):
     own_layers: tuple[str, ...] = Field(description="layers that the other map lacks")
 
 
-class LatticePart(_Part):
+class LatticePart(Part):
     """The cells that both maps are read on."""
 
     spacing_m: Metres
@@ -62,7 +52,7 @@ class LatticePart(_Part):
     resampled: bool = Field(description="whether a map is read between its own cells")
 
 
-class ZonePart(_Part):
+class ZonePart(Part):
     """A zone before and after."""
 
     zone: str
@@ -75,7 +65,7 @@ class ZonePart(_Part):
     colour: str
 
 
-class TransitionPart(_Part):
+class TransitionPart(Part):
     """What became of the floor in one state."""
 
     before: str
@@ -84,7 +74,7 @@ class TransitionPart(_Part):
     share: Share = Field(description="of the floor that counts in either map")
 
 
-class LevelPart(_Part):
+class LevelPart(Part):
     """Level after less level before, on floor that counts in both maps."""
 
     area_m2: SquareMetres = Field(description="of that floor")
@@ -98,7 +88,7 @@ class LevelPart(_Part):
     better_m2: SquareMetres
 
 
-class RegionPart(_Part):
+class RegionPart(Part):
     """A region that differs."""
 
     number: int
@@ -112,7 +102,7 @@ class RegionPart(_Part):
     after: str
 
 
-class WallsPart(_Part):
+class WallsPart(Part):
     """Walls that only one of the maps has."""
 
     tolerance_m: Metres = Field(description="a wall may be so far off and still be the same")
@@ -124,7 +114,7 @@ class WallsPart(_Part):
     gone: tuple[Stretch, ...]
 
 
-class ParameterPart(_Part):
+class ParameterPart(Part):
     """A parameter that differs."""
 
     name: str
@@ -132,7 +122,7 @@ class ParameterPart(_Part):
     after: str
 
 
-class Document(_Part):
+class Document(Part):
     """The whole difference."""
 
     format: Literal["ambinav-diff/1"] = "ambinav-diff/1"

@@ -13,9 +13,13 @@ from site_links import GENERATED, write
 from ambinav_envs.buildings.suites import suite
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.registration import IDS
+from ambinav_envs.tasks import ABOUT
+from ambinav_envs.twins import TWINS
 
 PAGES = GENERATED / "environments"
 ANY_MAP = "any map, or any suite of drawn buildings"
+WITHOUT = {"TruePose": "without localization error", "NoMap": "without the ambiguity map in view"}
+"""What is left out in the twins."""
 
 
 def write_pages() -> None:
@@ -24,7 +28,7 @@ def write_pages() -> None:
     common = inspect.cleandoc(NavigationEnv.__doc__ or "")
     write(PAGES / "common.md", f"# What all environments have in common\n\n{common}\n")
     rows = [
-        f"| [`{name}`]({_file(name)}) | {_buildings(arguments)} |"
+        f"| [`{name}`]({_file(name)}) | {_title(name, arguments)} |"
         for name, arguments in IDS.items()
     ]
     lines = ["# Environments, one by one", "", "| id | buildings |", "|---|---|", *rows, ""]
@@ -34,6 +38,12 @@ def write_pages() -> None:
 
 def _file(name: str) -> str:
     return f"{name.rpartition('/')[2].lower()}.md"
+
+
+def _title(name: str, arguments: dict[str, Any]) -> str:
+    """The buildings of an id, and of a twin what it is without."""
+    kinds = [kind for kind in TWINS if f"-{kind}-" in name]
+    return ", ".join([_buildings(arguments), *(WITHOUT[kind] for kind in kinds)])
 
 
 def _buildings(arguments: dict[str, Any]) -> str:
@@ -54,8 +64,9 @@ def _page(name: str, arguments: dict[str, Any]) -> str:
     lines = [
         f"# {name}",
         "",
-        f"{_buildings(arguments).capitalize()}.",
+        f"{_title(name, arguments).capitalize()}.",
         "",
+        *((ABOUT[task], "") if (task := name.rpartition("/")[2]) in ABOUT else ()),
         f"![{name}: the robot, its estimate, its beams and the goal on the map]({picture.name})",
         "",
         "```python",
@@ -82,11 +93,12 @@ def _page(name: str, arguments: dict[str, Any]) -> str:
             ["| argument | value |", "|---|---|"]
             + [f"| `{k}` | `{v!r}` |" for k, v in arguments.items()]
             if arguments
-            else ["None: give `map=` or `suite=`."]
+            else ["None."]
         ),
+        *([] if "suite" in arguments else ["", "Give `map=` or `suite=` besides."]),
         "",
     ]
-    if arguments and "buildings" not in arguments:
+    if "suite" in arguments and "buildings" not in arguments:
         lines += [
             "Without `buildings=` every episode has a new building, whose map is computed first.",
             "",

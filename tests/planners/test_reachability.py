@@ -88,6 +88,7 @@ def test_a_footprint_beyond_a_wall_is_no_start() -> None:
     assert robot.plan((7.0, 2, math.pi), (6.0, 2, math.pi)).length == pytest.approx(1.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_limits_of_the_deviation_hold_for_both_belief_planners() -> None:
     service = building(1.0).service
     for name in ("belief", "belief-roadmap"):

@@ -17,7 +17,6 @@ from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.segments import WALL
 
 FREE: Final = 254
 OCCUPIED: Final = 0
@@ -100,7 +99,7 @@ def occupancy(environment: Environment, raster: Raster) -> NDArray[np.uint8]:
     building from an occupancy map, within `REACH` cells of it, it is occupied; the rest is
     unknown.
     """
-    walls = environment.segments.xy[environment.segments.kind == WALL]
+    walls = environment.segments.xy[environment.segments.walls]
     floor = environment.free if environment.drivable is None else environment.drivable
     free = raster.inside(floor)
     if environment.resolution is None:
