@@ -20,8 +20,8 @@ from ambinav.errors import InputWarning
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
-from ambinav.maps.ambiguity_map import ZoneShare
 from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.zones import ZoneShare
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 

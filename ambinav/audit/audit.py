@@ -13,9 +13,9 @@ from ambinav.audit.what_helps import WhatHelps
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES, ZoneShare
 from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
 

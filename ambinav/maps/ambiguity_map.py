@@ -4,42 +4,24 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple, overload
 
 import numpy as np
-import shapely
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps import lattice_values, schema, store
-from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
+from ambinav.maps.kept_environment import kept_environment
+from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ZoneShare:
-    """How much of the floor lies in a zone.
-
-    Attributes:
-        zone: Name of the zone.
-        area: Square metres.
-        share: Of all the floor that counts, in [0, 1].
-    """
-
-    zone: str
-    area: float
-    share: float
 
 
 class _Prepared(NamedTuple):
@@ -47,24 +29,6 @@ class _Prepared(NamedTuple):
 
     parts: tuple[NDArray[np.float32], ...]
     nearest: bool
-
-
-class _WithoutCells(Environment):
-    """A building to look at only: its map does not keep the occupied cells."""
-
-    map_file = ""
-
-    @property
-    def drivable(self) -> BaseGeometry | None:
-        """Not known.
-
-        Raises:
-            InputError: always.
-        """
-        raise InputError(
-            f"{self.map_file}: this map was made before occupied cells were kept with a map, so "
-            "it is not known where a robot fits; make the map again with `ambinav map`."
-        )
 
 
 class AmbiguityMap:
@@ -213,34 +177,7 @@ class AmbiguityMap:
         Raises:
             InputError: the outline of the free space cannot be read.
         """
-        attrs = self.dataset.attrs
-        source, kept = str(attrs.get("environment_source", "")), attrs.get("collision")
-        on_grid = Path(source).suffix.lower() in ("", ".yaml", ".yml")
-        corners = json.loads(attrs.get("environment_extent", "[]"))
-        made = (_WithoutCells if kept is None and on_grid else Environment)(
-            self.segments,
-            self._outline("floor", "free space"),
-            name=str(attrs["environment"]),
-            source=Path(source) if source else None,
-            checksum=str(attrs.get("environment_sha256", "")),
-            resolution=json.loads(attrs.get("environment_resolution", "null")),
-            notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
-            extent=shapely.Polygon(corners) if corners else None,
-            drivable=self._outline("drivable", "drivable space") if kept == "drivable" else None,
-        )
-        if isinstance(made, _WithoutCells):
-            made.map_file = self.source
-        return made
-
-    def _outline(self, name: str, what: str) -> BaseGeometry:
-        """Polygons that are kept as a row of bytes."""
-        try:
-            return shapely.from_wkb(self.dataset[name].values.tobytes())
-        except (KeyError, shapely.errors.GEOSException, TypeError) as error:
-            raise InputError(
-                f"{self.source}: {name}, the outline of the {what}, cannot be read ({error}); "
-                "make the map again with `ambinav map`."
-            ) from error
+        return kept_environment(self.dataset, self.source)
 
     @property
     def unexplored(self) -> NDArray[np.bool_]:

@@ -1,7 +1,8 @@
-"""The four zones of an ambiguity map: their codes, names and meanings."""
+"""The four zones of an ambiguity map: their codes, names, meanings and shares."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 ZONES: Final = ("localizable", "transition", "corridor", "open")
@@ -30,3 +31,18 @@ MEANINGS: Final = (
     "the scan stays the same in every direction: nothing useful is in range",
 )
 """What each zone tells, in plain words, in the order of ZONES."""
+
+
+@dataclass(frozen=True)
+class ZoneShare:
+    """How much of the floor lies in a zone.
+
+    Attributes:
+        zone: Name of the zone.
+        area: Square metres.
+        share: Of all the floor that counts, in [0, 1].
+    """
+
+    zone: str
+    area: float
+    share: float

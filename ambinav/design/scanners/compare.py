@@ -23,9 +23,9 @@ from ambinav.design.scanners.route_figures import (
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
-from ambinav.maps.ambiguity_map import AmbiguityMap, ZoneShare
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
-from ambinav.maps.zones import CORRIDOR, OPEN
+from ambinav.maps.zones import CORRIDOR, OPEN, ZoneShare
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
 from ambinav.sensing.robot_radius import common_robot_radius
