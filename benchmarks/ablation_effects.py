@@ -135,7 +135,9 @@ class Found:
         """How often each draw holds each seed, (D, S), and each episode, (D, E)."""
         rng = np.random.default_rng(SEED)
         strata = next(iter(self.cells.values()))[0]
-        episodes = np.hstack([np.vstack(list(grouped_weights(e.building, rng))) for e in strata])
+        episodes = np.hstack(
+            [np.vstack(list(grouped_weights(e.building, rng, DRAWS))) for e in strata]
+        )
         count = len(self.seeds)
         seeds = rng.multinomial(count, np.full(count, 1.0 / count), size=len(episodes))
         return seeds.astype(np.float64), episodes

@@ -314,6 +314,7 @@ def test_the_same_input_unspoilt_is_accepted(folder, arguments):
     assert len(list((folder / "new").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_a_crossing_polygon_is_repaired_and_said_so(folder):
     bow = [[0, 0], [3, 0], [0, 2], [3, 2], [0, 0]]
     (folder / "plan.geojson").write_text(plan(polygon(bow)))

@@ -85,6 +85,7 @@ def test_json_prints_nothing_else(runner: CliRunner, plan_folder: Path) -> None:
     assert report["routes"]["shortest"]["length_m"] <= route.length + 0.1
 
 
+@pytest.mark.slow
 def test_a_front_fills_a_folder(runner: CliRunner, plan_folder: Path) -> None:
     arguments = ("-o", "front", "--pareto", "--weights", "0 1, 5", "-p", "reference")
     result = runner.invoke(app, [*PLAN, *arguments])

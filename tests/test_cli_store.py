@@ -42,6 +42,7 @@ def store_json(*words: str, status: int = 0):
     return json.loads(run("store", *words, "--json", status=status).stdout)
 
 
+@pytest.mark.slow
 def test_map_and_audit_share_what_they_compute(folder, computes) -> None:
     assert "store" not in run(*MAP).stderr
     first = AmbiguityMap.open("out.zarr").dataset

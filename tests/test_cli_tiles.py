@@ -36,6 +36,7 @@ def test_a_dry_run_says_what_the_map_takes_and_writes_nothing(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_it_writes_the_map_that_it_writes_in_one_piece(runner: CliRunner) -> None:
     tiled = runner.invoke(app, [*MAP, "-o", "a.zarr", "--tile", "7", "--workers", "0", "--json"])
     assert tiled.exit_code == 0, tiled.output

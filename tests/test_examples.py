@@ -12,8 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
-QUICK = {"02"}
-ARGUMENTS = {"10": ["--steps", "16384"]}
+ARGUMENTS = {"10": ["--steps", "8192"]}
 """Cut short, by its number."""
 LEAVES = {
     "01": "out/01-audit/report.html",
@@ -24,18 +23,14 @@ LEAVES = {
 """What a script writes, by its number."""
 
 
-def marked(script: Path) -> object:
-    slow = () if script.name[:2] in QUICK else (pytest.mark.slow,)
-    return pytest.param(script, marks=slow, id=script.stem)
-
-
 def test_examples_are_numbered_and_listed():
     listed = (ROOT / "examples" / "README.md").read_text(encoding="utf-8")
     assert [script.name[:2] for script in SCRIPTS] == [f"{n:02d}" for n in range(1, 11)]
     assert all(f"[{script.name}]({script.name})" in listed for script in SCRIPTS)
 
 
-@pytest.mark.parametrize("script", [marked(script) for script in SCRIPTS])
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_an_example_runs(script, tmp_path):
     done = subprocess.run(
         [

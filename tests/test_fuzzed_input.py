@@ -81,6 +81,7 @@ PLAN_TEXT = plan(polygon(ROOM)).encode()
 SCANNER_TEXT = yaml.safe_dump(SCANNER).encode()
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.binary(max_size=60) | spoilt(MAP_TEXT))
 @example(b"")
@@ -91,6 +92,7 @@ def test_any_bytes_as_a_map(content: bytes) -> None:
     run_on({"map.yaml": content}, FROM_MAP)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.dictionaries(st.sampled_from([*HEADER, "mode", "x"]), junk, max_size=2))
 @example({"resolution": 1e-320})
@@ -100,6 +102,7 @@ def test_any_values_in_a_map(changes: dict[str, object]) -> None:
     run_on({"map.yaml": yaml.safe_dump(HEADER | changes).encode()}, FROM_MAP)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.binary(max_size=60) | spoilt(pgm(cells())))
 def test_any_bytes_as_an_image(content: bytes) -> None:
@@ -114,6 +117,7 @@ def test_any_bytes_as_a_plan(content: bytes) -> None:
     run_on({"plan.geojson": content}, FROM_PLAN)
 
 
+@pytest.mark.slow
 @FUZZ
 @given(st.lists(st.lists(st.floats(-6.0, 6.0) | scalar, min_size=2, max_size=3), max_size=7))
 @example([[0, 0], [1e308, 0], [1e308, 1e308], [0, 1e308], [0, 0]])

@@ -241,7 +241,7 @@ COMMANDS = {
 }
 """Long enough that none is done when the signal comes."""
 # Seconds after the start: while modules are imported, or kernels run; each end is waited for.
-MOMENTS = (1.5, 6.0)
+MOMENTS = (1.5, 4.0)
 
 
 @pytest.mark.slow

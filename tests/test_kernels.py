@@ -106,6 +106,7 @@ def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
     assert run(tmp_path, "caller.py") == [40.0, 0.0], "how a callee is compiled counts"
 
 
+@pytest.mark.slow
 def test_what_is_not_in_the_code_makes_no_difference(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     callee = tmp_path / "callee.py"

@@ -67,36 +67,34 @@ class Page:
         name: From the root of the repository.
         given: Code that makes what the page takes for given.
         shorter: What is put in the place of numbers and files with which it would take minutes.
-        quick: Whether it takes less than about ten seconds.
     """
 
     name: str
     given: str = ""
     shorter: dict[str, str] = field(default_factory=dict)
-    quick: bool = False
 
 
 PAGES = (
     Page("README.md"),
-    Page("docs/concepts/rays-in-space.md", quick=True),
+    Page("docs/concepts/rays-in-space.md"),
     Page("docs/howto/audit-in-ci.md"),
     Page("docs/howto/change.md"),
     Page("docs/howto/export.md"),
     Page("docs/howto/my-scanner.md"),
     Page("docs/howto/nav2.md"),
     Page("docs/howto/ompl.md"),
-    Page("docs/howto/plans.md", quick=True),
+    Page("docs/howto/plans.md"),
     Page("docs/howto/read-the-report.md"),
-    Page("docs/howto/store.md", quick=True),
+    Page("docs/howto/store.md"),
     Page("docs/howto/serve.md"),
     Page("docs/howto/share-a-policy.md"),
-    Page("docs/howto/sweep.md", quick=True),
-    Page("docs/howto/tiles.md", quick=True),
+    Page("docs/howto/sweep.md"),
+    Page("docs/howto/tiles.md"),
     Page("docs/howto/train-a-policy.md"),
     Page("docs/howto/what-would-help.md"),
     Page("docs/howto/which-scanner.md"),
     Page("docs/audit.md", DEMO),
-    Page("docs/compare.md", DEMO + COMPARED, quick=True),
+    Page("docs/compare.md", DEMO + COMPARED),
     Page(
         "docs/environments.md",
         shorter={
@@ -119,10 +117,6 @@ ELSEWHERE = {
 """Pages that are tested elsewhere, or that need recorded data."""
 
 
-def marked(page: Page) -> object:
-    return pytest.param(page, marks=() if page.quick else (pytest.mark.slow,), id=page.name)
-
-
 def test_no_page_is_left_out():
     own = [path for path in ROOT.glob("*.md")] + [
         path for path in ROOT.glob("docs/**/*.md") if "_generated" not in path.parts
@@ -135,7 +129,8 @@ def test_no_page_is_left_out():
     assert having == {page.name for page in PAGES} | set(ELSEWHERE)
 
 
-@pytest.mark.parametrize("page", [marked(page) for page in PAGES])
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_blocks_run(page, tmp_path):
     code = "\n".join(BLOCK.findall((ROOT / page.name).read_text(encoding="utf-8")))
     for long, short in page.shorter.items():

@@ -89,6 +89,7 @@ def test_coarse_bins(turned: Environment) -> None:
     assert worst(turned, COARSE) < 1e-4
 
 
+@pytest.mark.slow
 def test_sonar_ring(turned: Environment) -> None:
     assert worst(turned, RangeScanner.from_preset("polaroid-6500-ring")) < 1e-4
 
@@ -104,6 +105,7 @@ def test_bias_that_grows_with_the_range(turned: Environment) -> None:
     assert worst(turned, RangeScanner.planar(sensor, 30, TURN)) < 1e-4
 
 
+@pytest.mark.slow
 def test_mixed_scanner(turned: Environment) -> None:
     assert worst(turned, MIXED) < 1e-4
 

@@ -71,6 +71,7 @@ def _tips(env: Environment, arm: shapely.LineString) -> NDArray[np.float64]:
     return np.asarray(shapely.distance(shapely.points(env.segments.xy.reshape(-1, 2)), arm))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     scanner=mounts(),

@@ -107,6 +107,7 @@ def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
     assert len([pair for pair in few.pairs if pair.letter == "A"]) == 2
 
 
+@pytest.mark.slow
 def test_report_shows_them(found, rooms, laser, tmp_path):
     amap, aliasing = found
     report = write_report(audit(amap, rooms, laser, places=0, aliasing=aliasing), tmp_path / "out")
@@ -126,6 +127,7 @@ def test_report_shows_them(found, rooms, laser, tmp_path):
     assert not (tmp_path / "out" / "floor-aliasing.png").exists()
 
 
+@pytest.mark.slow
 def test_not_sought_unasked_in_a_large_building(found, rooms, laser, tmp_path, monkeypatch):
     amap, aliasing = found
     monkeypatch.setattr(module, "MOST_POSES", aliasing.poses - 1)
@@ -149,6 +151,7 @@ def test_own_places_are_corridors_and_halls():
     assert hall != left
 
 
+@pytest.mark.slow
 def test_a_building_without_aliased_pairs_says_so(laser, tmp_path):
     env = an.environment_from_shapes([shapely.Polygon([(0, 0), (3, 0), (3.5, 1.2), (1.2, 2.6)])])
     amap = an.build_map(env, laser, spacing=0.2)

@@ -97,6 +97,7 @@ def test_floor_that_was_not_examined_is_no_passed_condition(report):
     assert judge(parse_condition("counted area < 5 m2", QUANTITIES), nothing).holds
 
 
+@pytest.mark.slow
 def test_status_3_where_a_condition_holds_and_all_files_are_there(folder):
     gate = ("--fail-if", "corridor > 1 %", "--fail-if", "open > 99 %")
     files = ("--junit", "ci/junit.xml", "--sarif", "ci/gate.sarif")
@@ -110,6 +111,7 @@ def test_status_3_where_a_condition_holds_and_all_files_are_there(folder):
     assert uri == "plan.geojson"
 
 
+@pytest.mark.slow
 def test_status_0_where_none_holds_and_json_stays_json(folder):
     result = run("--fail-if", "open > 99 %", "--fail-if", "aliased > 99 %", "--json")
     assert result.exit_code == 0, result.output

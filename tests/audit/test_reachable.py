@@ -78,6 +78,7 @@ def cells(amap: AmbiguityMap, mask: np.ndarray) -> np.ndarray:
     return np.column_stack([amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]])
 
 
+@pytest.mark.slow
 def test_margin_and_crate_do_not_count(amap, found):
     def crate_and_margin(x, y):
         crate = (x > 12.0) & (x < 17.0) & (y > 9.5) & (y < 14.5)

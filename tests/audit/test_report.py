@@ -191,6 +191,7 @@ def test_a_direction_has_no_sense(axis, text):
     assert axis_degrees(axis) == text
 
 
+@pytest.mark.slow
 def test_headings_are_reported(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset(headings=4)), building, laser, places=1)
     report = write_report(found, tmp_path / "out")
@@ -214,12 +215,14 @@ def test_no_places_at_all(building, laser, tmp_path):
         audit(AmbiguityMap(synthetic.dataset()), building, laser, places=-1)
 
 
+@pytest.mark.slow
 def test_an_earlier_report_is_replaced_whole(fewer, copied):
     assert (copied / "place-02.png").exists()
     write_report(fewer, copied)
     assert not (copied / "place-02.png").exists()
 
 
+@pytest.mark.slow
 def test_a_failed_report_leaves_the_earlier_one(examined, copied, tmp_path, monkeypatch):
     before = (copied / "report.json").stat().st_mtime_ns
 
@@ -234,6 +237,7 @@ def test_a_failed_report_leaves_the_earlier_one(examined, copied, tmp_path, monk
     assert [item.name for item in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.slow
 def test_a_report_of_an_older_version_is_replaced(fewer, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')

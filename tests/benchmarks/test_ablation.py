@@ -141,6 +141,8 @@ def test_a_second_start_does_nothing_twice(
     effects: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ablation = importlib.import_module("bench_ablation")
+    # Intervals are looked at elsewhere.
+    monkeypatch.setattr(effects, "DRAWS", 50)
     trained: list[str] = []
     driven: list[str] = []
 

@@ -106,6 +106,7 @@ def reckoned(
     return covariance
 
 
+@pytest.mark.slow
 def test_the_comparison_needs_no_planners_to_be_imported() -> None:
     code = (
         "import ambinav.compare.report, ambinav.compare.runs, sys; "

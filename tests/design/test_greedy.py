@@ -47,6 +47,7 @@ def without(helped: Help):
     return type(effects)(helped.environment, effects.setting, effects.places)
 
 
+@pytest.mark.slow
 def test_every_post_takes_bad_floor_away(helped: Help) -> None:
     placement = helped.placement
     assert len(placement.placed) == 3
@@ -157,6 +158,7 @@ def test_posts_that_gain_nothing_are_left_out() -> None:
         assert max(gains) < NOTHING
 
 
+@pytest.mark.slow
 def test_where_no_post_helps_none_is_put_up_and_no_share_is_told(helped: Help) -> None:
     """Tags of the wall's own brightness but for one step in a thousand: nothing turns good."""
     from ambinav.sensing.intensity import Intensity

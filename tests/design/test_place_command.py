@@ -49,6 +49,7 @@ def run(*arguments: str):
     return CliRunner().invoke(app, ["design", "place", *ASKED, *arguments])
 
 
+@pytest.mark.slow
 def test_a_report_is_written_and_read_again(folder) -> None:
     result = run(
         "--posts",

@@ -54,6 +54,7 @@ class Page(HTMLParser):
         self.links += [value for name, value in attrs if name in ("src", "href")]
 
 
+@pytest.mark.slow
 def test_the_report_is_whole_and_stands_alone(folder):
     result = run("a.zarr", "b.zarr", "-o", "out", "--fail-if", "new open area > 1 m2")
     assert result.exit_code == 3, result.output

@@ -76,6 +76,7 @@ def test_an_arc_touches_the_wall_where_its_circle_does() -> None:
     assert (x, y, t) == pytest.approx((9.35, 2.0 - math.cos(a), a), abs=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(st.integers(0, 10_000), st.floats(-1.5, 1.5), st.floats(-2.0, 2.0))
 def test_collisions_are_those_of_the_swept_disc(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -77,6 +78,7 @@ def test_yaml_values(changes: dict[str, Any]) -> None:
         assert env.free.is_valid
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(st.binary(max_size=60) | st.text(max_size=60).map(str.encode))
 @example(b"&a [*a]")
@@ -93,6 +95,7 @@ def test_image_junk(start: bytes, rest: bytes) -> None:
     settled("map.yaml", yaml.safe_dump(HEADER).encode(), start + rest)
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(st.data())
 def test_damaged_png(data: st.DataObject) -> None:
@@ -131,6 +134,7 @@ feature = st.builds(
 )
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(st.lists(feature | junk, max_size=4), st.none() | junk | st.just([0, 0, 4, 4]))
 def test_geojson_features(features: list[Any], bbox: Any) -> None:

@@ -265,6 +265,7 @@ def some_poses(grid: OccupancyGrid, rng: np.random.Generator, count: int) -> Arr
     return np.stack([x, y, rng.uniform(-np.pi, np.pi, count)], axis=-1)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 100_000), radius=st.sampled_from([0.0, 0.03, 0.1, 0.2]))
 def test_what_is_free_is_free_on_the_cells(seed: int, radius: float) -> None:

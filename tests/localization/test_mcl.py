@@ -204,6 +204,7 @@ def test_global_start_finds_the_robot(resampling: str) -> None:
     assert (loc.counts < 3000).all()
 
 
+@pytest.mark.slow
 def test_kidnapped_robot_is_recovered_only_with_recovery() -> None:
     env, scanner = worlds.room(), worlds.laser()
     truth = worlds.figure_eight(60)

@@ -276,6 +276,7 @@ def study(spoilt: str, model: str, power: float) -> list[tuple[np.ndarray, float
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoilt", ["people", "aged"])
 def test_a_sure_filter_errs_less_where_the_map_is_wrong(spoilt: str) -> None:
     (off, off_nees), (on, on_nees) = study(spoilt, "likelihood_field_prob", 1.0)
@@ -303,6 +304,7 @@ def test_where_the_map_is_right_the_weighting_costs_little() -> None:
     assert (on < 1.3 * off).all() and nees < 3.0
 
 
+@pytest.mark.slow
 def test_a_kidnapped_robot_is_still_recovered() -> None:
     env, scanner = worlds.room(), worlds.laser()
     truth = worlds.figure_eight(60)

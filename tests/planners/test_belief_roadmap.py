@@ -298,6 +298,7 @@ def best_of_all(
     return best
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     graph=graphs(5),

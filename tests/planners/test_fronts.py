@@ -48,6 +48,7 @@ def test_a_front_has_the_routes_that_plan_finds(robot: RoutePlanner) -> None:
     assert front.points[1].route.curve[-1][1] == pytest.approx(alone.cost)
 
 
+@pytest.mark.slow
 def test_other_planners_plan_anew_for_every_weight(robot: RoutePlanner) -> None:
     front = pareto(
         robot, START, (12.0, 6.0), weights=(0.0, 5.0), planner_name="bitstar",

@@ -151,6 +151,7 @@ def test_saved_picture_has_no_wide_margins(amap, tmp_path, part):
     assert pixels.shape[1] - columns[-1] < 40
 
 
+@pytest.mark.slow
 def test_no_global_drawing_state():
     code = (
         "import sys, ambinav.plotting.maps, ambinav.plotting.scan; "

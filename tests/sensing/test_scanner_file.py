@@ -125,6 +125,7 @@ JUNK = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(
     field=st.sampled_from(
         [

@@ -72,6 +72,7 @@ def direct(corridor: an.AmbiguityMap) -> an.AmbiguityMap:
     return corridor.update(corridor.environment.edited(add=obstacles))
 
 
+@pytest.mark.slow
 def test_an_edited_map_is_the_update_and_the_original_stays(
     live: Live, edited: dict[str, Any], direct: an.AmbiguityMap, plan_map: Path
 ) -> None:

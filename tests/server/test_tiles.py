@@ -207,6 +207,7 @@ def test_a_kept_pyramid_is_read_again_and_the_map_stays_what_it_is(
         assert read is not None and len(read.mean) == made.depth > 0 and same(mine, read)
 
 
+@pytest.mark.slow
 def test_a_pyramid_of_another_map_is_not_taken(stored: Path, coarse: int) -> None:
     made = pyramids(stored)
     assert made.keep(threading.Event())

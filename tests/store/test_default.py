@@ -93,12 +93,14 @@ def test_who_stops_it_by_its_progress_leaves_nothing(kept, computes) -> None:
     assert len(computes) == 2
 
 
+@pytest.mark.slow
 def test_another_process_opens_it(kept) -> None:
     an.build_map(room(), laser(), 0.25)
     assert computed_by_a_child() == "0"
     assert len(list(kept.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_the_tests_compute_and_keep_nothing(home, computes) -> None:
     """Else tests would compare a map with its copy, and fill the folder of whoever runs them.
 

@@ -89,6 +89,7 @@ def test_a_holder_that_is_killed_or_stopped_holds_up_nobody(store, number) -> No
     assert store.opened_or_built("a" * 32, pytest.fail)[0].dataset.identical(amap.dataset)
 
 
+@pytest.mark.slow
 def test_a_holder_at_work_is_not_given_up(tmp_path) -> None:
     lock = tmp_path / "a.lock"
     over, waits = threading.Event(), threading.Event()

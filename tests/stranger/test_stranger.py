@@ -166,6 +166,7 @@ def amap(folder: Path) -> Path:
     return folder / "floor.zarr"
 
 
+@pytest.mark.slow
 def test_a_map_reader_and_a_layer(amap: Path) -> None:
     from ambinav import AmbiguityMap
 
@@ -214,6 +215,7 @@ def test_a_localizer(folder: Path) -> None:
     assert report["plans"][0]["planner"] == "straight"
 
 
+@pytest.mark.slow
 def test_a_reward_and_an_observation(folder: Path) -> None:
     nearest, reward, terms, weighted = json.loads(run(folder, "-c", TRAINING))
     assert 0.0 < nearest <= 3.0

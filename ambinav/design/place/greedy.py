@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.design.place.candidates import Candidate, apart
-from ambinav.design.place.effect import Badness, Effects
+from ambinav.design.place.effect import Badness, Change, Effects
 from ambinav.errors import InputError
 
 REVIEWED: Final = 8
@@ -222,9 +222,7 @@ class _Search:
         change = self.effects.tried([chosen.obstacle])
         self.effects.put(change)
         self.looked += 1
-        touched = np.zeros(self.effects.radii.shape[1], dtype=np.bool_)
-        touched[self.trials.rows[number]] = True
-        touched[change.rows] = True
+        touched = _touched(self.effects, self.trials, [number], change)
         for i in np.flatnonzero(self.left).tolist():
             self.left[i] = i != number and apart(self.trials.candidates[i], chosen, self.passage)
             self.stale[i] |= bool(touched[self.trials.rows[i]].any())
@@ -235,12 +233,18 @@ def _exchanged(
 ) -> tuple[list[int], int, int]:
     """Put each where it helps most beside the others; how many moved, and how many were tried."""
     numbers, moved, tried = list(numbers), 0, 0
+    settled: dict[int, list[int]] = {}
     for _ in range(ROUNDS if len(numbers) > 1 else 0):
         before = moved
         for k in range(len(numbers)):
             others = numbers[:k] + numbers[k + 1 :]
+            if settled.get(k) == others:
+                continue
+            settled[k] = others
             now = effects.copy()
-            now.put(now.tried([trials.candidates[i].obstacle for i in others]))
+            change = now.tried([trials.candidates[i].obstacle for i in others])
+            now.put(change)
+            touched = _touched(now, trials, others, change)
             allowed = [
                 i
                 for i in trials.order.tolist()
@@ -249,8 +253,14 @@ def _exchanged(
             ]
             # Its own place first: of equals it stays.
             rivals = [numbers[k], *(i for i in allowed[:EXCHANGED] if i != numbers[k])]
-            gains = [now.tried([trials.candidates[i].obstacle]).gain.cost for i in rivals]
-            tried += len(rivals) + 1
+            tried += 1
+            gains = []
+            for i in rivals:
+                if touched[trials.rows[i]].any():
+                    gains.append(now.tried([trials.candidates[i].obstacle]).gain.cost)
+                    tried += 1
+                else:
+                    gains.append(trials.gains[i].cost)
             best = int(np.argmax(gains))
             if gains[best] > gains[0] + LEAST:
                 numbers[k] = rivals[best]
@@ -258,6 +268,16 @@ def _exchanged(
         if moved == before:
             break
     return numbers, moved, tried
+
+
+def _touched(
+    effects: Effects, trials: Trials, numbers: Sequence[int], change: Change
+) -> NDArray[np.bool_]:
+    """Poses whose map some candidates change, each alone or, by `change`, all together."""
+    touched = np.zeros(effects.radii.shape[1], dtype=np.bool_)
+    for rows in (change.rows, *(trials.rows[i] for i in numbers)):
+        touched[rows] = True
+    return touched
 
 
 def _in_order(

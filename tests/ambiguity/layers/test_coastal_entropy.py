@@ -186,6 +186,7 @@ def patches(
     return context, np.array(poses)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
 @pytest.mark.parametrize("scanner", [oracle_cases.laser(24), oracle_cases.sonars()])
 def test_against_brute_force(
@@ -275,6 +276,7 @@ def test_corridor_leaves_the_cells_along_it(degrees: float) -> None:
     assert bits.max() < expected + (0.1 if degrees == 0.0 else 0.8)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_in_range_every_cell_is_as_probable() -> None:
     context = context_of(scenes.room(14.0, 14.0))
     found = coastal_entropy(context)
@@ -291,6 +293,7 @@ def test_a_crowd_of_no_end_leaves_nothing_to_see() -> None:
     assert np.nanmax(found["coastal_entropy_gain"]) < 0.01
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(width=st.floats(0.8, 6.0), depth=st.floats(0.8, 6.0), people=st.floats(0.0, 0.5))
 def test_bounds_and_what_people_take(width: float, depth: float, people: float) -> None:

@@ -212,6 +212,7 @@ def test_a_corridor_is_weak_along_itself(corridor: Environment) -> None:
     assert amap.sample("localizability", x, y) > 4 * amap.sample("localizability", end_x, end_y)
 
 
+@pytest.mark.slow
 def test_the_radius_hardly_depends_on_how_a_corridor_lies() -> None:
     """The determinant does, by orders: it is why the layer is the radius."""
     scanner = RangeScanner.planar(

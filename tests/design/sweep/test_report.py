@@ -97,6 +97,7 @@ def test_a_report_of_one_variation(folder: Path) -> None:
     assert "60 of " in text
 
 
+@pytest.mark.slow
 def test_a_report_of_two_variations_along_a_route(folder: Path) -> None:
     amap = an.build_map(
         an.load_environment("plan.geojson"),

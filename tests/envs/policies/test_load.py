@@ -212,6 +212,7 @@ def test_a_live_model() -> None:
     assert policy.act(envs.reset(), np.ones(2, dtype=np.bool_)).shape == (2, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["corrected-vfh", "ppo-ambiguity", "ppo-shortest"])
 def test_shipped_policies_drive_and_have_a_card(name: str) -> None:
     assert name in baselines()

@@ -168,6 +168,7 @@ def test_same_seed_same_policy_other_seed_another(whole: Path, tmp_path: Path) -
     assert not same(whole / "final.zip", tmp_path / "other" / "final.zip")
 
 
+@pytest.mark.slow
 def test_goes_on_when_it_may_be_longer(tmp_path: Path) -> None:
     out = tmp_path / "out"
     train(tiny(steps=256), out, command=["ambinav", "train", "--steps", "256"])
