@@ -38,6 +38,7 @@ def runner() -> CliRunner:
     return CliRunner()
 
 
+@pytest.mark.slow
 def test_trains_and_tells(runner: CliRunner, folder: Path) -> None:
     result = runner.invoke(app, ["train", "tiny.yaml", "-o", "out", "--steps", "256"])
     assert result.exit_code == 0, result.output

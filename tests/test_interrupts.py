@@ -178,6 +178,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="there are no threads to share with")
 def test_threads_share_on_after_interrupts() -> None:
     """Also while rows are handed out: no lock stays taken, for the next call or Python's end."""

@@ -136,6 +136,7 @@ def test_where_it_comes_from(flat: AmbiguityMap, env: Environment, laser: RangeS
     assert all(isinstance(value, str | int | float) for value in attrs.values())
 
 
+@pytest.mark.slow
 def test_the_checksum_of_the_file_is_kept(demo: Environment, demo_map: AmbiguityMap) -> None:
     assert demo_map.dataset.attrs["environment_sha256"] == demo.checksum != ""
     assert demo_map.dataset.attrs["environment_source"].endswith("demo.geojson")

@@ -122,6 +122,7 @@ def test_shipped_scanners(house: Environment) -> None:
 widths = st.floats(1.2, 4.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(
     rooms=st.lists(st.tuples(widths, widths), min_size=1, max_size=4),

@@ -81,6 +81,7 @@ def test_laser(turned: Environment, laser: RangeScanner) -> None:
     assert worst(turned, laser) < 1e-4
 
 
+@pytest.mark.slow
 def test_laser_whose_beams_are_all_independent(turned: Environment, laser: RangeScanner) -> None:
     assert worst(turned, laser, tau=1.0) < 1e-4
 
@@ -98,6 +99,7 @@ def test_partial_scanner_off_the_centre(turned: Environment) -> None:
     assert worst(turned, OFF_CENTRE, headings=3) < 1e-4
 
 
+@pytest.mark.slow
 def test_bias_that_grows_with_the_range(turned: Environment) -> None:
     sensor = RangeSensor(
         max_range=4.0, std=0.02, resolution=0.01, bias=Polynomial((0.02, -0.2, 0.02))

@@ -91,6 +91,7 @@ def test_can_stand_is_what_shapely_says(
         assert close or found[k] == expected
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     scanner=mounts(), seed=st.integers(0, 200), heading=st.integers(0, 2),

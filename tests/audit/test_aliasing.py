@@ -91,6 +91,7 @@ def test_turned_places_are_paired(make, fold, laser):
         assert np.median(np.abs(images - cells * np.exp(1j * turn))) < 0.01
 
 
+@pytest.mark.slow
 def test_few_are_sought_from_in_a_large_building(found, rooms, monkeypatch):
     amap, aliasing = found
     here = LayerContext.of(amap, rooms)

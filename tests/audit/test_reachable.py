@@ -91,6 +91,7 @@ def test_margin_and_crate_do_not_count(amap, found):
     assert (crate | margin).all()
 
 
+@pytest.mark.slow
 def test_the_parts_add_up(amap, found):
     parts = found.parts
     stack = np.stack([parts.counted, parts.unexplored, parts.beside_walls, parts.cut_off])

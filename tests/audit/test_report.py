@@ -207,6 +207,7 @@ def test_headings_are_reported(building, laser, tmp_path):
     assert "Best heading 0° (level " in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_no_places_at_all(building, laser, tmp_path):
     found = audit(AmbiguityMap(synthetic.dataset()), building, laser, places=0)
     write_report(found, tmp_path / "out")

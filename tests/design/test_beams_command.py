@@ -35,6 +35,7 @@ def run(*arguments: str) -> Result:
     return CliRunner().invoke(app, ["design", "beams", *arguments])
 
 
+@pytest.mark.slow
 def test_the_report_is_whole_and_the_files_say_the_same(folder: Path) -> None:
     result = run("plan.geojson", "-s", "scanner.yaml", "-o", "out", "--loss", "8", *QUICK)
     assert result.exit_code == 0, result.output

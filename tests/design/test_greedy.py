@@ -59,6 +59,7 @@ def test_every_post_takes_bad_floor_away(helped: Help) -> None:
         assert apart(one, other, PASSAGE)
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_a_map_of_the_changed_building(helped: Help) -> None:
     after = helped.amap.update(helped.edited())
     zone = after.dataset["zone"].values

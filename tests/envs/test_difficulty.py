@@ -298,6 +298,7 @@ def test_what_makes_no_sense_is_refused(options: dict[str, Any], message: str) -
         NavigationParameters.of(options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("localizer", ["ekf", "mcl"])
 def test_a_robot_of_a_batch_is_the_single_one_bit_for_bit(localizer: str) -> None:
     options: dict[str, Any] = {

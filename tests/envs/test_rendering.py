@@ -207,6 +207,7 @@ def test_pygame_is_asked_for_only_where_it_is_needed(monkeypatch: pytest.MonkeyP
         NavigationEnv(map=room(), render_mode="rgb_array")
 
 
+@pytest.mark.slow
 def test_a_film_is_recorded(tmp_path: Path) -> None:
     pytest.importorskip("moviepy")
     env = gym.make("ambinav/Navigation-v0", map=room(), render_mode="rgb_array", max_steps=5)

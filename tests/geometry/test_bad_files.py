@@ -145,6 +145,7 @@ def test_geojson_features(features: list[Any], bbox: Any) -> None:
         assert env.free.area > 0.0
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(
     st.lists(st.tuples(geometry, st.sampled_from(["room", "obstacle", "wall", None])), max_size=5)
@@ -159,6 +160,7 @@ def test_geojson_shapes(shapes: list[tuple[Any, str | None]]) -> None:
     )
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(junk | geometry)
 @example({"type": "Feature", "geometry": {"type": "Feature"}})

@@ -56,6 +56,7 @@ def test_rooms_doors_and_a_table_are_where_they_are(house: Path) -> None:
     assert len(env.segments) == 24
 
 
+@pytest.mark.slow
 def test_a_storey_by_name_and_by_position_from_the_lowest(house: Path) -> None:
     names = [load_environment(house, level=level).name for level in (0, "1", "upper", "Ground")]
     assert names == ["house Ground", "house Upper", "house Upper", "house Ground"]

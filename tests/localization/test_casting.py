@@ -155,6 +155,7 @@ def test_anchors_leave_no_gap_of_half_a_turn(name: str) -> None:
         assert (np.mod(np.diff(ends), 2 * math.pi) <= APART).all()
 
 
+@pytest.mark.slow
 def test_rays_that_begin_and_end_within_one_edge() -> None:
     # A room of two triangles; the beams look to one wall alone, and the list of all of them begins
     # in their middle.

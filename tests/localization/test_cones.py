@@ -114,6 +114,7 @@ def cones_slowly(scanner: RangeScanner, pose: np.ndarray) -> np.ndarray:
     return out
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_cone_itself() -> None:
     """Against differences over steps wider than the rays are apart, of rays much closer."""
     steps = np.array([0.02, 0.02, 0.03])
@@ -171,6 +172,7 @@ def test_what_suits_a_scanner() -> None:
     assert MclParameters.for_scanner(worlds.laser()) == MclParameters()
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(st.sampled_from(("z_hit", "z_max", "sigma_hit", "importance_factor")),
                     st.floats(0.01, 1.0)),

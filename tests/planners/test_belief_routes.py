@@ -52,6 +52,7 @@ def test_a_limit_on_bad_metres_in_a_row_is_kept(service: AmbiguityService) -> No
         strict.plan(START, GOAL, planner_name="reference")
 
 
+@pytest.mark.slow
 def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
     robot = RoutePlanner(service, belief=UNSURE, odometry=ODOMETRY)
     straight = robot.plan(START, GOAL, planner_name="belief", weight=0.0)
@@ -73,6 +74,7 @@ def test_belief_search_goes_by_the_landmarks(service: AmbiguityService) -> None:
             RoutePlanner(service, belief=lost).plan(START, GOAL, planner_name=name, iterations=50)
 
 
+@pytest.mark.slow
 def test_belief_roadmap_ends_well_known(service: AmbiguityService) -> None:
     robot = RoutePlanner(service, belief=UNSURE, odometry=ODOMETRY)
     ends = []

@@ -25,6 +25,7 @@ def planners_and_runs(database: Path) -> tuple[list[str], list[Run]]:
         return names, connection.execute("SELECT solution_length, solved FROM runs").fetchall()
 
 
+@pytest.mark.slow
 def test_the_log_becomes_a_database(robot: RoutePlanner, tmp_path: Path) -> None:
     log, database = tmp_path / "run.log", tmp_path / "run.db"
     problem = robot.problem(START, GOAL)

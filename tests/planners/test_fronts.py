@@ -40,6 +40,7 @@ def test_more_weight_is_longer_and_less_exposed(robot: RoutePlanner, name: str) 
         assert route.cost <= min(costs) * (1.0 + SLACK)
 
 
+@pytest.mark.slow
 def test_a_front_has_the_routes_that_plan_finds(robot: RoutePlanner) -> None:
     front = pareto(robot, START, GOAL, weights=(5.0, 0.0, 5.0))
     assert [point.weight for point in front.points] == [0.0, 5.0]

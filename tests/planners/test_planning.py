@@ -215,6 +215,7 @@ def test_on_a_map_with_headings_a_way_and_its_way_back_differ(heading_map: Ambig
         assert route.cost <= most
 
 
+@pytest.mark.slow
 def test_the_default_is_the_reference_where_it_can_plan(demo: AmbiguityService) -> None:
     square = Footprint.polygon([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
     assert default_planner(RoutePlanner(demo).checker) == "reference"

@@ -106,6 +106,7 @@ def test_what_fails_in_a_fresh_process_is_reported() -> None:
         call_seeded(8, math.sqrt, -1.0)
 
 
+@pytest.mark.slow
 def test_seed_0_is_one_that_ompl_takes() -> None:
     code = (
         "from ambinav_planners.seeded import _take_seed; from ompl import util; "

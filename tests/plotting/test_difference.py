@@ -57,6 +57,7 @@ def drawn():
     return plot_difference(amap, amap, (parts, parts), change, (f"A: {title}", "B"))
 
 
+@pytest.mark.slow
 def test_the_third_panel_shows_the_change(drawn):
     first, second, third = drawn.axes[:3]
     drawn.canvas.draw()

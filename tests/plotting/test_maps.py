@@ -55,6 +55,7 @@ def strokes(axes) -> np.ndarray:
     return np.hstack([ends.mean(axis=1), ends[:, 1] - ends[:, 0]])
 
 
+@pytest.mark.slow
 def test_zones_have_their_colours_where_they_lie(amap):
     axes = plot_zones(amap, strokes=False)
     places = {"localizable": (2, 2), "transition": (4.2, 2), "corridor": (10, 2), "open": (21, 5)}
@@ -114,6 +115,7 @@ def test_scale_bars_are_round(width, length):
     assert round_length(width) == pytest.approx(length)
 
 
+@pytest.mark.slow
 def test_layer_runs_from_zero_to_one_and_dark_is_ambiguous(amap):
     axes = plot_layer(amap, "level")
     assert axes.images[-1].get_clim() == (0.0, 1.0)
@@ -136,6 +138,7 @@ def test_draws_into_given_axes(amap):
     assert plot_layer(amap, "level", second, strokes=True) is second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [slice(None), slice(165, 200)])
 def test_saved_picture_has_no_wide_margins(amap, tmp_path, part):
     tall = AmbiguityMap(amap.dataset.isel(x=part))

@@ -89,6 +89,7 @@ def test_an_edited_map_is_the_update_and_the_original_stays(
     )
 
 
+@pytest.mark.slow
 def test_the_answer_compares_zones(
     edited: dict[str, Any], corridor: an.AmbiguityMap, direct: an.AmbiguityMap
 ) -> None:

@@ -127,6 +127,7 @@ def test_search_equals_brute_force(scanner, headings, least):
     assert found.compared < (0.5 if around else 0.9) * phis.size
 
 
+@pytest.mark.slow
 def test_pairs_are_compared_as_the_reference_does():
     here = context(floor(), laser(), 0.4)
     scans = Scans.of(here)

@@ -71,6 +71,7 @@ def sifted(both: Scans, sig: Signatures, bundle: list[int]) -> int:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -56,6 +56,7 @@ def test_at_the_end_of_a_corridor_it_looks_at_the_end() -> None:
     assert np.isin(np.float32(found.sample("best_yaw_angle", 6.003, 0.7)), both)
 
 
+@pytest.mark.slow
 def test_in_a_room_a_little_is_enough_and_in_the_open_all_is() -> None:
     room = an.build_map(scenes.room(2.0, 1.6), fan(240, 41), headings=1, store=False)
     found = with_layers(room, ["best_aperture"])

@@ -265,6 +265,7 @@ def brute_information(
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", oracle_cases.BUILDINGS)
 @pytest.mark.parametrize("scanner", [oracle_cases.laser(), oracle_cases.sonars()])
 def test_against_brute_force(

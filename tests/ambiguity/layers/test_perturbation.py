@@ -69,6 +69,7 @@ def test_along_a_straight_corridor_nothing_is_recovered(degrees: float) -> None:
     assert np.abs(apart - math.pi / 2).max() < math.radians(1.0)
 
 
+@pytest.mark.slow
 def test_in_the_open_nothing_is_recovered_either_way() -> None:
     context = context_of(scenes.room(14.0, 14.0))
     for name in ("perturbation", "perturbation_minor"):
@@ -167,6 +168,7 @@ def test_a_fan_has_an_error_for_each_heading() -> None:
     assert values[0] == pytest.approx(SIZE, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_spacing_of_the_map_changes_nothing(demo: Environment) -> None:
     """The poses of a lattice are among those of one three times as fine."""
     fine, coarse = (context_of(demo, spacing=spacing, radius=0.8) for spacing in (0.25, 0.75))

@@ -66,6 +66,7 @@ def built(path: Path | str, **options: Any) -> TiledBuild:
     return run_plan(plan(demo(), TILE), str(path), **{"workers": 0, **options})
 
 
+@pytest.mark.slow
 def test_it_is_the_map_in_one_piece(reference: Path) -> None:
     amap = an.AmbiguityMap.open(reference)
     assert_identical(amap, whole(demo()))
@@ -247,6 +248,7 @@ def fetched(url: str, path: Path) -> dict[str, str]:
     return content(path)
 
 
+@pytest.mark.slow
 def test_to_a_url_in_place(reference: Path, tmp_path: Path) -> None:
     with in_memory("ambinav-url") as url:
         with pytest.raises(Ended):
@@ -259,6 +261,7 @@ def test_to_a_url_in_place(reference: Path, tmp_path: Path) -> None:
             run_plan(plan(demo(), TILE + 1), url, workers=0)
 
 
+@pytest.mark.slow
 def test_the_second_of_two_builders_at_a_url_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with in_memory("ambinav-two") as url:
         system, root = fsspec.core.url_to_fs(url)
@@ -296,6 +299,7 @@ def test_a_bucket_without_rights_is_said_before_anything_is_computed() -> None:
         run_plan(made, "nosuch://maps/a.zarr", workers=0)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
