@@ -68,6 +68,7 @@ import numba
 import torch
 import yaml
 from ablation_effects import CELLS, Cell, Found
+from ablation_kept import Key, keep, kept
 from ablation_tables import body, plot_effects
 from harness import ROOT, add_out, appended, commits, environment_path, kept_rows, report
 
@@ -85,6 +86,7 @@ from ambinav_envs.training.folder import FINAL
 from ambinav_envs.training.run import Run
 
 CONFIG: Final = ROOT / "benchmarks" / "ablation.yaml"
+RESULTS: Final = ROOT / "benchmarks" / "results" / "ablation"
 LIBRARIES: Final = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
 LOCALIZERS: Final[dict[str, dict[str, Any]]] = {
     "ekf": {"localizer": "ekf"},
@@ -106,18 +108,22 @@ APART = 1000
 
 
 class Study:
-    """The folder of the study: what is trained, and what was driven.
+    """The folders of the study: what is trained and driven, and what is kept of it.
 
     Args:
-        folder: Holds trained/, driven/ and a file of rows for each seed.
+        folder: Holds trained/ and driven/.
+        results: Holds the episodes of each whole seed, which is not made again, and its rows.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, results: Path) -> None:
+        self._folder, self._results = folder, results
         self._sources: dict[str, BuildingSource] = {}
+        self._there: dict[int | None, dict[Key, Episodes]] = {}
 
     def make(self, number: int) -> None:
         """Train and judge what is missing of a seed's sixteen cells."""
+        if self._kept(number).is_file():
+            return
         with appended(self.log(number)) as append:
             for localizer, cell in product(LOCALIZERS, CELLS):
                 name = run_name(localizer, cell, number)
@@ -127,21 +133,46 @@ class Study:
                 seconds = self._judge(name, localizer, str(self._policy(name)))
                 if seconds:
                     append({"run": name, "driven": seconds})
+        self._keep(
+            number, [run_name(who, cell, number) for who, cell in product(LOCALIZERS, CELLS)]
+        )
 
     def follow(self) -> None:
         """Let the followers drive, who learn nothing."""
+        if self._kept(None).is_file():
+            return
         for localizer, (cell, policy) in product(LOCALIZERS, FOLLOWERS.items()):
             self._judge(run_name(localizer, cell), localizer, policy)
+        self._keep(None, [run_name(who, cell) for who, cell in product(LOCALIZERS, FOLLOWERS)])
 
     def log(self, number: int) -> Path:
         """Where the rows of a seed are."""
-        return self._folder / f"seed-{number * APART}.jsonl"
+        return self._kept(number).with_suffix(".jsonl")
 
-    def episodes(self, name: str, venue: str, condition: str) -> list[Episodes]:
-        """What came of a run in the buildings of a venue; none: not all is there."""
-        found = [self._driven(name, place, condition) for place in VENUES[venue]]
-        there = [one for one in found if one is not None and len(one) == EPISODES[venue]]
-        return there if len(there) == len(found) else []
+    def episodes(
+        self, localizer: str, cell: Cell, number: int | None, venue: str, condition: str
+    ) -> list[Episodes]:
+        """What came of a run in the buildings of a venue; none: its seed is not whole."""
+        if number not in self._there:
+            self._there[number] = kept(self._kept(number))
+        name = run_name(localizer, cell, number)
+        keys = [Key(name, place, condition) for place in VENUES[venue]]
+        there = self._there[number]
+        return [there[key] for key in keys] if all(key in there for key in keys) else []
+
+    def _kept(self, number: int | None) -> Path:
+        """The file of a seed, or of the followers."""
+        return self._results / ("followers.npz" if number is None else f"seed-{number * APART}.npz")
+
+    def _keep(self, number: int | None, names: Sequence[str]) -> None:
+        """Keep what came of runs, all of which have driven."""
+        driven = {}
+        for name, (venue, places), condition in product(names, VENUES.items(), CONDITIONS):
+            for place in places:
+                done = self._driven(name, place, condition)
+                assert done is not None and len(done) == EPISODES[venue]
+                driven[Key(name, place, condition)] = done
+        keep(self._kept(number), driven)
 
     def _train(self, name: str, localizer: str, cell: Cell, number: int) -> float:
         """Train a policy unless it is there; seconds."""
@@ -244,17 +275,17 @@ def found_in(study: Study, numbers: Sequence[int]) -> Iterator[Found]:
             number
             for number in numbers
             if all(
-                study.episodes(run_name(localizer, cell, number), *setting)
+                study.episodes(localizer, cell, number, *setting)
                 for cell, setting in product(CELLS, settings)
             )
         ]
         for setting in settings if whole else ():
             cells = {
-                cell: [study.episodes(run_name(localizer, cell, one), *setting) for one in whole]
+                cell: [study.episodes(localizer, cell, one, *setting) for one in whole]
                 for cell in CELLS
             }
             for cell in FOLLOWERS:
-                cells[cell] = [study.episodes(run_name(localizer, cell), *setting)]
+                cells[cell] = [study.episodes(localizer, cell, None, *setting)]
             seeds = tuple(number * APART for number in whole)
             yield Found(", ".join(setting), localizer, seeds, cells)
 
@@ -285,7 +316,12 @@ def about(study: Study, found: Sequence[Found], numbers: Sequence[int]) -> str:
 def main() -> None:
     """Train and judge what is not there yet, seed by seed, and report."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
-    parser.add_argument("--folder", type=Path, default=Path("out/ablation"), help="keeps all of it")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("out/ablation"), help="where trainings go on"
+    )
+    parser.add_argument(
+        "--results", type=Path, default=RESULTS, help="keeps the episodes of each whole seed"
+    )
     parser.add_argument(
         "--seeds", type=int, nargs="+", default=range(2, 7), help="numbers of the replicates"
     )
@@ -293,7 +329,7 @@ def main() -> None:
     parser.add_argument("--picture", type=Path, help="draw the effects into this file")
     add_out(parser)
     args = parser.parse_args()
-    study = Study(args.folder)
+    study = Study(args.folder, args.results)
     if not args.report_only:
         for place in VENUES["recorded maps"]:
             environment_path(place)  # better now than after the first training
@@ -304,7 +340,7 @@ def main() -> None:
             study.make(number)
     found = list(found_in(study, args.seeds))
     if not found:
-        raise SystemExit(f"{args.folder}: no replicate is whole; leave --report-only out.")
+        raise SystemExit(f"{args.results}: no replicate is whole; leave --report-only out.")
     text = f"{about(study, found, args.seeds)}\n\n{body(found)}"
     report("The ambiguity reward, and the route that avoids ambiguity", LIBRARIES, text, args.out)
     if args.picture is not None:

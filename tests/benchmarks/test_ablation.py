@@ -136,6 +136,29 @@ def test_maps_are_not_drawn(effects: ModuleType) -> None:
     assert (value.value, value.low, value.high) == (50.0, 50.0, 50.0)
 
 
+def test_what_is_kept_is_what_the_study_reads(effects: ModuleType, tmp_path: Path) -> None:
+    module = importlib.import_module("ablation_kept")
+    rng = np.random.default_rng(3)
+    first = episodes(rng.random(9) < 0.5, rng.random(9) < 0.5, rng.random(9), each=3)
+    other = episodes(rng.random(9) < 0.5, each=3)
+    driven = {
+        module.Key(run, "hall", "disturbed"): one for run, one in (("a", first), ("b", other))
+    }
+    module.keep(tmp_path / "new" / "seed-0.npz", driven)
+    found = module.kept(tmp_path / "new" / "seed-0.npz")
+    assert set(found) == set(driven)
+    for key, one in driven.items():
+        assert np.array_equal(found[key].outcome, one.outcome)
+        assert np.array_equal(found[key].was_lost, one.was_lost)
+        assert np.array_equal(found[key].building, one.building)
+        assert found[key].travelled == pytest.approx(one.travelled, rel=1e-6)
+        assert np.isnan(found[key].reward).all()
+    assert module.kept(tmp_path / "none.npz") == {}
+    driven[module.Key("c", "hall", "disturbed")] = episodes(np.zeros(9), each=1)
+    with pytest.raises(ValueError, match="building is not what the other runs have"):
+        module.keep(tmp_path / "odd.npz", driven)
+
+
 @pytest.mark.slow
 def test_a_second_start_does_nothing_twice(
     effects: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -143,6 +166,7 @@ def test_a_second_start_does_nothing_twice(
     ablation = importlib.import_module("bench_ablation")
     # Intervals are looked at elsewhere.
     monkeypatch.setattr(effects, "DRAWS", 50)
+    results = tmp_path / "results"
     trained: list[str] = []
     driven: list[str] = []
 
@@ -173,9 +197,9 @@ def test_a_second_start_does_nothing_twice(
     monkeypatch.setattr(ablation, "load_policy", lambda source: policy)
     monkeypatch.setattr(ablation.Study, "_source", lambda self, place: place)
     with pytest.raises(KeyboardInterrupt):
-        ablation.Study(tmp_path).make(0)
-    assert len(trained) == 3
-    study = ablation.Study(tmp_path)
+        ablation.Study(tmp_path, results).make(0)
+    assert len(trained) == 3 and not list(results.glob("*.npz"))
+    study = ablation.Study(tmp_path, results)
     study.make(0)
     assert len(trained) == len(set(trained)) == 20
     assert len(driven) == 16 * 10
@@ -184,9 +208,16 @@ def test_a_second_start_does_nothing_twice(
     # A file that is damaged is driven again; what is there is not.
     (victim,) = (tmp_path / "driven" / "ekf-fisher-5-seed-0").glob("aces, disturbed.npz")
     victim.write_bytes(b"")
-    ablation.Study(tmp_path).make(0)
+    whole = (results / "seed-0.npz").read_bytes()
+    (results / "seed-0.npz").unlink()
+    ablation.Study(tmp_path, results).make(0)
     assert driven[160:] == ["aces"]
+    assert (results / "seed-0.npz").read_bytes() == whole
     study.follow()
+    study = ablation.Study(tmp_path / "elsewhere", results)
+    study.follow()
+    study.make(0)  # what is kept suffices
+    assert not (tmp_path / "elsewhere").exists()
     (one, *_) = found = list(ablation.found_in(study, [0, 1]))
     assert len(found) == 8
     assert one.seeds == (0,)
@@ -196,5 +227,6 @@ def test_a_second_start_does_nothing_twice(
     tables.plot_effects(found)
     # Another configuration is refused.
     (tmp_path / "trained" / "ekf-shortest-0-seed-0.yaml").write_text("steps: 1\n")
+    (results / "seed-0.npz").unlink()
     with pytest.raises(SystemExit, match="another --folder"):
-        study.make(0)
+        ablation.Study(tmp_path, results).make(0)
