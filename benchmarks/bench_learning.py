@@ -24,6 +24,7 @@ from ambinav_envs.registration import SUITES
 from ambinav_envs.tasks import TASKS
 
 LIBRARIES = ("ambinav", "stable_baselines3", "torch", "numpy", "numba")
+CURVES: Final = ROOT / "benchmarks" / "results" / "learning"
 EXAMPLE = ROOT / "examples" / "10_plain_ppo.py"
 IDS: Final = (*(f"{name.capitalize()}-v0" for name in SUITES), *TASKS)
 ENVS, UNSEEN, EACH = 64, 1_000_000, 3
@@ -144,7 +145,7 @@ def draw(folder: Path, out: Path) -> None:
 def main() -> None:
     """Train what is missing, draw and report."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, required=True, help="where curves are kept")
+    parser.add_argument("--folder", type=Path, default=CURVES, help="where curves are kept")
     parser.add_argument("--steps", type=int, default=500_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--picture", type=Path, help="draw the curves into this PNG")
