@@ -8,7 +8,8 @@ from typing import Final
 
 import numba
 
-from ambinav.ambiguity.build import BEAMS_PER_TURN, HEADINGS, TILE_BYTES
+from ambinav.ambiguity.build import HEADINGS, TILE_BYTES
+from ambinav.ambiguity.model import thin
 from ambinav.geometry.environment import Environment
 from ambinav.sensing.scanner import RangeScanner
 
@@ -79,8 +80,7 @@ def estimate(
     cells = (xmax - xmin) * (ymax - ymin) / spacing**2
     # Points within the radius; walls keep some of them apart.
     neighbours = max(0.9 * math.pi * (radius / spacing) ** 2, 1.0)
-    share = scanner.aperture / (2.0 * math.pi)
-    thinned = scanner.thinned(max(round(BEAMS_PER_TURN * share), 1, len(scanner.parts)))
+    thinned = thin(scanner)
     turning = headings is None and scanner.looks_all_around
     count = headings or (1 if turning else HEADINGS)
     rays = len(thinned.rays())

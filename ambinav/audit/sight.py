@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.scans import scan_rays
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
@@ -106,6 +106,8 @@ def look(
         rays.origin,
         rays.angle,
         scanner.max_range,
+        height=rays.height,
+        elevation=rays.elevation,
     )
     echo = rays.echoes(distance, incidence)[0].astype(np.float64)
     nearest = np.array(

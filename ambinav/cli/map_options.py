@@ -316,13 +316,14 @@ class MapOptions:
         )
 
     def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
-        """Names of the further layers."""
+        """Names of the further layers, as they are given: what "all" is the building decides too."""
         if self.layers is None:
             return ()
         from ambinav.ambiguity.layers.registry import chosen_layers
 
-        names = [name.strip() for name in self.layers.split(",")]
-        return tuple(layer.name for layer in chosen_layers(names, scanner))
+        names = tuple(name.strip() for name in self.layers.split(","))
+        chosen_layers(names, scanner)
+        return names
 
 
 @dataclass(frozen=True, kw_only=True)

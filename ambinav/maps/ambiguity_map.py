@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.segments import Segments
 from ambinav.maps import lattice_values, schema, store
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
@@ -65,6 +66,52 @@ class _WithoutCells(Environment):
             f"{self.map_file}: this map was made before occupied cells were kept with a map, so "
             "it is not known where a robot fits; make the map again with `ambinav map`."
         )
+
+
+class _LostSpace:
+    """The space of a building whose map keeps the floor alone: nothing can be cast against it.
+
+    Args:
+        map_file: What messages call the map.
+        checksum: Of the building's space.
+    """
+
+    def __init__(self, map_file: str, checksum: str) -> None:
+        self.map_file = map_file
+        self.checksum = checksum
+
+    def __repr__(self) -> str:
+        """That it is not known."""
+        return "space not kept"
+
+    def _lost(self) -> InputError:
+        return InputError(
+            f"{self.map_file}: this map was made of a building in space, of which it keeps the "
+            "floor alone, so that no ray can be cast; give the building itself."
+        )
+
+    @property
+    def surface_normal(self) -> Floats:
+        """Not known; raises `InputError`."""
+        raise self._lost()
+
+    @property
+    def surface_kind(self) -> NDArray[np.uint8]:
+        """Not known; raises `InputError`."""
+        raise self._lost()
+
+    def cast_scans(
+        self,
+        x: Floats,
+        y: Floats,
+        theta: Floats,
+        rays: SpaceRays,
+        max_range: float,
+        *,
+        incidence: bool = True,
+    ) -> Scans:
+        """Not known; raises `InputError`."""
+        raise self._lost()
 
 
 class AmbiguityMap:
@@ -208,7 +255,8 @@ class AmbiguityMap:
         """The building that the map was computed from, as far as a robot can meet it.
 
         Of a map that was made from an occupancy grid before occupied cells were kept, it can be
-        looked at but not planned in: its `collision` raises an InputError.
+        looked at but not planned in: its `collision` raises an InputError. Of a map that was made
+        in space the floor is known alone: scans raise one.
 
         Raises:
             InputError: the outline of the free space cannot be read.
@@ -217,6 +265,7 @@ class AmbiguityMap:
         source, kept = str(attrs.get("environment_source", "")), attrs.get("collision")
         on_grid = Path(source).suffix.lower() in ("", ".yaml", ".yml")
         corners = json.loads(attrs.get("environment_extent", "[]"))
+        space = str(attrs.get("environment_space", ""))
         made = (_WithoutCells if kept is None and on_grid else Environment)(
             self.segments,
             self._outline("floor", "free space"),
@@ -227,6 +276,7 @@ class AmbiguityMap:
             notes=tuple(json.loads(attrs.get("environment_notes", "[]"))),
             extent=shapely.Polygon(corners) if corners else None,
             drivable=self._outline("drivable", "drivable space") if kept == "drivable" else None,
+            space=_LostSpace(self.source, space) if space else None,
         )
         if isinstance(made, _WithoutCells):
             made.map_file = self.source
