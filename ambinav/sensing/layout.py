@@ -303,7 +303,7 @@ class Part:
 
 
 def _at_height(count: int, z: float) -> NDArray[np.float64]:
-    """z and elevation of so many level beams, shape (count, 2)."""
+    """Z and elevation of so many level beams, shape (count, 2)."""
     return np.tile((z, 0.0), (count, 1))
 
 

@@ -306,7 +306,7 @@ class RangeScanner:
 
     @cached_property
     def upright(self) -> NDArray[np.float64]:
-        """z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
+        """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
         return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
 
     @cached_property

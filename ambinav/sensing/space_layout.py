@@ -1,4 +1,4 @@
-"""How the beams of one sensor lie in space: in layers, scattered over a field of view, in pixels."""
+"""How the beams of one sensor lie in space: in layers, or as the pixels of a camera."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ class Camera:
         return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     def thinned(self, most: int) -> Camera:
-        """Return a camera of at most `most` pixels, as far apart across as up, from edge to edge."""
+        """Return a camera of at most `most` pixels over the same field of view, evenly spread."""
         if self.columns * self.rows <= most:
             return self
         share = math.tan(self.vertical / 2) / max(math.tan(self.horizontal / 2), 1e-9)

@@ -430,7 +430,8 @@ def test_the_real_caster_agrees_with_brute_force_and_closed_forms() -> None:
     x, y = rng.uniform(-2.5, 2.5, 20), rng.uniform(-1.5, 1.5, 20)
     theta = rng.uniform(-4, 4, 20)
     rays = platform.rays()
-    distance, _, incidence = brute_force(ROOM, x, y, theta, rays.origin, rays.angle, 6.0)
+    up = {"height": rays.height, "elevation": rays.elevation}
+    distance, _, incidence = brute_force(ROOM, x, y, theta, rays.origin, rays.angle, 6.0, **up)
     expected = rays.nearest(rays.echoes(distance, incidence))
     assert platform.scan(env, x, y, theta) == pytest.approx(expected, abs=1e-5)
     assert np.isinf(expected).any()

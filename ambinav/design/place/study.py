@@ -19,8 +19,8 @@ from ambinav.design.region import Places, Region
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.routes.files import trace

@@ -59,9 +59,7 @@ def scan_rays(
     return scene.space.cast_scans(x, y, theta, rays, max_range, incidence=incidence)
 
 
-def check_rays(
-    scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.float64]
-) -> None:
+def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.float64]) -> None:
     """Refuse rays that cannot be cast in a scene.
 
     Raises:

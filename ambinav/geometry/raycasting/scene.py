@@ -27,7 +27,7 @@ class Scene(Protocol):
 
     @property
     def floor(self) -> float:
-        """z of the floor in `space`, metres."""
+        """Z of the floor in `space`, metres."""
 
     @property
     def triangulation(self) -> Triangulation:
