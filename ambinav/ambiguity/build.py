@@ -189,8 +189,8 @@ def build_map(
 
     Raises:
         InputError: an argument is out of its range, there is no such scanner, building and scanner
-            do not go together (`raycasting.scans.check_rays`), the scanner cannot have a layer, the robot can stand nowhere, $AMBINAV_CACHE is a file, or
-            $AMBINAV_CACHE_LIMIT is no size.
+            do not go together (`raycasting.scans.check_rays`), the scanner cannot have a layer, the
+            robot can stand nowhere, $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT is no size.
 
     Warns:
         InputWarning: a kept map is damaged or of a newer ambinav, so that it is computed again, or

@@ -316,7 +316,7 @@ class MapOptions:
         )
 
     def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
-        """Names of the further layers, as they are given: what "all" is the building decides too."""
+        """Names of the further layers, as given: what "all" is depends on the building too."""
         if self.layers is None:
             return ()
         from ambinav.ambiguity.layers.registry import chosen_layers

@@ -159,8 +159,8 @@ class Environment:
         """The same floor in a building of three dimensions.
 
         Args:
-            space: What the rays of scanners are cast against: `extruded(environment, height)`, other
-                `Prisms`, or the `Mesh` that `floor_environment` found the floor in.
+            space: What the rays of scanners are cast against: `extruded(environment, height)`, or
+                other `Prisms`, or the `Mesh` that `floor_environment` found the floor in.
             floor: z of the floor in it, metres.
 
         Raises:
@@ -191,7 +191,7 @@ class Environment:
 
     @property
     def surface_normals(self) -> NDArray[np.float64]:
-        """Unit normals of what rays of scanners meet: (S, 2) of a plan's segments, (S, 3) in space."""
+        """Unit normals of what scanners' rays meet: segments of a plan (S, 2), in space (S, 3)."""
         if self.space is None:
             return self.normals(np.arange(len(self.segments)))
         return self.space.surface_normal
