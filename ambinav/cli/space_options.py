@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from ambinav.sensing.scanner import RangeScanner
 
 OCTOMAP: Final = ".bt"
-RADIUS: Final = 0.2
-"""Metres, of a robot that nobody says anything of."""
 PROCESSES: Final = 2
 """Embree holds the interpreter's lock."""
 
@@ -98,7 +96,7 @@ class SpaceOptions:
             map_file: The file.
             scanner: At its height.
             unit: What its numbers are in, as `read_mesh` takes it.
-            robot_radius: Metres; 0: `RADIUS`.
+            robot_radius: Metres; 0: the scanner's, or 0.2 where it has none.
 
         Raises:
             InputError: it cannot be used, or an option does not suit it.
@@ -114,6 +112,7 @@ class SpaceOptions:
             )
         from ambinav.geometry.mesh.floor import floor_environment
         from ambinav.geometry.mesh.octomap import read_octomap
+        from ambinav.sensing.robot_radius import robot_radius as own
 
         found: Mesh
         if suffix == OCTOMAP:
@@ -128,7 +127,7 @@ class SpaceOptions:
                     f"{map_file}: it has three dimensions, and scanner {scanner.name!r} does not "
                     "say how high it is mounted; give --scanner-height, e.g. 0.3."
                 )
-        return floor_environment(found, height, robot_radius or RADIUS, floor=self.floor)
+        return floor_environment(found, height, robot_radius or own(scanner), floor=self.floor)
 
     def extruded(self, environment: Environment) -> Environment:
         """A plan with the height that was given, if one was.
