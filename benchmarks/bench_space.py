@@ -4,7 +4,8 @@ The house is `mesh3d/aws_small_house_visual.ply` of the recorded data, with a VL
 above the floor. Building 079 of Freiburg is `mesh3d/geb079.bt`, voxels of 8 cm, against the
 occupancy map of the log of the same building, `maps_from_logs/freiburg-079.yaml`: recorded on
 other days, in frames of their own. The two are laid over each other by their walls; then one planar
-laser gets a map of each, and zones are compared where both have floor.
+laser gets a map of each, and zones are compared on floor that both
+have seen.
 """
 
 from __future__ import annotations
@@ -132,20 +133,21 @@ def geb079(data: Path, processes: int) -> tuple[str, list[tuple[object, ...]]]:
     with read_octomap(data / "mesh3d" / "geb079.bt", processes=processes) as mesh:
         angle, dx, dy = registration(points_along(plan), walls_of(mesh))
         plan = plan.transformed(0.0, -dx, -dy).transformed(-angle)
-        # All floor under the roof, seen or not: of the other map it is known what is.
-        env = floor_environment(mesh, HEIGHT, RADIUS, floor=0.0)
+        # Maps are made of all floor under the roof; they are compared where it was seen.
+        seen = floor_environment(mesh, HEIGHT, RADIUS)
+        env = floor_environment(mesh, HEIGHT, RADIUS, floor=seen.floor)
         rows = []
         for reach in RANGES:
             sensor = RangeSensor(max_range=reach, std=0.03, resolution=0.001)
             laser = RangeScanner.planar(sensor, 60, math.tau, z=LASER_HEIGHT)
             flat, _ = built(plan, laser, spacing=0.1, map_std=0.03)
             solid, _ = built(env, laser, spacing=0.1, map_std=0.03)
-            rows.append((f"{reach:g} m", *agreement(flat, solid)))
+            rows.append((f"{reach:g} m", *agreement(flat, solid, seen)))
     moved = f"turned by {math.degrees(angle):.2f} degrees and shifted by ({dx:.1f}, {dy:.1f}) m"
     return moved, rows
 
 
-def agreement(flat: AmbiguityMap, solid: AmbiguityMap) -> tuple[object, ...]:
+def agreement(flat: AmbiguityMap, solid: AmbiguityMap, seen: Environment) -> tuple[object, ...]:
     """Area in both, share of the same zone, that by chance, and the levels of both."""
     first, second = flat.dataset, solid.dataset
     row, column = (
@@ -158,6 +160,8 @@ def agreement(flat: AmbiguityMap, solid: AmbiguityMap) -> tuple[object, ...]:
     zone, other = first["zone"].values[here], second["zone"].values[there]
     both = (zone != NOT_FREE) & (other != NOT_FREE)
     both &= first["unknown"].values[here] < UNEXPLORED
+    x, y = np.meshgrid(first["x"].values[columns], first["y"].values[rows])
+    both &= np.asarray(seen.is_free(x, y))
     zone, other = zone[both], other[both]
     chance = sum(float((zone == k).mean() * (other == k).mean()) for k in range(len(ZONES)))
     level = first["level"].values[here][both], second["level"].values[there][both]

@@ -78,7 +78,7 @@ class Page:
 
 PAGES = (
     Page("README.md"),
-    Page("docs/concepts/rays-in-space.md", quick=True),
+    Page("docs/concepts/rays-in-space.md", DEMO, quick=True),
     Page("docs/howto/audit-in-ci.md"),
     Page("docs/howto/change.md"),
     Page("docs/howto/export.md"),

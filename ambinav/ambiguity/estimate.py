@@ -19,6 +19,8 @@ from ambinav.sensing.scanner import RangeScanner
 # 1.0 s.
 PER_COMPARISON: Final = 4.8e-9
 PER_RAY: Final = 55e-9
+# Of a ray in space (benchmarks/results/prisms.md): between what prisms and Embree take of one.
+PER_SPACE_RAY: Final = 250e-9
 PER_TURNED_BEAM: Final = 160e-9
 # Bytes, from the same run's peaks: the program; a pose, and one more heading of it; a cell of the
 # floor's bounding box, in all layers, and one more heading of it; a ray's hit from a pose.
@@ -86,7 +88,7 @@ def estimate(
     rays = len(thinned.rays())
     each = (
         neighbours * thinned.beams * PER_COMPARISON
-        + rays * PER_RAY
+        + rays * (PER_RAY if environment.space is None else PER_SPACE_RAY)
         + (thinned.beams * PER_TURNED_BEAM if turning else 0.0)
     )
     # A tile and the one before it are held at a time, and the hits of all rays of one heading.
