@@ -10,8 +10,8 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.obstacle import Obstacle
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.segments import FRONTIER, Segments
 
 WAVES: Final = 32

@@ -12,8 +12,8 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.motion.steering import checked_poses
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.segments import WALL, Segments
 
 TRIES = 10_000

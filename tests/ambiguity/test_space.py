@@ -182,6 +182,33 @@ def test_headings_of_a_panorama_are_those_cast_one_by_one() -> None:
         assert same.mean() > 0.995
 
 
+def test_the_fisher_bound_of_an_extruded_plan_is_that_of_the_plan(demo: Environment) -> None:
+    options: dict[str, Any] = {"spacing": 0.5, "layers": "fisher", "store": False}
+    flat, solid = (build_map(env, LASER, **options).dataset for env in (demo, tall(demo)))
+    for name in ("fisher", "fisher_minor"):
+        assert np.nanquantile(np.abs(flat[name] - solid[name]), 0.999) < 1e-4
+        assert np.array_equal(np.isnan(flat[name]), np.isnan(solid[name]))
+
+
+def test_the_fisher_bound_in_space_is_the_sum_over_its_beams() -> None:
+    env, _ = furnished()
+    amap = build_map(env, LIDAR, spacing=0.5, layers="fisher", max_beams=84, store=False)
+    row, column = np.argwhere(amap.dataset["free"].values)[20]
+    x, y = float(amap.dataset["x"][column]), float(amap.dataset["y"][row])
+    step, poses = 1e-3, []
+    for axis in np.eye(3):
+        poses += [np.array([x, y, 0.0]) + sign * step * axis for sign in (1, -1)]
+    ranges = LIDAR.scan(env, *np.array(poses).T).astype(np.float64)
+    ranges[:, np.isinf(ranges).any(axis=0)] = 0.0
+    gradient = (ranges[::2] - ranges[1::2]) / (2 * step)
+    # Beams that cross an edge within the step tell a jump; the bound has none.
+    gradient[:, ~(np.abs(gradient) < 20.0).all(axis=0)] = 0.0
+    variance = 0.03**2 + 0.001**2 / 12 + env.map_std**2
+    information = gradient @ gradient.T / variance + np.diag([1 / 0.25**2] * 2 + [1 / 0.05**2])
+    bound = math.sqrt(float(np.linalg.eigvalsh(np.linalg.inv(information)[:2, :2]).max()))
+    assert float(amap.dataset["fisher"][row, column]) == pytest.approx(bound, rel=0.1)
+
+
 # -- what 3D shows -----------------------------------------------------------------------------
 
 
@@ -296,8 +323,8 @@ def test_what_is_known_of_plans_alone() -> None:
     for what, ask in asked.items():
         with pytest.raises(InputError, match=f"{what}.*is known for plans alone.*plan"):
             ask()
-    with pytest.raises(InputError, match="fisher: the building is in space"):
-        build_map(env, LASER, layers="fisher")
+    with pytest.raises(InputError, match="gfm: the building is in space"):
+        build_map(env, LASER, layers="gfm")
     with pytest.raises(InputError, match="it is a plan, and the scanner looks up"):
         MonteCarloLocalizer(plan, LIDAR, rng=np.random.default_rng(0))
 
@@ -326,6 +353,6 @@ def test_stored_maps_are_told_apart_by_what_stands_in_space() -> None:
 def test_layers_that_work_in_space() -> None:
     env, _ = furnished()
     amap = build_map(env, LIDAR, spacing=0.5, max_beams=84, layers="all", store=False)
-    assert {"position", "coastal_entropy", "clearance"} <= set(amap.layers)
-    assert not {"fisher", "gfm", "localizability", "wall_normals"} & set(amap.layers)
+    assert {"position", "coastal_entropy", "clearance", "fisher"} <= set(amap.layers)
+    assert not {"perturbation", "gfm", "localizability", "wall_normals"} & set(amap.layers)
     assert (amap.dataset["unknown"].values[amap.dataset["free"].values] < BLIND).all()

@@ -72,14 +72,14 @@ def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.
             raise InputError(
                 f"{scene.name}: it is a plan, and the scanner looks up and down (a beam has an "
                 f"elevation of {math.degrees(elevation[steep[0]]):.3g} degrees); give the building "
-                "a height: `--extrude M` on the command line, in Python "
+                "a height: `--extrude M` of `ambinav map` and `audit`, in Python "
                 "environment.in_space(extruded(environment, height))."
             )
     elif len(height) and not height.min() > 0.0:
         raise InputError(
             f"{scene.name}: it is a building in space, and a sensor of the scanner is at z = "
-            f"{height.min():g} m, on its floor; give the mount a height: `--scanner-height M` on "
-            "the command line, `z:` in the scanner's file, in Python scanner.raised(height)."
+            f"{height.min():g} m, on its floor; give the mount a height: `z:` in its file, "
+            "`--scanner-height M` of `ambinav map` and `audit`, in Python scanner.raised(height)."
         )
 
 
