@@ -60,6 +60,7 @@ def test_a_mesh(runner: CliRunner, room: Path) -> None:
     assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
 
 
+@pytest.mark.slow
 def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     options = [*LIDAR, "--extrude", "2.5", "--places", "1", "--no-aliasing", "-o", "out"]
     result = runner.invoke(app, ["audit", str(BUILDING), *options])

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.segments import REFLECTOR
 from ambinav.sensing.rays import RayTable
 
 if TYPE_CHECKING:
@@ -89,6 +88,7 @@ def cast_reflectors(
         InputError: a pose is not finite.
     """
     from ambinav.geometry.raycasting import scans
+    from ambinav.geometry.segments import REFLECTOR
 
     shape, flat = _poses(x, y, theta)
     first = rays.start[:-1]

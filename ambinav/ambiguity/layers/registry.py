@@ -5,18 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import nearest
 from ambinav.errors import InputError
-from ambinav.geometry.environment import Environment
 from ambinav.maps import schema
 from ambinav.maps.core_layers import CORE_LAYERS, LayerRecord
 from ambinav.plugins import Registry
 from ambinav.sensing.scanner import RangeScanner
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
 
 ALL: Final = "all"
 """Stands for every layer that the scanner can have, but those that are slow."""
