@@ -20,6 +20,7 @@ from typing import Any
 
 import numba
 import numpy as np
+import shapely
 from harness import add_out, report, table
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -32,9 +33,12 @@ from ambinav.geometry.mesh.floor import floor_environment
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.mesh.octomap import read_octomap
 from ambinav.geometry.mesh.read import read_mesh
+from ambinav.geometry.raycasting.prisms import Prisms, Solid
+from ambinav.geometry.segments import Segments, edges_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES
 from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.sensing.layout import Part
 
 Points = NDArray[np.float64]
 
@@ -78,6 +82,43 @@ def house_rows(data: Path, processes: int) -> list[tuple[object, ...]]:
             used = scanner.beams if beams else _used(amap)
             mean, worst = np.nanmean(level), np.nanquantile(level, 0.99)
             rows.append((name, poses, used, f"{seconds:.1f}", f"{mean:.3f}", f"{worst:.3f}"))
+    return rows
+
+
+def corridor(heights: bool) -> Environment:
+    """A corridor of 40 x 2 m, bare, or with beams under its ceiling and shelves at 1.5 m."""
+    free = shapely.box(0.0, 0.0, 40.0, 2.0)
+    xy = edges_of(free)
+    plan = Environment(Segments(xy, np.zeros(len(xy), dtype=np.uint8)), free, name="corridor")
+    solids = [
+        Solid(shapely.box(x, 0.0, x + 0.2, 2.0), 2.3, 2.6)
+        for x in (2.1, 5.3, 7.9, 11.6, 14.2, 17.7, 20.4, 24.1, 26.6, 30.2, 33.0, 36.7)
+    ]
+    solids += [
+        Solid(shapely.box(x, 1.7, x + 1.1, 2.0), 1.4, 1.5)
+        for x in (4.0, 9.2, 16.0, 22.1, 28.9, 35.0)
+    ]
+    walls = np.tile((0.0, 2.6), (len(xy), 1))
+    return plan.in_space(
+        Prisms(xy, walls, solids=solids if heights else (), floor=0.0, ceiling=2.6)
+    )
+
+
+def corridor_rows() -> list[tuple[object, ...]]:
+    """Mean level in the middle of the corridor, by layout; all sensors have one range."""
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
+    planar = RangeScanner.planar(sensor, 60, math.tau, z=0.5)
+    scanners = {"planar, 60 beams": planar}
+    for name in ("velodyne-vlp-16", "ouster-os1-32", "livox-mid-360"):
+        layout = RangeScanner.from_preset(name).parts[0].layout
+        scanners[f"as {name}"] = RangeScanner((Part(sensor, layout),))
+    rows = []
+    for name, scanner in scanners.items():
+        found = []
+        for heights in (False, True):
+            amap, _ = built(corridor(heights), scanner, spacing=0.1)
+            found.append(float(np.nanmean(amap.dataset["level"].values[:, 60:-60])))
+        rows.append((name, *(f"{level:.3f}" for level in found)))
     return rows
 
 
@@ -190,11 +231,17 @@ def main() -> None:
             "## The house",
             "One build each after a warm-up at 0.5 m. Levels are over all free poses.",
             table(("map", "poses", "beams", "s", "mean level", "99 % level"), house),
+            "## What the plane cannot tell",
+            "Mean level in the middle 28 m of a corridor of 40 x 2 m, bare, and with 12 beams "
+            "under its ceiling (2.3 to 2.6 m) and 6 shelves (1.4 to 1.5 m). All scanners are half "
+            "a metre above the floor and have one sensor of 4 m; layouts as of the presets.",
+            table(("layout", "bare", "beams and shelves"), corridor_rows()),
             "## Building 079, a slice of the voxels against the 2D map",
             f"The 2D map {moved} lies over the voxels. A laser of 60 beams, {LASER_HEIGHT} m above "
             "the floor. By chance: the agreement of two maps with these shares of zones that know "
             "nothing of each other. Where nearly all floor is localizable, agreement says little, "
-            "and short ranges say more.",
+            "and short ranges say more. Faces of voxels step by 8 cm, as no wall does, and more "
+            "furniture is among them: of both a laser sees more in the slice.",
             table(
                 (
                     "range", "common m2", "same zone", "by chance", "not localizable: 2D",

@@ -21,6 +21,7 @@ from ambinav.design.sweep.sweep import sweep
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
+from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.mesh.floor import floor_environment
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.raycasting.prisms import Prisms, Solid
@@ -69,6 +70,14 @@ def test_a_level_scanner_reads_in_an_extruded_plan_what_it_reads_in_the_plan() -
 def test_its_map_is_that_of_the_plan(demo: Environment, headings: int | None) -> None:
     options: dict[str, Any] = {"spacing": 0.4, "headings": headings}
     flat, solid = level(demo, LASER, **options), level(tall(demo), LASER, **options)
+    assert np.array_equal(np.isnan(flat), np.isnan(solid))
+    assert np.nanmax(np.abs(flat - solid)) < 0.02
+
+
+@pytest.mark.slow
+def test_its_map_is_that_of_a_recorded_plan(data_dir: Path) -> None:
+    env = load_environment(data_dir / "maps" / "nav2_depot.yaml")
+    flat, solid = level(env, LASER, spacing=0.3), level(tall(env), LASER, spacing=0.3)
     assert np.array_equal(np.isnan(flat), np.isnan(solid))
     assert np.nanmax(np.abs(flat - solid)) < 0.02
 
