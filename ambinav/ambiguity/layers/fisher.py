@@ -154,7 +154,7 @@ def _in_space(
             tells = (data[:, 0] < table.limit[: table.beams]) & (data[:, 4] < BLIND / 2)
             weight = np.where(tells, 0.5 / data[:, 4], 0.0)
             gradient = data[:, 1:4]
-            information = (gradient * weight[:, None]) @ gradient.transpose(0, 2, 1)
+            information: Floats = np.matmul(gradient * weight[:, None], gradient.transpose(0, 2, 1))
             found[:, part, h] = marginal_radii(information / tau, place, turn)
     major, minor, direction = (context.spread(values) for values in found)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
