@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from functools import cached_property
@@ -174,20 +175,13 @@ class Environment:
         return self if self.space is None else self._with_space(None, 0.0)
 
     def _with_space(self, space: SpaceCaster | None, floor: float) -> Environment:
-        return Environment(
-            self.segments,
-            self.free,
-            name=self.name,
-            source=self.source,
-            checksum=self.checksum,
-            resolution=self.resolution,
-            notes=self.notes,
-            extent=self.extent,
-            occupancy=self.occupancy,
-            drivable=self.drivable,
-            space=space,
-            floor=floor,
-        )
+        # With what was worked out of the floor, which is the same.
+        made = copy.copy(self)
+        made.space = space
+        made.floor = as_number(floor, f"{self.name}: floor")
+        if vars(made).get("collision") is self:
+            del made.collision
+        return made
 
     @property
     def surface_normals(self) -> NDArray[np.float64]:

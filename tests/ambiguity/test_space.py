@@ -91,6 +91,17 @@ def test_layers_that_see_walls_alone_change_little(demo: Environment) -> None:
     assert abs(np.nanmean(flat) - np.nanmean(many)) < 0.02
 
 
+def test_a_plan_keeps_what_was_worked_out_of_its_floor() -> None:
+    plan = scenes.room(6.0, 4.0)
+    mesh, itself = plan.triangulation, plan.collision
+    env = tall(plan)
+    assert env.triangulation is mesh and env.plan.triangulation is mesh
+    assert itself is plan and env.collision is env and env.plan.collision.space is None
+    assert plan.space is None and plan.plan is plan
+    with pytest.raises(InputError, match="floor is nan"):
+        plan.in_space(Prisms([(0, 0, 1, 0)], [(0, 1)]), math.nan)
+
+
 # -- prisms and meshes -------------------------------------------------------------------------
 
 
