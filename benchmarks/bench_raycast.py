@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.raycasting.fan import scan_rays
 from ambinav.geometry.raycasting.raycast import cast_rays
+from ambinav.geometry.raycasting.scans import scan_rays
 from ambinav.geometry.segments import Segments
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -133,7 +133,8 @@ def measure(name: str, count: int, beams: int, max_range: float, repeats: int, s
             "scan": lambda: scanner.scan(env, poses.x, poses.y, poses.theta),
             "scan_rays": lambda: scan_rays(
                 env, poses.x, poses.y, poses.theta, table_of_rays.origin, table_of_rays.angle,
-                max_range, incidence=False,
+                max_range, height=table_of_rays.height, elevation=table_of_rays.elevation,
+                incidence=False,
             ),
             "cast": lambda: env.cast(in_order.x, in_order.y, in_order.angle, max_range),
             "cast_rays": lambda: raw_cast(in_order),

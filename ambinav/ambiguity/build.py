@@ -26,6 +26,7 @@ from ambinav.config import as_count
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.lanes import LANES
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -93,6 +94,7 @@ class MapSettings:
         """Check the arguments of `build_map`, which says what they are and raises."""
         if not isinstance(scanner, RangeScanner):
             scanner = RangeScanner.load(scanner)
+        check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
         names = (layers,) if isinstance(layers, str) else tuple(layers)
         names += tuple({cost_layer(scanner)} - schema.CORE)
         if names:
@@ -100,7 +102,7 @@ class MapSettings:
                 chosen_layers,
             )  # only where they are wanted
 
-            names = tuple(layer.name for layer in chosen_layers(names, scanner))
+            names = tuple(layer.name for layer in chosen_layers(names, scanner, env))
         if not (math.isfinite(spacing) and spacing > 0.0):
             raise InputError(f"spacing is {spacing}; give a positive number of metres.")
         if not (math.isfinite(radius) and radius >= spacing):
@@ -186,9 +188,9 @@ def build_map(
         The map; its dataset's layers are named in `AmbiguityMap`.
 
     Raises:
-        InputError: an argument is out of its range, there is no such scanner, the scanner cannot
-            have a layer, the robot can stand nowhere, $AMBINAV_CACHE is a file, or
-            $AMBINAV_CACHE_LIMIT is no size.
+        InputError: an argument is out of its range, there is no such scanner, building and scanner
+            do not go together (`raycasting.scans.check_rays`), the scanner cannot have a layer, the
+            robot can stand nowhere, $AMBINAV_CACHE is a file, or $AMBINAV_CACHE_LIMIT is no size.
 
     Warns:
         InputWarning: a kept map is damaged or of a newer ambinav, so that it is computed again, or

@@ -263,6 +263,7 @@ def _provenance(
         "frame": "map",
         "units": "metres, radians",
         "environment_sha256": env.checksum,
+        "environment_space": "" if env.space is None else env.space.checksum,
         "environment_resolution": json.dumps(env.resolution),
         "collision": "floor" if env.drivable is None else "drivable",
         "environment_extent": json.dumps(

@@ -8,7 +8,8 @@ from typing import Final
 
 import numba
 
-from ambinav.ambiguity.build import BEAMS_PER_TURN, HEADINGS, TILE_BYTES
+from ambinav.ambiguity.build import HEADINGS, TILE_BYTES
+from ambinav.ambiguity.model import thin
 from ambinav.geometry.environment import Environment
 from ambinav.sensing.scanner import RangeScanner
 
@@ -18,6 +19,8 @@ from ambinav.sensing.scanner import RangeScanner
 # 1.0 s.
 PER_COMPARISON: Final = 4.8e-9
 PER_RAY: Final = 55e-9
+# Of a ray in space (benchmarks/results/prisms.md): between what prisms and Embree take of one.
+PER_SPACE_RAY: Final = 250e-9
 PER_TURNED_BEAM: Final = 160e-9
 # Bytes, from the same run's peaks: the program; a pose, and one more heading of it; a cell of the
 # floor's bounding box, in all layers, and one more heading of it; a ray's hit from a pose.
@@ -79,14 +82,13 @@ def estimate(
     cells = (xmax - xmin) * (ymax - ymin) / spacing**2
     # Points within the radius; walls keep some of them apart.
     neighbours = max(0.9 * math.pi * (radius / spacing) ** 2, 1.0)
-    share = scanner.aperture / (2.0 * math.pi)
-    thinned = scanner.thinned(max(round(BEAMS_PER_TURN * share), 1, len(scanner.parts)))
+    thinned = thin(scanner)
     turning = headings is None and scanner.looks_all_around
     count = headings or (1 if turning else HEADINGS)
     rays = len(thinned.rays())
     each = (
         neighbours * thinned.beams * PER_COMPARISON
-        + rays * PER_RAY
+        + rays * (PER_RAY if environment.space is None else PER_SPACE_RAY)
         + (thinned.beams * PER_TURNED_BEAM if turning else 0.0)
     )
     # A tile and the one before it are held at a time, and the hits of all rays of one heading.

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ambinav.ambiguity.batch import (
     SEEN,
@@ -40,6 +41,8 @@ def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
     order = scanner.rotation_order
     x, y, yaw = scanner.mounts.T
     found = np.empty((order, scanner.beams), dtype=np.uint64)
+    if not scanner.level or np.ptp(scanner.upright[:, 0]) > 0.0:
+        return _turns_in_space(scanner, found)
     for k in range(order):
         angle = 2 * math.pi * k / order
         c, s = math.cos(angle), math.sin(angle)
@@ -50,6 +53,21 @@ def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
             + (scanner.sensor_of_beam[:, None] != scanner.sensor_of_beam)
         )
         found[k] = apart.argmin(axis=1)
+    return found
+
+
+def _turns_in_space(scanner: RangeScanner, found: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """`turns` of beams that are thousands: each is looked up by what it is."""
+    x, y, yaw = scanner.mounts.T
+    rest = np.column_stack([scanner.upright, scanner.sensor_of_beam])
+    tree = cKDTree(np.column_stack([x, y, np.cos(yaw), np.sin(yaw), rest]))
+    for k in range(len(found)):
+        angle = 2 * math.pi * k / len(found)
+        c, s = math.cos(angle), math.sin(angle)
+        turned = np.column_stack(
+            [c * x - s * y, s * x + c * y, np.cos(yaw + angle), np.sin(yaw + angle), rest]
+        )
+        found[k] = tree.query(turned)[1]
     return found
 
 

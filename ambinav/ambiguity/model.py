@@ -15,6 +15,9 @@ from ambinav.sensing.scanner import RangeScanner
 PIECES_PER_TURN = 15.0
 # Beams per turn of the scanner that take part: more tell nothing new, see `independent_tau`.
 BEAMS_PER_TURN = 60
+# Upward it is the same: layers hold a piece in 24 degrees, and one in 6 degrees takes part.
+PIECE_HEIGHT = 2.0 * math.pi / PIECES_PER_TURN
+LAYER_SPACING = 2.0 * math.pi / BEAMS_PER_TURN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,9 +78,11 @@ class AmbiguityModel:
 def independent_tau(scanner: RangeScanner) -> float:
     """Beams of `scanner` per independent piece of evidence: `PIECES_PER_TURN` of them a turn.
 
-    Fewer beams than pieces are all independent.
+    Of a scanner with layers as many again for each `PIECE_HEIGHT` that they span. Fewer beams than
+    pieces are all independent.
     """
     pieces = max(PIECES_PER_TURN * scanner.aperture / (2.0 * math.pi), 1.0)
+    pieces *= max(scanner.vertical_aperture / PIECE_HEIGHT, 1.0)
     return max(1.0, scanner.beams / pieces)
 
 
@@ -86,11 +91,13 @@ def thin(scanner: RangeScanner, max_beams: int | None = None) -> RangeScanner:
 
     Args:
         scanner: All beams.
-        max_beams: How many take part at the most; None: `BEAMS_PER_TURN`, and one of each part.
+        max_beams: How many take part at the most; None: `BEAMS_PER_TURN` for each layer, these at
+            least `LAYER_SPACING` apart, and one of each part.
     """
     if max_beams is None:
         share = scanner.aperture / (2 * math.pi)
-        max_beams = max(round(BEAMS_PER_TURN * share), 1)
+        layers = 1 + round(scanner.vertical_aperture / LAYER_SPACING)
+        max_beams = max(round(BEAMS_PER_TURN * share) * layers, 1)
         max_beams = max(max_beams, len(scanner.parts))
     return scanner.thinned(max_beams)
 

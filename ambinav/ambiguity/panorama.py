@@ -92,7 +92,7 @@ def panoramas(views: Sequence[View], most: int) -> list[Panorama]:
     keys, mounts = [], []
     for view in views:
         mount, key = view_beams(view, sensors)
-        mounts.append(mount)
+        mounts.append(np.column_stack([mount, view.scanner.upright]))
         keys.append(key)
     ends = np.cumsum([len(key) for key in keys])
     _, first, beam = np.unique(np.concatenate(keys), axis=0, return_index=True, return_inverse=True)
@@ -170,7 +170,7 @@ def view_radii(
 def view_beams(
     view: View, sensors: dict[RangeSensor, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mounts of a view's beams at heading 0, (B, 3), and what tells one from another, (B, 4)."""
+    """Mounts of a view's beams at heading 0, (B, 3), and what tells one from another, (B, 6)."""
     x, y, yaw = view.scanner.mounts.T
     c, s = math.cos(view.heading), math.sin(view.heading)
     mounts = np.column_stack([c * x - s * y, s * x + c * y, yaw + view.heading])
@@ -180,7 +180,8 @@ def view_beams(
     keys = np.rint(np.column_stack([mounts[:, :2], mounts[:, 2] % turn]) / SAME_RAY)
     # Just below a whole turn is none.
     keys[:, 2] %= round(turn / SAME_RAY)
-    return mounts, np.column_stack([sensor_of_beam, keys.astype(np.int64)])
+    up = np.rint(view.scanner.upright / SAME_RAY)
+    return mounts, np.column_stack([sensor_of_beam, np.hstack([keys, up]).astype(np.int64)])
 
 
 def _panorama(
@@ -204,7 +205,10 @@ def _panorama(
         columns = column[own[i]]
         same = columns.tobytes(), views[i].tau, views[i].standing
         rows.setdefault(same, ([], columns))[0].append(i)
-    scanner = RangeScanner.from_mounts(sensors, table[0][used], table[1][used], name="panorama")
+    beams = table[0][used]
+    scanner = RangeScanner.from_mounts(
+        sensors, beams[:, :3], table[1][used], upright=beams[:, 3:], name="panorama"
+    )
     return Panorama(scanner, tuple(Row(tuple(i), columns) for i, columns in rows.values()))
 
 

@@ -17,6 +17,7 @@ from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TIE
 from ambinav.ambiguity.standing import TOUCHING
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.scans import check_rays, plane_only
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.sensing.scanner import RangeScanner
 
@@ -68,7 +69,12 @@ def beams(
     """Mean readings (B,), gradients (B, 3), effective variances (B,) and bin widths (B,).
 
     In a building with reflectors the intensities follow, of the beams that read them.
+
+    Raises:
+        InputError: the building or a beam is not in the plane.
     """
+    plane_only(env, "the reference of a scan")
+    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     ranges, gradients, variances, widths = [], [], [], []
     intensities, blur = [], []
     rays = scanner.rays()

@@ -14,7 +14,7 @@ from ambinav.ambiguity.indistinguishability import FINE, evidence_table
 from ambinav.ambiguity.intensity_returns import intensity_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.added import AddedWalls
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.scans import check_rays, plane_only, scan_rays
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.kernels import kernel
 from ambinav.lanes import LANES
@@ -259,6 +259,10 @@ def panorama_returns(
     All headings are windows of one panorama: a ray that several of them share is cast once, and
     rays from one point walk the building together.
 
+    With u the direction of a ray, whose horizontal part turns with the robot, and n the normal of
+    what it meets, a range changes with the pose by -n_x / (n . u) and -n_y / (n . u), and with the
+    heading by -d (n_y u_x - n_x u_y) / (n . u), and by what the sensor itself moves.
+
     Args:
         env: The environment.
         scanner: The scanner.
@@ -269,6 +273,10 @@ def panorama_returns(
         data: Written, float32, shape (H, first + N, 5, P) or more, padding and all: see `Returns`.
         first: Row of the first pose.
         added: Walls that stand in the building besides its own.
+
+    Raises:
+        InputError: the building and the scanner do not go together (`check_rays`), or walls are
+            added to a building in space.
     """
     rays = scanner.rays()
     angle = headings[:, None] + rays.angle
@@ -277,7 +285,11 @@ def panorama_returns(
     c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
     ox, oy = rays.origin.T
     cast = np.stack([turn[:, None] + rays.angle, c * ox - s * oy, s * ox + c * oy], axis=-1)
-    cast = cast.reshape(-1, 3)
+    if env.space is not None:
+        # Only there rays that differ in height alone are two.
+        up = np.column_stack([rays.height, rays.elevation])
+        cast = np.concatenate([cast, np.broadcast_to(up, (*turn.shape, *up.shape))], axis=-1)
+    cast = cast.reshape(len(headings) * len(rays), -1)
     which = np.arange(len(cast)).reshape(angle.shape)
     if len(headings) > 1 or len(scanner.sensors) > 1:
         key = np.column_stack([cast[:, 0] % (2.0 * math.pi), cast[:, 1:]])
@@ -290,15 +302,19 @@ def panorama_returns(
     spread, bias = table.spread[own], table.bias[own]
     step = max(RAYS_AT_ONCE // len(cast), 1)
     reach = scanner.max_range + BEYOND
-    normals, kind = env.normals(np.arange(len(env.segments))), env.segments.kind
+    normals, kind = env.surface_normals, env.surface_kind
+    check_rays(env, rays.height, rays.elevation)
+    # All that a plan takes are level.
+    up = cast[:, 3:] if env.space is not None else np.zeros((len(cast), 2))
     if added is not None:
+        plane_only(env, "an added wall")
         normals = np.concatenate([normals, added.normals])
         kind = np.concatenate([kind, added.kind])
     for low in range(0, len(x), step):
         part = slice(low, low + step)
         distance, segment, incidence = scan_rays(
-            env, x[part], y[part], np.full(len(x[part]), headings[0]), cast[:, 1:], cast[:, 0],
-            reach, incidence=bool(np.isfinite(rays.max_incidence).any()),
+            env, x[part], y[part], np.full(len(x[part]), headings[0]), cast[:, 1:3], cast[:, 0],
+            reach, height=up[:, 0], elevation=up[:, 1], incidence=rays.specular,
         )  # fmt: skip
         if added is not None:
             hits = distance, segment, incidence
@@ -308,8 +324,8 @@ def panorama_returns(
         run_rows(
             _beam_returns, len(distance), distance, segment, incidence, which,
             normals, kind == FRONTIER, rays.origin,
-            angle, headings, rays.start, rays.max_incidence, table.nearest, table.limit, sensor,
-            spread, bias, data, first + low, least=128,
+            angle, rays.elevation, headings, rays.start, rays.max_incidence, table.nearest,
+            table.limit, sensor, spread, bias, data, first + low, least=128,
         )  # fmt: skip
         if len(table.intensity):
             run_rows(
@@ -322,10 +338,11 @@ def panorama_returns(
 
 @kernel
 def _beam_returns(
-    begin, end, distance, segment, incidence, which, normal, frontier, origin, angle, headings,
-    start, max_incidence, nearest, limit, sensor, spread, bias, data, first,
+    begin, end, distance, segment, incidence, which, normal, frontier, origin, angle, elevation,
+    headings, start, max_incidence, nearest, limit, sensor, spread, bias, data, first,
 ):  # fmt: skip
     cos_a, sin_a = np.cos(angle), np.sin(angle)
+    flat, rise = np.cos(elevation), np.sin(elevation)
     # How the sensor itself moves when the robot turns.
     turn_x, turn_y = np.empty(angle.shape), np.empty(angle.shape)
     for h in range(headings.size):
@@ -357,6 +374,10 @@ def _beam_returns(
                     inner = start[b] < best < start[b + 1] - 1
                     nx, ny = echo_normal(inner, ux, uy, normal[k, 0], normal[k, 1])
                     facing = nx * ux + ny * uy
+                    if rise[best] != 0.0:
+                        # Of a level ray nothing may change, not even the sign of a zero.
+                        ux, uy = ux * flat[best], uy * flat[best]
+                        facing = nx * ux + ny * uy + normal[k, 2] * rise[best]
                     facing = math.copysign(max(abs(facing), GRAZING), facing)
                     per_facing = -1.0 / facing
                     gx, gy = nx * per_facing, ny * per_facing

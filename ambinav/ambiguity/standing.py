@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_plan
+from ambinav.geometry.raycasting.space import SpaceCaster, SpaceRays
 from ambinav.sensing.scanner import RangeScanner
 
 # Sensors nearer to the robot's centre than this stand where it does, metres.
 AT_CENTRE = 1e-9
 # A sensor that a wall touches, to within the rounding of ranges, stands in it, metres.
 TOUCHING = 1e-6
+# What stands over the floor by less hinders no mast, metres: floors are uneven.
+UNEVEN = 0.1
 
 
 def can_stand(
@@ -35,7 +38,8 @@ def can_stand(
 
     It can where its body, a disc, its centre and all of its sensors are in the free space and touch
     no wall, and no wall parts a sensor from the robot's centre: behind a thin wall a sensor is in
-    free space again, but the robot would stand on both sides.
+    free space again, but the robot would stand on both sides. In space the sensors are in what is
+    free at their height, and nothing is over the floor at the robot's centre up to the highest.
 
     Args:
         env: The environment.
@@ -51,6 +55,10 @@ def can_stand(
     good = np.array(env.is_free(x, y, robot_radius), dtype=np.bool_)
     # On a wall itself it is left to rounding what a sensor in the robot's centre sees.
     good &= np.asarray(env.clearance(x, y, 2 * TOUCHING)) > TOUCHING
+    if env.space is not None:
+        left = np.flatnonzero(good)
+        good[left] = _free_in_space(env.space, env.floor, scanner, x[left], y[left], theta)
+        return good
     sensors = np.unique(scanner.mounts[:, :2], axis=0)
     off = np.hypot(*sensors.T)
     sensors, off = sensors[off > AT_CENTRE], off[off > AT_CENTRE]
@@ -58,7 +66,7 @@ def can_stand(
     if not (len(sensors) and len(left)):
         return good
     x, y = x[left], y[left]
-    distance, _, _ = scan_rays(
+    distance, _, _ = scan_plan(
         env, x, y, np.full(len(left), theta), np.zeros((len(sensors), 2)),
         np.arctan2(sensors[:, 1], sensors[:, 0]), float(off.max()), incidence=False,
     )  # fmt: skip
@@ -69,6 +77,34 @@ def can_stand(
         fine &= env.triangulation.contains(x + c * mx - s * my, y + s * mx + c * my)
     good[left] = fine
     return good
+
+
+def _free_in_space(
+    space: SpaceCaster,
+    floor: float,
+    scanner: RangeScanner,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    theta: float,
+) -> NDArray[np.bool_]:
+    """Whether nothing solid is where the sensors are, nor between them and the robot's axis."""
+    places = np.unique(np.column_stack([scanner.mounts[:, :2], scanner.upright[:, 0]]), axis=0)
+    off = np.hypot(places[:, 0], places[:, 1])
+    count, top = len(places), float(places[:, 2].max())
+    heading = np.full(len(x), theta)
+    # From the axis to each sensor, and from the highest of them down to the floor.
+    outward = SpaceRays(
+        np.column_stack([np.zeros((count, 2)), places[:, 2] + floor]),
+        np.arctan2(places[:, 1], places[:, 0]),
+        np.zeros(count),
+    )
+    down = SpaceRays(np.array([[0.0, 0.0, top + floor]]), np.zeros(1), np.full(1, -math.pi / 2))
+    reach = float(off.max()) + TOUCHING
+    distance, _, _ = space.cast_scans(x, y, heading, outward, reach, incidence=False)
+    # Nothing is greater than nan, which a ray has that starts in what is solid.
+    apart = distance > np.where(off > AT_CENTRE, off, 0.0) + TOUCHING
+    drop, _, _ = space.cast_scans(x, y, heading, down, top, incidence=False)
+    return np.asarray(apart.all(axis=1) & ~(drop[:, 0] < top - UNEVEN))
 
 
 def standing(

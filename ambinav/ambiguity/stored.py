@@ -56,6 +56,8 @@ def map_key(
 
     names = tuple(layers)
     parts: list[object] = [env, scanner, *scanner.parts]
+    if env.space is not None:
+        parts.append(env.space)
     for part in scanner.parts:
         parts += [part.sensor, part.layout]
     modules = [type(part).__module__ for part in parts]

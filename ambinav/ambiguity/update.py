@@ -36,6 +36,7 @@ from ambinav.ambiguity.standing import standing
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS
@@ -69,8 +70,10 @@ def updated(
 
     Raises:
         InputError: the map does not say how it was made, or was made by another version; or the
-            robot can stand nowhere in `env`.
+            robot can stand nowhere in `env`; or one of the two is in space.
     """
+    plane_only(env, "an updated map")
+    plane_only(amap.environment, "an updated map")
     with reporter(progress, f"{env.name}, {amap.dataset.attrs['scanner']}") as report:
         return _Update.of(amap, env).run(report)
 

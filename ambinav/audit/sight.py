@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.scans import scan_rays
+from ambinav.geometry.segments import FRONTIER
 from ambinav.sensing.scanner import RangeScanner
 
 Floats = NDArray[np.float64]
 
 _SAME_DIRECTION = math.radians(10.0)
 _SAME_DEPTH = 0.25  # metres between parallel surfaces that count as two
+_STANDING = 0.5  # horizontal part of the normal of a surface that stands, rather than lies
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +33,10 @@ class Sight:
         aperture: (B,) radians; full angle of each beam's cone, 0 for a laser.
         max_range: (B,) metres.
         distance: (B,) metres from the sensor; inf where nothing returns an echo.
-        hit: (B, 2) metres; the point that returned the echo, NaN where none did.
+        hit: (B, 2) metres; the point that returned the echo as seen from above, NaN where none did.
         frontier: (B,) True where the beam ends at unknown space, not at a wall.
-        surfaces: How many surfaces the echoes come from; pieces of one plane count once.
+        surfaces: How many surfaces the echoes come from; pieces of one plane count once, and in
+            space floors and ceilings do not.
         directions: Along how many directions these surfaces run.
     """
 
@@ -96,6 +99,9 @@ def look(
         x: Metres, map frame.
         y: Metres.
         theta: Heading, radians.
+
+    Raises:
+        InputError: building and scanner do not go together (`raycasting.scans.check_rays`).
     """
     rays = scanner.rays()
     distance, segment, incidence = scan_rays(
@@ -106,6 +112,8 @@ def look(
         rays.origin,
         rays.angle,
         scanner.max_range,
+        height=rays.height,
+        elevation=rays.elevation,
     )
     echo = rays.echoes(distance, incidence)[0].astype(np.float64)
     nearest = np.array(
@@ -119,11 +127,16 @@ def look(
     origin = np.array([x, y]) + scanner.mounts[:, :2] @ turn
     angle = theta + rays.angle[nearest]
     reach = np.where(returned, ranges, np.nan)
-    hit = origin + reach[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    # As seen from above.
+    flat = np.cos(rays.elevation[nearest])
+    hit = origin + (reach * flat)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
-    walls = environment.segments.walls
-    at_wall = returned & (ended >= 0) & walls[ended]
-    surfaces, directions = count_surfaces(environment.segments.xy[np.unique(ended[at_wall])])
+    at_wall = returned & (ended >= 0) & (environment.surface_kind != FRONTIER)[ended]
+    if environment.space is None:
+        lines = environment.segments.xy[np.unique(ended[at_wall])]
+    else:
+        lines = _standing(environment.surface_normals[ended[at_wall]], hit[at_wall])
+    surfaces, directions = count_surfaces(lines)
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     return Sight(
         x=x,
@@ -139,6 +152,19 @@ def look(
         surfaces=surfaces,
         directions=directions,
     )
+
+
+def _standing(normal: Floats, hit: Floats) -> Floats:
+    """Short lines (N, 4) for the hits on surfaces that stand: floor and ceiling tell no place.
+
+    Args:
+        normal: Of the surfaces, shape (N, 3).
+        hit: Where, shape (N, 2), metres.
+    """
+    upright = np.hypot(normal[:, 0], normal[:, 1])
+    stands = upright > _STANDING
+    along = np.column_stack([-normal[:, 1], normal[:, 0]])[stands] / upright[stands, None]
+    return np.hstack([hit[stands] - along / 2, hit[stands] + along / 2])
 
 
 def count_surfaces(segments: Floats) -> tuple[int, int]:

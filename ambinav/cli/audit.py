@@ -12,7 +12,15 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.gate import AuditGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
-from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.running import (
+    Progress,
+    above_zero,
+    check_writable,
+    note,
+    progress_bars,
+    reporting,
+)
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,6 +113,7 @@ def audit(
     ],
     building: BuildingOptions,
     making: MapOptions,
+    space: SpaceOptions,
     robot: ReachOptions,
     reported: ReportOptions,
     gate: AuditGate,
@@ -120,11 +129,17 @@ def audit(
     """
     with reporting():
         making.check()
+        space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         conditions = gate.conditions(output)
         reported = replace(reported, aliasing=gate.aliasing(conditions, reported.aliasing))
         reported.check(output)
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = making.load(
+            map_file, scanner, building, space, robot.robot_radius or 0.0
+        )
+        if environment.space is not None and reported.posts:
+            note("where posts would help is known for plans alone; the report leaves it out.")
+            reported = replace(reported, posts=0)
         from ambinav.geometry.collision.reach import find_reach
         from ambinav.sensing.robot_radius import robot_radius
 

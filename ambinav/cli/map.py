@@ -12,6 +12,7 @@ import typer
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions
 from ambinav.cli.running import check_writable, not_negative, progress_bars, reporting
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.cli.tile_options import TileOptions
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def build(
     ],
     building: BuildingOptions,
     making: MapOptions,
+    space: SpaceOptions,
     tiling: TileOptions,
     robot_radius: Annotated[
         float,
@@ -49,10 +51,13 @@ def build(
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
 
+    MAP may also be a mesh (.ply, .stl, .obj, .glb) or an OctoMap (.bt).
+
     Example: `ambinav map office.yaml --scanner hokuyo-urg-04lx -o office.zarr`
     """
     with reporting():
         making.check()
+        space.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
         tiling.check(output)
         from ambinav.maps.store import check_target
@@ -60,7 +65,7 @@ def build(
         if "://" not in output:
             check_writable(Path(output))
             check_target(Path(output))
-        environment, chosen = making.load(map_file, scanner, building)
+        environment, chosen = making.load(map_file, scanner, building, space, robot_radius)
         if tiling.tile is not None:
             settings = making.settings(environment, chosen, robot_radius)
             tiling.build(environment, settings, output, as_json)

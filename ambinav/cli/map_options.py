@@ -15,6 +15,7 @@ from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import MapSettings
+    from ambinav.cli.space_options import SpaceOptions
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
@@ -215,9 +216,21 @@ class MapOptions:
             )
 
     def load(
-        self, map_file: Path, scanner: str, building: BuildingOptions
+        self,
+        map_file: Path,
+        scanner: str,
+        building: BuildingOptions,
+        space: SpaceOptions | None = None,
+        robot_radius: float = 0.0,
     ) -> tuple[Environment, RangeScanner]:
         """Load the building and the scanner, the scanner first: it is the quicker to be wrong.
+
+        Args:
+            map_file: The building.
+            scanner: A preset or a file.
+            building: How the building is read.
+            space: What makes it three-dimensional, where the command knows of that.
+            robot_radius: Of a robot on the floor of a mesh, metres; 0: not said.
 
         Raises:
             InputError: one cannot be used, the spacing exceeds the building, or there is no layer
@@ -227,12 +240,20 @@ class MapOptions:
         from ambinav.sensing.scanner import RangeScanner
 
         chosen = RangeScanner.load(scanner)
+        if space is not None:
+            chosen = space.mounted(chosen)
         self._names(chosen)
         if str(map_file) in preset_names():
             raise InputError(
                 f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
             )
-        environment = building.load(map_file)
+        environment = None
+        if space is not None:
+            environment = space.mesh(map_file, chosen, building.unit, robot_radius)
+        if environment is None:
+            environment = building.load(map_file)
+            if space is not None:
+                environment = space.extruded(environment)
         xmin, ymin, xmax, ymax = environment.bounds
         if self.spacing > max(xmax - xmin, ymax - ymin):
             raise InputError(
@@ -316,13 +337,14 @@ class MapOptions:
         )
 
     def _names(self, scanner: RangeScanner) -> tuple[str, ...]:
-        """Names of the further layers."""
+        """Names of the further layers, as given: what "all" is depends on the building too."""
         if self.layers is None:
             return ()
         from ambinav.ambiguity.layers.registry import chosen_layers
 
-        names = [name.strip() for name in self.layers.split(",")]
-        return tuple(layer.name for layer in chosen_layers(names, scanner))
+        names = tuple(name.strip() for name in self.layers.split(","))
+        chosen_layers(names, scanner)
+        return names
 
 
 @dataclass(frozen=True, kw_only=True)

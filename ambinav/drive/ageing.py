@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.segments import FRONTIER, Segments
 
 WAVES: Final = 32
@@ -40,8 +41,9 @@ def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -
         rng: The source of randomness; with another deviation the same waves are higher or lower.
 
     Raises:
-        InputError: no free space is left.
+        InputError: no free space is left, or it is a building in space.
     """
+    plane_only(mapped, "an aged building")
     turn = rng.uniform(0.0, math.pi, WAVES)
     length = rng.uniform(SHORTEST, LONGEST, WAVES)
     wave = 2.0 * math.pi / length * np.array([np.cos(turn), np.sin(turn)])
@@ -100,6 +102,7 @@ def with_moved_furniture(
             lines[k] = place.exterior
     if not put:
         return mapped
+    plane_only(mapped, "moved furniture")
     # What footprints may leave and the cells of a grid are of the map, not of the building.
     plain = Environment(
         mapped.segments, mapped.free, name=mapped.name, resolution=mapped.resolution

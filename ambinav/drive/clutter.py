@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.motion.steering import checked_poses
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.segments import WALL, Segments
 
 TRIES = 10_000
@@ -29,7 +30,7 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
             changes nothing.
 
     Raises:
-        InputError: an obstacle is no polygon, or no free space is left.
+        InputError: an obstacle is no polygon, no free space is left, or it is a building in space.
     """
     for i, shape in enumerate(obstacles):
         if shape.geom_type not in ("Polygon", "MultiPolygon") or not shape.is_valid:
@@ -39,6 +40,7 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
             )
     if not obstacles:
         return environment
+    plane_only(environment, "a building with obstacles")
     solid = shapely.union_all(obstacles)
     free = environment.free.difference(solid)
     outline = shapely.get_parts(shapely.line_merge(solid.boundary.intersection(environment.free)))

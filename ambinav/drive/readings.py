@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.scans import plane_only, scan_rays
+from ambinav.geometry.segments import REFLECTOR
 from ambinav.kernels import kernel
 from ambinav.localization.random import normals, uniform
 from ambinav.sensing.scanner import RangeScanner
@@ -30,7 +31,7 @@ class Readings:
 
     def __init__(self, environment: Environment, scanner: RangeScanner) -> None:
         self.environment = environment
-        self._reflects = environment.segments.reflectors
+        self._reflects = environment.surface_kind == REFLECTOR
         self.scanner = scanner
         self._rays = scanner.rays()
         sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
@@ -73,10 +74,11 @@ class Readings:
         rays = self._rays
         distance, segment, incidence = scan_rays(
             self.environment, x, y, theta, rays.origin, rays.angle, self.scanner.max_range,
-            incidence=rays.specular,
+            height=rays.height, elevation=rays.elevation, incidence=rays.specular,
         )  # fmt: skip
         echo = rays.echoes(distance, incidence)
         if people is not None and people.shape[1]:
+            plane_only(self.environment, "a drive among people")
             _block(
                 poses, people, float(radius), rays.origin, rays.angle, rays.max_range, distance,
                 echo,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from functools import cached_property
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
+from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.border_cover import longest_bare, meeting
 from ambinav.geometry.edit import SLIVER, Building, obstructed, polygons_of, removed
@@ -20,9 +22,11 @@ from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.raycasting.grid import SegmentGrid
 from ambinav.geometry.raycasting.raycast import cast_rays, clearances
+from ambinav.geometry.raycasting.scans import plane_only
+from ambinav.geometry.raycasting.space import SpaceCaster
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.raycasting.walk import walk_rays
-from ambinav.geometry.segments import FRONTIER, WALL, Segments, edges_of
+from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, Segments, edges_of
 from ambinav.provenance import digest_of
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
@@ -52,6 +56,10 @@ class Environment:
         occupancy: The grid that it came from, if it came from one.
         drivable: Polygon or MultiPolygon within `free` that no footprint may leave, metres; None
             for `free` itself. Rays do not look at it; see `collision`.
+        space: The building in three dimensions, which the rays of scanners are cast against; None:
+            it is a plan. All that is asked of `free`, `segments` and `drivable` remains a matter of
+            the floor: where a robot can be.
+        floor: z of the floor in `space`, metres.
 
     Raises:
         InputError: no free space, no segment, or a stretch of the border of the free space
@@ -71,6 +79,8 @@ class Environment:
         extent: shapely.Polygon | None = None,
         occupancy: OccupancyGrid | None = None,
         drivable: BaseGeometry | None = None,
+        space: SpaceCaster | None = None,
+        floor: float = 0.0,
     ) -> None:
         origin = str(source) if source is not None else name
         if free.is_empty or free.area <= 0.0:
@@ -93,13 +103,16 @@ class Environment:
         self.extent = extent
         self.occupancy = occupancy
         self._drivable = drivable
+        self.space = space
+        self.floor = as_number(floor, f"{origin}: floor")
 
     def __repr__(self) -> str:
         """Name, size and counts."""
         xmin, ymin, xmax, ymax = self.bounds
         return (
             f"Environment({self.name!r}, {xmax - xmin:.1f} x {ymax - ymin:.1f} m, "
-            f"{self.free.area:.0f} m2 free, {len(self.segments)} segments)"
+            f"{self.free.area:.0f} m2 free, {len(self.segments)} segments"
+            f"{'' if self.space is None else f', {self.space!r}'})"
         )
 
     @property
@@ -143,10 +156,49 @@ class Environment:
             notes=self.notes,
         )
 
+    def in_space(self, space: SpaceCaster, floor: float = 0.0) -> Environment:
+        """The same floor in a building of three dimensions.
+
+        Args:
+            space: What the rays of scanners are cast against: `extruded(environment, height)`, or
+                other `Prisms`, or the `Mesh` that `floor_environment` found the floor in.
+            floor: z of the floor in it, metres.
+
+        Raises:
+            InputError: the floor is not a finite number.
+        """
+        return self._with_space(space, floor)
+
+    @property
+    def plan(self) -> Environment:
+        """The same without `space`: rays are cast against its segments. Itself if it has none."""
+        return self if self.space is None else self._with_space(None, 0.0)
+
+    def _with_space(self, space: SpaceCaster | None, floor: float) -> Environment:
+        # With what was worked out of the floor, which is the same.
+        made = copy.copy(self)
+        made.space = space
+        made.floor = as_number(floor, f"{self.name}: floor")
+        if vars(made).get("collision") is self:
+            del made.collision
+        return made
+
+    @property
+    def surface_normals(self) -> NDArray[np.float64]:
+        """Unit normals of what scanners' rays meet: segments of a plan (S, 2), in space (S, 3)."""
+        if self.space is None:
+            return self.normals(np.arange(len(self.segments)))
+        return self.space.surface_normal
+
+    @property
+    def surface_kind(self) -> NDArray[np.uint8]:
+        """What each of these surfaces is, shape (S,): see `ambinav.geometry.segments`."""
+        return self.segments.kind if self.space is None else self.space.surface_kind
+
     @property
     def has_reflectors(self) -> bool:
-        """Whether some segment is a reflector, which an intensity channel tells from a wall."""
-        return bool(self.segments.reflectors.any())
+        """Whether some surface is a reflector, which an intensity channel tells from a wall."""
+        return bool((self.surface_kind == REFLECTOR).any())
 
     @property
     def map_std(self) -> float:
@@ -285,7 +337,12 @@ class Environment:
         return np.where((index >= 0)[..., None], normal, np.nan)
 
     def transformed(self, angle: float, dx: float = 0.0, dy: float = 0.0) -> Environment:
-        """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
+        """Turn about the origin by `angle` radians, then shift by (dx, dy) metres.
+
+        Raises:
+            InputError: it is a building in space.
+        """
+        plane_only(self, "a turned building")
         drivable = self.drivable
         return Environment(
             self.segments.transformed(angle, dx, dy),
@@ -314,7 +371,11 @@ class Environment:
 
         Returns:
             The building itself, if it lies in the box; None if no free space does.
+
+        Raises:
+            InputError: it is a building in space.
         """
+        plane_only(self, "a window of a building")
         a, b = np.array(bounds), np.array(self.free.bounds)
         if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
             return self
@@ -367,8 +428,10 @@ class Environment:
 
         Raises:
             InputError: an obstacle lies outside the floor, or they cover all of it; `remove` is no
-                sound polygon; or occupied cells are not known (`AmbiguityMap.environment`).
+                sound polygon; or occupied cells are not known (`AmbiguityMap.environment`); or it
+                is a building in space.
         """
+        plane_only(self, "an edited building")
         before = Building(self.segments, self.free, self.drivable, self.occupancy, self.name)
         after = before
         if remove is not None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.segments import FRONTIER, Segments
 
@@ -66,6 +67,7 @@ class EnvironmentPart(Environment):
         self.resolution = resolution
         self.notes = ()
         self.extent = self.occupancy = self._drivable = None
+        self.space, self.floor = None, 0.0
         # In place of what is worked out of segments and floor.
         vars(self).update(
             border_segment=segment,
@@ -115,7 +117,11 @@ class PartCutter:
         Args:
             environment: The building.
             footprints: Whether it is asked of parts where a body fits.
+
+        Raises:
+            InputError: it is a building in space.
         """
+        plane_only(environment, "a map in tiles")
         corners = environment.triangulation.corner.reshape(-1, 3, 2)
         apart = footprints and environment.drivable is not None
         return cls(

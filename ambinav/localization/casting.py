@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.fan import STACK, cast_fan, counter_clockwise
+from ambinav.geometry.raycasting.scans import check_rays, plane_only
 from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
@@ -80,7 +81,13 @@ class CastTables(NamedTuple):
 def cast_tables(
     environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64]
 ) -> CastTables:
-    """Lay out the environment and the beams with these indices, which are renumbered from 0."""
+    """Lay out the environment and the beams with these indices, which are renumbered from 0.
+
+    Raises:
+        InputError: the building is in space, or the scanner needs one that is.
+    """
+    plane_only(environment, "what casts rays pose by pose (localizers, simulation, some layers)")
+    check_rays(environment, scanner.upright[:, 0], scanner.upright[:, 1])
     rays = scanner.rays()
     owner = np.repeat(np.arange(scanner.beams), np.diff(rays.start))
     number = np.full(scanner.beams, -1, dtype=np.int64)

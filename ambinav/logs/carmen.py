@@ -14,7 +14,7 @@ from ambinav.errors import InputError, InputWarning
 from ambinav.logs.carmen_lines import Damage, Lines, Triple, read_lines
 from ambinav.logs.frames import Floats, between, compose, inverse
 from ambinav.logs.log import Log
-from ambinav.sensing.layout import Mount
+from ambinav.sensing.mounting import Mount
 
 # Where nothing returns, a SICK writes its largest value or a code a little below it: 51.05 to
 # 51.16 in one log, 81.87 and 81.89 in another.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.logs.frames import Floats, compose, wrapped
-from ambinav.sensing.layout import CENTRE, Mount
+from ambinav.sensing.mounting import CENTRE, Mount
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 

@@ -172,7 +172,8 @@ class AmbiguityMap:
         """The building that the map was computed from, as far as a robot can meet it.
 
         Of a map that was made from an occupancy grid before occupied cells were kept, it can be
-        looked at but not planned in: its `collision` raises an InputError.
+        looked at but not planned in: its `collision` raises an InputError. Of a map that was made
+        in space the floor is known alone: scans raise one.
 
         Raises:
             InputError: the outline of the free space cannot be read.

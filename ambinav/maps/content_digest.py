@@ -21,7 +21,10 @@ def environment_digest(environment: Environment) -> str:
     What a file's name and time of change say does not matter, only what was read from it.
     """
     made_of = [name for name in inspect.signature(type(environment)).parameters]
-    return digest_of({name: getattr(environment, name) for name in made_of if name not in _NAMES})
+    content = {name: getattr(environment, name) for name in made_of if name not in _NAMES}
+    if environment.space is not None:
+        content["space"] = environment.space.checksum
+    return digest_of(content)
 
 
 def map_digest(amap: AmbiguityMap) -> str:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import shapely
 import xarray as xr
+from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.segments import Segments
 
 
@@ -23,7 +26,8 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
 
     Returns:
         Of a map that was made from an occupancy grid before occupied cells were kept, one that can
-        be looked at but not planned in: its `collision` raises an InputError.
+        be looked at but not planned in: its `collision` raises an InputError. Of a map that was
+        made in space the floor is known alone: scans raise one.
 
     Raises:
         InputError: the outline of the free space cannot be read.
@@ -32,6 +36,7 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
     file, kept = str(attrs.get("environment_source", "")), attrs.get("collision")
     on_grid = Path(file).suffix.lower() in ("", ".yaml", ".yml")
     corners = json.loads(attrs.get("environment_extent", "[]"))
+    space = str(attrs.get("environment_space", ""))
     made = (_WithoutCells if kept is None and on_grid else Environment)(
         Segments(dataset["segments"].values, dataset["segment_kind"].values),
         _outline(dataset, "floor", "free space", source),
@@ -44,6 +49,7 @@ def kept_environment(dataset: xr.Dataset, source: str) -> Environment:
         drivable=(
             _outline(dataset, "drivable", "drivable space", source) if kept == "drivable" else None
         ),
+        space=_LostSpace(source, space) if space else None,
     )
     if isinstance(made, _WithoutCells):
         made.map_file = source
@@ -66,6 +72,52 @@ class _WithoutCells(Environment):
             f"{self.map_file}: this map was made before occupied cells were kept with a map, so "
             "it is not known where a robot fits; make the map again with `ambinav map`."
         )
+
+
+class _LostSpace:
+    """The space of a building whose map keeps the floor alone: nothing can be cast against it.
+
+    Args:
+        map_file: What messages call the map.
+        checksum: Of the building's space.
+    """
+
+    def __init__(self, map_file: str, checksum: str) -> None:
+        self.map_file = map_file
+        self.checksum = checksum
+
+    def __repr__(self) -> str:
+        """That it is not known."""
+        return "space not kept"
+
+    def _lost(self) -> InputError:
+        return InputError(
+            f"{self.map_file}: this map was made of a building in space, of which it keeps the "
+            "floor alone, so that no ray can be cast; give the building itself."
+        )
+
+    @property
+    def surface_normal(self) -> NDArray[np.float64]:
+        """Not known; raises `InputError`."""
+        raise self._lost()
+
+    @property
+    def surface_kind(self) -> NDArray[np.uint8]:
+        """Not known; raises `InputError`."""
+        raise self._lost()
+
+    def cast_scans(
+        self,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        theta: NDArray[np.float64],
+        rays: SpaceRays,
+        max_range: float,
+        *,
+        incidence: bool = True,
+    ) -> Scans:
+        """Not known; raises `InputError`."""
+        raise self._lost()
 
 
 def _outline(dataset: xr.Dataset, name: str, what: str, source: str) -> BaseGeometry:

@@ -31,7 +31,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.lattice import STEPS, Lattice
 from ambinav.geometry.motion.steering import Steering
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_plan
 from ambinav.maps.zones import UNEXPLORED
 from ambinav.routes.route import Route
 
@@ -198,7 +198,7 @@ def explored(environment: Environment, x: Floats, y: Floats) -> Mask:
     """Whether fewer than half of all directions end in unknown space, at places of shape (N,)."""
     xmin, ymin, xmax, ymax = environment.bounds
     angle = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    _, segment, _ = scan_rays(
+    _, segment, _ = scan_plan(
         environment, x, y, np.zeros_like(x), np.zeros((DIRECTIONS, 2)), angle,
         math.hypot(xmax - xmin, ymax - ymin), incidence=False,
     )  # fmt: skip

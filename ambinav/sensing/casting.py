@@ -40,9 +40,10 @@ def cast_beams(
         nan where the sensor is outside the free space.
 
     Raises:
-        InputError: a pose is not finite.
+        InputError: a pose is not finite, or the building and the scanner do not go together
+            (`raycasting.scans.check_rays`).
     """
-    from ambinav.geometry.raycasting import fan  # brings in numba: only when something is cast
+    from ambinav.geometry.raycasting import scans  # brings in numba: only when something is cast
 
     shape, flat = _poses(x, y, theta)
     beams = len(rays.start) - 1
@@ -53,9 +54,10 @@ def cast_beams(
     sifted = specular or bool((rays.max_range < np.float32(max_range)).any())
     for i in range(0, len(ranges), step):
         px, py, heading = (values[i : i + step] for values in flat)
-        distance, _, incidence = fan.scan_rays(
-            env, px, py, heading, rays.origin, rays.angle, max_range, incidence=specular
-        )
+        distance, _, incidence = scans.scan_rays(
+            env, px, py, heading, rays.origin, rays.angle, max_range, height=rays.height,
+            elevation=rays.elevation, incidence=specular,
+        )  # fmt: skip
         echo = rays.echoes(distance, incidence) if sifted else distance
         ranges[i : i + step] = rays.nearest(echo)
     return ranges.reshape(*shape, beams)
@@ -85,7 +87,8 @@ def cast_reflectors(
     Raises:
         InputError: a pose is not finite.
     """
-    from ambinav.geometry.raycasting import fan
+    from ambinav.geometry.raycasting import scans
+    from ambinav.geometry.segments import REFLECTOR
 
     shape, flat = _poses(x, y, theta)
     first = rays.start[:-1]
@@ -93,10 +96,11 @@ def cast_reflectors(
     step = max(1, RAYS_AT_ONCE // len(rays))
     for i in range(0, len(found), step):
         px, py, heading = (values[i : i + step] for values in flat)
-        _, segment, _ = fan.scan_rays(
-            env, px, py, heading, rays.origin[first], rays.angle[first], max_range
-        )
-        found[i : i + step] = env.segments.reflectors[segment] & (segment >= 0)
+        _, surface, _ = scans.scan_rays(
+            env, px, py, heading, rays.origin[first], rays.angle[first], max_range,
+            height=rays.height[first], elevation=rays.elevation[first],
+        )  # fmt: skip
+        found[i : i + step] = (env.surface_kind == REFLECTOR)[surface] & (surface >= 0)
     return found.reshape(*shape, len(first))
 
 

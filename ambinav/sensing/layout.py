@@ -9,14 +9,26 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.config import as_count, as_degrees, as_number, as_numbers
+from ambinav.config import as_count, as_degrees, as_number
 from ambinav.errors import InputError
 from ambinav.sensing.intensity import Intensity
+from ambinav.sensing.mounting import (
+    CENTRE,
+    LEVEL,
+    TURN,
+    Mount,
+    as_elevation,
+    as_mount,
+    as_tilt,
+    directed,
+    divisor,
+    fan_angles,
+    plain_mount,
+    plain_tilt,
+    thinned_fan,
+)
 from ambinav.sensing.sensor import RangeSensor
-
-Mount: TypeAlias = tuple[float, float, float]
-TURN = 2.0 * math.pi
-CENTRE: Mount = (0.0, 0.0, 0.0)
+from ambinav.sensing.space_layout import Camera, Layers
 
 
 @dataclass(frozen=True)
@@ -30,35 +42,57 @@ class Planar:
         beams: Number of beams.
         aperture: Angle from the first to the last beam, radians; 2 pi is the full circle.
         mount: x, y in metres and yaw in radians in the robot frame.
+        z: Metres above the floor.
+        pitch: Radians about y, positive looks down (REP 103).
+        roll: Radians about x, applied first.
     """
 
     beams: int
     aperture: float
     mount: Mount = CENTRE
+    z: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "beams", as_count(self.beams, "beams"))
         object.__setattr__(self, "aperture", as_number(self.aperture, "aperture"))
-        object.__setattr__(self, "mount", _mount(self.mount))
+        object.__setattr__(self, "mount", as_mount(self.mount))
+        for name, value in zip(
+            ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
+        ):
+            object.__setattr__(self, name, value)
         if not 0 <= self.aperture <= TURN + 1e-9:
             raise InputError(
                 f"aperture is {math.degrees(self.aperture):g} degrees; give 0 to 360 (in Python "
                 "0 to 2 pi radians)."
             )
 
-    def moved(self, dx: float, dy: float) -> Planar:
-        """Return the same fan so many metres further along x and y."""
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Planar:
+        """Return the same fan so many metres further along x, y and z."""
         x, y, yaw = self.mount
-        return Planar(self.beams, self.aperture, (x + dx, y + dy, yaw))
+        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
 
     @property
     def full_circle(self) -> bool:
         """Whether the beams go all around."""
         return self.aperture > TURN - 1e-9
 
+    @property
+    def level(self) -> bool:
+        """Whether it is mounted without pitch and roll."""
+        return self.pitch == 0.0 and self.roll == 0.0
+
+    @property
+    def vertical_aperture(self) -> float:
+        """A fan has a single layer: 0."""
+        return 0.0
+
     def mounts(self) -> NDArray[np.float64]:
         """Return x, y, yaw of each beam, shape (beams, 3)."""
+        if not self.level:
+            return self._tilted()[0]
         x, y, yaw = self.mount
         if self.full_circle and self.beams > 1:
             angle = yaw - math.pi + TURN * np.arange(self.beams) / self.beams
@@ -66,6 +100,15 @@ class Planar:
             half = self.aperture / 2 if self.beams > 1 else 0.0
             angle = yaw + np.linspace(-half, half, self.beams)
         return np.column_stack([np.full(self.beams, x), np.full(self.beams, y), angle])
+
+    def upright(self) -> NDArray[np.float64]:
+        """Return z and elevation of each beam, shape (beams, 2), metres and radians."""
+        return _at_height(self.beams, self.z) if self.level else self._tilted()[1]
+
+    def _tilted(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        angle = fan_angles(self.beams, self.aperture)
+        flat = np.zeros(self.beams)
+        return directed(angle, flat, self.mount, self.z, self.pitch, self.roll)
 
     def with_aperture(self, aperture: float) -> Planar:
         """Return a fan of another aperture with about the same angle between its beams.
@@ -81,7 +124,7 @@ class Planar:
             raise InputError("a single beam leaves no angle between beams to keep; give two.")
         count = round(aperture * gaps / self.aperture)
         around = aperture > TURN - 1e-9
-        return Planar(max(count if around else count + 1, 1), aperture, self.mount)
+        return replace(self, beams=max(count if around else count + 1, 1), aperture=aperture)
 
     def thinned(self, most: int) -> Planar:
         """Return a fan of at most `most` evenly spaced beams, symmetric about the same axis.
@@ -91,29 +134,17 @@ class Planar:
         it keeps the spacing of every s-th beam, each kept beam within half a step of a real one,
         and loses at most half a stride at either edge.
         """
-        if self.beams <= most:
-            return self
-        if self.full_circle:
-            return Planar(_divisor(self.beams, most) or most, self.aperture, self.mount)
-        if most == 1:
-            return Planar(1, 0.0, self.mount)
-        gaps, step = self.beams - 1, self.aperture / (self.beams - 1)
-        for kept in range(most - 1, 0, -1):
-            stride = gaps // kept
-            spare = gaps - kept * stride
-            if spare <= stride:
-                break
-        return Planar(kept + 1, kept * stride * step, self.mount)
+        beams, aperture = thinned_fan(self.beams, self.aperture, most)
+        return replace(self, beams=beams, aperture=aperture)
 
     def to_plain(self) -> dict[str, object]:
         """Return the YAML form."""
-        return {
-            "planar": {
-                "beams": self.beams,
-                "aperture_deg": as_degrees(self.aperture),
-                "mount": _plain_mount(self.mount),
-            }
+        plain: dict[str, object] = {
+            "beams": self.beams,
+            "aperture_deg": as_degrees(self.aperture),
+            "mount": plain_mount(self.mount),
         }
+        return {"planar": plain | plain_tilt(self.z, self.pitch, self.roll)}
 
 
 @dataclass(frozen=True)
@@ -124,17 +155,20 @@ class Ring:
         count: Number of sensors.
         radius: Distance of each from the centre, metres.
         start: Direction of the first, radians; the others follow counter-clockwise.
+        z: Metres above the floor.
     """
 
     count: int
     radius: float
     start: float = 0.0
+    z: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "count", as_count(self.count, "count"))
         object.__setattr__(self, "radius", as_number(self.radius, "radius"))
         object.__setattr__(self, "start", as_number(self.start, "start"))
+        object.__setattr__(self, "z", as_number(self.z, "z"))
         if self.radius < 0:
             raise InputError(f"radius is {self.radius}; give at least 0 metres.")
 
@@ -143,11 +177,20 @@ class Ring:
         angle = self.start + TURN * np.arange(self.count) / self.count
         return np.column_stack([self.radius * np.cos(angle), self.radius * np.sin(angle), angle])
 
-    def moved(self, dx: float, dy: float) -> Ring | Mounts:
-        """Return the same sensors so many metres further along x and y."""
+    @property
+    def vertical_aperture(self) -> float:
+        """A ring is level: 0."""
+        return 0.0
+
+    def upright(self) -> NDArray[np.float64]:
+        """Return z and elevation of each beam, shape (count, 2), metres and radians."""
+        return _at_height(self.count, self.z)
+
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Ring | Mounts:
+        """Return the same sensors so many metres further along x, y and z."""
         if dx == 0.0 and dy == 0.0:
-            return self
-        return Mounts(tuple((x + dx, y + dy, yaw) for x, y, yaw in self.mounts().tolist()))
+            return replace(self, z=self.z + dz)
+        return Mounts.of(self.mounts(), self.upright()).moved(dx, dy, dz)
 
     def thinned(self, most: int) -> Ring:
         """Return a ring of at most `most` sensors: every s-th, or evenly spread new ones.
@@ -156,17 +199,16 @@ class Ring:
         """
         if self.count <= most:
             return self
-        return Ring(_divisor(self.count, most) or most, self.radius, self.start)
+        return replace(self, count=divisor(self.count, most) or most)
 
     def to_plain(self) -> dict[str, object]:
         """Return the YAML form."""
-        return {
-            "ring": {
-                "count": self.count,
-                "radius": self.radius,
-                "start_deg": as_degrees(self.start),
-            }
+        plain: dict[str, object] = {
+            "count": self.count,
+            "radius": self.radius,
+            "start_deg": as_degrees(self.start),
         }
+        return {"ring": plain | plain_tilt(self.z, 0.0, 0.0)}
 
 
 @dataclass(frozen=True)
@@ -175,23 +217,52 @@ class Mounts:
 
     Attributes:
         each: x, y in metres and yaw in radians of each beam.
+        raised: z in metres and elevation in radians of each; empty where all are 0.
     """
 
     each: tuple[Mount, ...]
+    raised: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Check the mounts; raises `InputError`."""
-        object.__setattr__(self, "each", tuple(_mount(mount) for mount in self.each))
+        object.__setattr__(self, "each", tuple(as_mount(mount) for mount in self.each))
         if not self.each:
             raise InputError("mounts is empty; list at least one [x, y, yaw].")
+        raised = tuple((as_number(z, "z"), as_elevation(e, "elevation")) for z, e in self.raised)
+        if raised and len(raised) != len(self.each):
+            raise InputError(
+                f"mounts lists {len(self.each)} beams and {len(raised)} heights; give one of each "
+                "a beam."
+            )
+        object.__setattr__(self, "raised", raised if set(raised) - {LEVEL} else ())
+
+    @classmethod
+    def of(cls, mounts: NDArray[np.float64], upright: NDArray[np.float64]) -> Mounts:
+        """Take the beams of other layouts: (n, 3) of `mounts` and (n, 2) of `upright`."""
+        return cls(
+            tuple((x, y, yaw) for x, y, yaw in mounts.tolist()),
+            tuple((z, elevation) for z, elevation in upright.tolist()),
+        )
+
+    @property
+    def vertical_aperture(self) -> float:
+        """Angle from the lowest beam to the highest, radians."""
+        return float(np.ptp(self.upright()[:, 1]))
 
     def mounts(self) -> NDArray[np.float64]:
         """Return x, y, yaw of each beam, shape (n, 3)."""
         return np.array(self.each, dtype=np.float64)
 
-    def moved(self, dx: float, dy: float) -> Mounts:
-        """Return the same beams so many metres further along x and y."""
-        return Mounts(tuple((x + dx, y + dy, yaw) for x, y, yaw in self.each))
+    def upright(self) -> NDArray[np.float64]:
+        """Return z and elevation of each beam, shape (n, 2), metres and radians."""
+        if not self.raised:
+            return _at_height(len(self.each), 0.0)
+        return np.array(self.raised, dtype=np.float64)
+
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Mounts:
+        """Return the same beams so many metres further along x, y and z."""
+        each = tuple((x + dx, y + dy, yaw) for x, y, yaw in self.each)
+        return Mounts(each, tuple((z + dz, e) for z, e in self.upright().tolist()))
 
     def thinned(self, most: int) -> Mounts:
         """Return at most `most` of the beams, evenly chosen by yaw, in the order listed."""
@@ -204,18 +275,23 @@ class Mounts:
         order = np.roll(order, -1 - int(np.argmax(gap)))
         number = len(order)
         if float(gap.max()) <= 1.5 * TURN / number:
-            kept = _divisor(number, most) or most
+            kept = divisor(number, most) or most
             chosen = np.arange(kept) * number // kept
         else:
             chosen = np.rint(np.linspace(0, number - 1, most)).astype(np.intp)
-        return Mounts(tuple(self.each[i] for i in sorted(order[chosen].tolist())))
+        kept_beams = np.sort(order[chosen])
+        return Mounts.of(self.mounts()[kept_beams], self.upright()[kept_beams])
 
     def to_plain(self) -> dict[str, object]:
         """Return the YAML form."""
-        return {"mounts": [_plain_mount(mount) for mount in self.each]}
+        each = [plain_mount(mount) for mount in self.each]
+        if self.raised:
+            up = [[z, as_degrees(elevation)] for z, elevation in self.raised]
+            each = [row + more for row, more in zip(each, up, strict=True)]
+        return {"mounts": each}
 
 
-Layout: TypeAlias = Planar | Ring | Mounts
+Layout: TypeAlias = Planar | Ring | Mounts | Layers | Camera
 
 
 @dataclass(frozen=True)
@@ -226,21 +302,9 @@ class Part:
     layout: Layout
 
 
-def _mount(value: object) -> Mount:
-    numbers = as_numbers(value, "mount")
-    if len(numbers) != 3:
-        raise InputError(f"mount is {value!r}; give x, y and yaw.")
-    return numbers[0], numbers[1], numbers[2]
-
-
-def _plain_mount(mount: Mount) -> list[float]:
-    return [mount[0], mount[1], as_degrees(mount[2])]
-
-
-def _divisor(number: int, most: int) -> int | None:
-    """Return the largest divisor of a number that is at most `most` and at least its half."""
-    sizes = range(most, (most - 1) // 2, -1)
-    return next((size for size in sizes if number % size == 0), None)
+def _at_height(count: int, z: float) -> NDArray[np.float64]:
+    """Z and elevation of so many level beams, shape (count, 2)."""
+    return np.tile((z, 0.0), (count, 1))
 
 
 def with_channel(

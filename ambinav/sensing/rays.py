@@ -16,7 +16,8 @@ class RayTable:
     """All rays of a scanner in the robot frame, beam after beam.
 
     Beam b owns the rays start[b] to start[b + 1] - 1: one for a laser; for a cone an odd number
-    spread evenly over it, both edges and the axis included, at most 2 degrees apart.
+    spread evenly over it, both edges and the axis included, at most 2 degrees apart. In space a
+    cone is what it is in the plane: a level fan.
 
     Attributes:
         origin: float64, shape (R, 2), metres.
@@ -25,6 +26,8 @@ class RayTable:
         max_range: float32, shape (R,): farthest distance in metres that returns an echo.
         max_incidence: float32, shape (R,): largest angle in radians to the surface normal that
             returns an echo, inf where every angle does.
+        height: float64, shape (R,), metres above the floor.
+        elevation: float64, shape (R,), radians above the horizon; 0 in the plane.
     """
 
     origin: NDArray[np.float64]
@@ -32,6 +35,8 @@ class RayTable:
     start: NDArray[np.intp]
     max_range: NDArray[np.float32]
     max_incidence: NDArray[np.float32]
+    height: NDArray[np.float64]
+    elevation: NDArray[np.float64]
 
     def __len__(self) -> int:
         """Number of rays R."""
@@ -74,8 +79,17 @@ def make_rays(
     aperture: NDArray[np.float64],
     max_range: NDArray[np.float64],
     max_incidence: NDArray[np.float64],
+    upright: NDArray[np.float64],
 ) -> RayTable:
-    """Make the rays of beams with the mounts (B, 3) x, y, yaw and one entry each a beam."""
+    """Make the rays of beams, one entry each a beam.
+
+    Args:
+        mounts: x, y and azimuth, shape (B, 3), metres and radians.
+        aperture: Of the cones, radians, shape (B,).
+        max_range: Metres, shape (B,).
+        max_incidence: Radians, shape (B,), inf where every angle echoes.
+        upright: z and elevation, shape (B, 2), metres and radians.
+    """
     fans = {a: cone_offsets(a) for a in np.unique(aperture).tolist()}
     offsets = [fans[a] for a in aperture.tolist()]
     counts = np.array([len(offset) for offset in offsets], dtype=np.intp)
@@ -85,4 +99,6 @@ def make_rays(
         start=np.concatenate([np.zeros(1, dtype=np.intp), np.cumsum(counts)]),
         max_range=np.repeat(max_range, counts).astype(np.float32),
         max_incidence=np.repeat(max_incidence, counts).astype(np.float32),
+        height=np.repeat(upright[:, 0], counts),
+        elevation=np.repeat(upright[:, 1], counts),
     )

@@ -13,17 +13,19 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ambinav.config import as_count, read_text
+from ambinav.config import as_count, as_number, read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import kind_of_path, refuse
 from ambinav.sensing.casting import cast_beams
 from ambinav.sensing.intensity import Intensity
-from ambinav.sensing.layout import CENTRE, TURN, Mount, Mounts, Part, Planar, Ring, with_channel
+from ambinav.sensing.layout import Mounts, Part, Planar, Ring, with_channel
+from ambinav.sensing.mounting import CENTRE, TURN, Mount
 from ambinav.sensing.presets import PRESETS, preset_names
 from ambinav.sensing.rays import RayTable, make_rays
 from ambinav.sensing.scanner_file import parse_scanner, render_scanner
 from ambinav.sensing.sensor import RangeSensor
+from ambinav.sensing.space_layout import Layers
 from ambinav.sensing.symmetry import TOLERANCE, own_centres, rotation_order
 from ambinav.sensing.thinning import thinned_parts
 
@@ -54,7 +56,7 @@ class RangeScanner:
             said.
 
     Raises:
-        InputError: there is no part, or the radius is not above zero.
+        InputError: there is no part, a cone is not level, or the radius is not above zero.
     """
 
     parts: tuple[Part, ...]
@@ -68,6 +70,13 @@ class RangeScanner:
         object.__setattr__(self, "parts", tuple(self.parts))
         if not self.parts:
             raise InputError(f"scanner {self.name!r} has no beams; give it at least one part.")
+        for part in self.parts:
+            if part.sensor.aperture > 0.0 and part.layout.upright()[:, 1].any():
+                raise InputError(
+                    f"scanner {self.name!r}: the sensor {part.sensor.name!r} has a cone of "
+                    f"{math.degrees(part.sensor.aperture):g} degrees and is tilted; cones are "
+                    "cast level, so mount it without pitch, roll and elevation."
+                )
         radius = self.robot_radius
         if radius is not None and not (math.isfinite(radius) and radius > 0.0):
             raise InputError(
@@ -85,6 +94,9 @@ class RangeScanner:
         aperture: float,
         mount: Mount = CENTRE,
         *,
+        z: float = 0.0,
+        pitch: float = 0.0,
+        roll: float = 0.0,
         name: str = "planar scanner",
     ) -> RangeScanner:
         """Make a planar scanner.
@@ -95,12 +107,48 @@ class RangeScanner:
             aperture: Radians from the first to the last beam; 2 pi is the full circle, where
                 beam k looks to yaw - pi + 2 pi k / beams.
             mount: x, y (metres) and yaw (radians) in the robot frame.
+            z: Metres above the floor.
+            pitch: Radians about y, positive looks down (REP 103).
+            roll: Radians about x, applied first.
             name: What reports call it.
 
         Raises:
             InputError: a number is out of its range.
         """
-        return cls((Part(sensor, Planar(beams, aperture, mount)),), name)
+        return cls((Part(sensor, Planar(beams, aperture, mount, z, pitch, roll)),), name)
+
+    @classmethod
+    def layered(
+        cls,
+        sensor: RangeSensor,
+        columns: int,
+        elevation: Sequence[float],
+        aperture: float = TURN,
+        mount: Mount = CENTRE,
+        *,
+        z: float = 0.0,
+        pitch: float = 0.0,
+        roll: float = 0.0,
+        name: str = "3D scanner",
+    ) -> RangeScanner:
+        """Make a 3D laser: at each elevation the beams of a planar scanner.
+
+        Args:
+            sensor: The sensor of every beam.
+            columns: Number of beams of a layer.
+            elevation: Of each layer, radians above the horizon.
+            aperture: As in `planar`.
+            mount: x, y (metres) and yaw (radians) in the robot frame.
+            z: Metres above the floor.
+            pitch: Radians about y, positive looks down (REP 103).
+            roll: Radians about x, applied first.
+            name: What reports call it.
+
+        Raises:
+            InputError: a number is out of its range.
+        """
+        layout = Layers(columns, aperture, tuple(elevation), False, mount, z, pitch, roll)
+        return cls((Part(sensor, layout),), name)
 
     @classmethod
     def ring(
@@ -142,6 +190,7 @@ class RangeScanner:
         mounts: ArrayLike,
         sensor_of_beam: ArrayLike | None = None,
         *,
+        upright: ArrayLike | None = None,
         name: str = "scanner",
     ) -> RangeScanner:
         """Make a scanner beam by beam.
@@ -150,6 +199,7 @@ class RangeScanner:
             sensors: The sensor, or several.
             mounts: x, y (metres) and yaw (radians) of each beam, shape (B, 3).
             sensor_of_beam: Index into `sensors` of each beam, shape (B,); None: all the first.
+            upright: z (metres) and elevation (radians) of each beam, shape (B, 2); None: all 0.
             name: What reports call it.
 
         Returns:
@@ -171,11 +221,14 @@ class RangeScanner:
                 f"sensor_of_beam has the shape {index.shape}; give one index from 0 to "
                 f"{len(known) - 1} for each of the {len(table)} mounts."
             )
-        rows = zip(index.tolist(), (tuple(row) for row in table.tolist()), strict=True)
-        parts = tuple(
-            Part(known[i], Mounts(tuple(mount for _, mount in run)))
-            for i, run in groupby(rows, key=lambda row: row[0])
-        )
+        up = np.zeros((len(table), 2)) if upright is None else np.asarray(upright, np.float64)
+        if up.shape != (len(table), 2):
+            raise InputError(
+                f"upright has the shape {up.shape}; give z and elevation of each of the "
+                f"{len(table)} mounts."
+            )
+        runs = (list(run) for _, run in groupby(range(len(table)), key=index.__getitem__))
+        parts = tuple(Part(known[index[run[0]]], Mounts.of(table[run], up[run])) for run in runs)
         return cls(parts, name)
 
     @classmethod
@@ -252,6 +305,31 @@ class RangeScanner:
         return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
 
     @cached_property
+    def upright(self) -> NDArray[np.float64]:
+        """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
+        return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
+
+    @cached_property
+    def level(self) -> bool:
+        """Whether all beams look along the floor: if not, it needs a building in space."""
+        return not self.upright[:, 1].any()
+
+    @property
+    def vertical_aperture(self) -> float:
+        """Largest angle from the lowest to the highest layer of one of its parts, radians."""
+        return max(part.layout.vertical_aperture for part in self.parts)
+
+    def raised(self, height: float) -> RangeScanner:
+        """The same scanner so many metres higher.
+
+        Raises:
+            InputError: the height is not a finite number.
+        """
+        height = as_number(height, "height")
+        parts = tuple(Part(one.sensor, one.layout.moved(0.0, 0.0, height)) for one in self.parts)
+        return replace(self, parts=parts)
+
+    @cached_property
     def sensor_of_beam(self) -> NDArray[np.intp]:
         """Index into `sensors` of each beam, shape (B,)."""
         counts = [len(part.layout.mounts()) for part in self.parts]
@@ -289,8 +367,8 @@ class RangeScanner:
 
         Where the scanner looks all around, or a part of it spans the circle, it is 2 pi.
         """
-        fans = (part.layout for part in self.parts if isinstance(part.layout, Planar))
-        if self.looks_all_around or any(fan.full_circle and fan.beams > 1 for fan in fans):
+        fans = (part.layout for part in self.parts if isinstance(part.layout, Planar | Layers))
+        if self.looks_all_around or any(fan.full_circle and len(fan.mounts()) > 1 for fan in fans):
             return TURN
         yaw = np.sort(self.mounts[:, 2] % TURN)
         return TURN - float(np.diff(yaw, append=yaw[0] + TURN).max())
@@ -298,7 +376,7 @@ class RangeScanner:
     @cached_property
     def rotation_order(self) -> int:
         """Largest n such that a turn of the robot by 2 pi / n gives the same beams again."""
-        return rotation_order(self.mounts, self.sensor_of_beam)
+        return rotation_order(self.mounts, self.upright, self.sensor_of_beam)
 
     @cached_property
     def centred(self) -> RangeScanner:
@@ -351,6 +429,7 @@ class RangeScanner:
             of_beam(s.aperture for s in self.sensors),
             of_beam(s.max_range for s in self.sensors),
             of_beam(limits),
+            self.upright,
         )
 
     def thinned(self, max_beams: int) -> RangeScanner:
@@ -382,7 +461,8 @@ class RangeScanner:
         """Return the true range of each beam at each pose.
 
         Args:
-            env: Where the robot is. The frontier to unknown space stops a beam as a wall does.
+            env: Where the robot is, in the plane or in space (`Environment.space`). The frontier
+                to unknown space stops a beam as a wall does.
             x: Metres in the map frame; x, y and theta broadcast.
             y: Metres in the map frame.
             theta: Heading in radians.
@@ -393,7 +473,8 @@ class RangeScanner:
             the free space. A cone's range is the smallest over its rays that return one.
 
         Raises:
-            InputError: a pose is not finite.
+            InputError: a pose is not finite, or the building and the scanner do not go together
+                (`raycasting.scans.check_rays`).
         """
         return cast_beams(env, self.rays(), self.max_range, x, y, theta)
 

@@ -7,14 +7,20 @@ robot_radius: 0.2                       # optional: of the disc that covers the 
 parts:
   - sensor: sick-lms200                 # the sensor of a preset, or a mapping of its fields
     intensity: {wall: 0.3, reflector: 1.0, std: 0.15}   # optional: adds the channel to the sensor
-    planar: {beams: 181, aperture_deg: 180, mount: [0.1, 0, 0]}     # x, y, yaw_deg
+    planar: {beams: 181, aperture_deg: 180, mount: [0.1, 0, 0]}     # x, y, yaw_deg; also
+    #       z: 0.3, pitch_deg: 10, roll_deg: 0      # height above the floor; down is positive
   - sensor: {max_range: 5, std: 0.02, resolution: 0.01, aperture_deg: 30}
     ring: {count: 16, radius: 0.2, start_deg: 0}                     # or
-    # mounts: [[0.1, 0.1, 90], [0.1, -0.1, -90]]
+    # mounts: [[0.1, 0.1, 90], [0.1, -0.1, -90]]    # each of them or [x, y, yaw_deg, z,
+    #                                                 elevation_deg]; or, in space,
+    # layers: {columns: 360, aperture_deg: 360, elevation_deg: [-15, 0, 15], mount: [0, 0, 0],
+    #          z: 0.5}                                # staggered: true: a column has one of them
+    # camera: {columns: 40, rows: 24, horizontal_deg: 87, vertical_deg: 58, z: 0.5}
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, NamedTuple
@@ -28,6 +34,8 @@ from ambinav.config import (
     Degrees,
     MountDegrees,
     Number,
+    Numbers,
+    Switch,
     Text,
     check_keys,
     checked,
@@ -35,14 +43,18 @@ from ambinav.config import (
     number,
     of_mapping,
     parse_yaml,
+    row,
 )
 from ambinav.errors import InputError
 from ambinav.mistaken import SCANNER, kind_of, refuse
 from ambinav.sensing.intensity import Intensity
-from ambinav.sensing.layout import CENTRE, Mounts, Part, Planar, Ring
+from ambinav.sensing.layout import Layout, Mounts, Part, Planar, Ring
+from ambinav.sensing.mounting import CENTRE, LEVEL
 from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
+from ambinav.sensing.space_layout import Camera, Layers
 
+LAYOUTS = ("planar", "ring", "mounts", "layers", "camera")
 EXAMPLE = "`ambinav presets NAME` prints one as an example"
 
 
@@ -57,34 +69,86 @@ class ScannerText(NamedTuple):
 
 
 _MOUNTS = TypeAdapter(tuple[MountDegrees, ...])
+_UPRIGHT = TypeAdapter(
+    tuple[
+        Annotated[
+            tuple[Number, Degrees],
+            row(2, "give three numbers [x, y, yaw_deg], or five [x, y, yaw_deg, z, elevation_deg]"),
+        ],
+        ...,
+    ]
+)
 
 
-class _PlanarModel(ConfigModel):
+class _MountedModel(ConfigModel):
+    mount: MountDegrees = CENTRE
+    z: Number = 0.0
+    pitch_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+
+    @property
+    def mounted(self) -> tuple[tuple[float, float, float], float, float, float]:
+        """Mount, z, pitch and roll."""
+        return self.mount, self.z, self.pitch_deg, self.roll_deg
+
+
+class _PlanarModel(_MountedModel):
     beams: Count
     aperture_deg: Degrees
-    mount: MountDegrees = CENTRE
 
 
 class _RingModel(ConfigModel):
     count: Count
     radius: Number
     start_deg: Degrees = 0.0
+    z: Number = 0.0
+
+
+class _LayersModel(_MountedModel):
+    columns: Count
+    aperture_deg: Degrees
+    elevation_deg: Numbers
+    staggered: Switch = False
+
+
+class _CameraModel(_MountedModel):
+    columns: Count
+    rows: Count
+    horizontal_deg: Degrees
+    vertical_deg: Degrees
 
 
 def _planar(plain: object) -> Planar:
     model = _PlanarModel.model_validate(plain)
-    return Planar(model.beams, model.aperture_deg, model.mount)
+    return Planar(model.beams, model.aperture_deg, *model.mounted)
 
 
 def _ring(plain: object) -> Ring:
     model = _RingModel.model_validate(plain)
-    return Ring(model.count, model.radius, model.start_deg)
+    return Ring(model.count, model.radius, model.start_deg, model.z)
 
 
 def _mounts(plain: object) -> Mounts:
     if not isinstance(plain, list):
         raise fault(plain, "give a list of [x, y, yaw_deg]")
-    return Mounts(_MOUNTS.validate_python(plain))
+    long = [isinstance(one, list) and len(one) == 5 for one in plain]
+    each = [one[:3] if is_long else one for one, is_long in zip(plain, long, strict=True)]
+    if not any(long):
+        return Mounts(_MOUNTS.validate_python(each))
+    up = [one[3:] if is_long else LEVEL for one, is_long in zip(plain, long, strict=True)]
+    return Mounts(_MOUNTS.validate_python(each), _UPRIGHT.validate_python(up))
+
+
+def _layers(plain: object) -> Layers:
+    model = _LayersModel.model_validate(plain)
+    elevation = tuple(math.radians(angle) for angle in model.elevation_deg)
+    return Layers(model.columns, model.aperture_deg, elevation, model.staggered, *model.mounted)
+
+
+def _camera(plain: object) -> Camera:
+    model = _CameraModel.model_validate(plain)
+    fields = model.columns, model.rows, model.horizontal_deg, model.vertical_deg
+    return Camera(*fields, *model.mounted)
 
 
 def _sensor(plain: object) -> RangeSensor:
@@ -107,6 +171,8 @@ class _PartModel(ConfigModel):
     planar: Annotated[InstanceOf[Planar] | None, BeforeValidator(_planar)] = None
     ring: Annotated[InstanceOf[Ring] | None, BeforeValidator(_ring)] = None
     mounts: Annotated[InstanceOf[Mounts] | None, BeforeValidator(_mounts)] = None
+    layers: Annotated[InstanceOf[Layers] | None, BeforeValidator(_layers)] = None
+    camera: Annotated[InstanceOf[Camera] | None, BeforeValidator(_camera)] = None
     intensity: Annotated[InstanceOf[Intensity] | None, of_mapping(Intensity)] = None
 
     @model_validator(mode="before")
@@ -114,19 +180,20 @@ class _PartModel(ConfigModel):
     def _one_layout(cls, plain: Any) -> Any:
         if isinstance(plain, Mapping):
             check_keys(plain, cls.model_fields)
-            given = [kind for kind in ("planar", "ring", "mounts") if kind in plain]
+            given = [kind for kind in LAYOUTS if kind in plain]
             if "sensor" in plain and len(given) != 1:
                 raise InputError(
                     f"the part has {' and '.join(given) or 'no layout'}; give exactly one of "
-                    "planar, ring, mounts."
+                    f"{', '.join(LAYOUTS)}."
                 )
         return plain
 
     @property
     def part(self) -> Part:
         """The part."""
-        layout = self.planar or self.ring or self.mounts
-        assert layout is not None  # one of them is given, and null is none of them
+        layouts = (getattr(self, kind) for kind in LAYOUTS)
+        # One of them is given, and null is none of them.
+        layout: Layout = next(one for one in layouts if one is not None)
         if self.intensity is None:
             return Part(self.sensor, layout)
         return Part(replace(self.sensor, intensity=self.intensity), layout)

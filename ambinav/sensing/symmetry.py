@@ -31,26 +31,35 @@ def own_centres(
     )
 
 
-def rotation_order(mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]) -> int:
+def rotation_order(
+    mounts: NDArray[np.float64],
+    upright: NDArray[np.float64],
+    sensor_of_beam: NDArray[np.intp],
+) -> int:
     """Return the largest n such that a turn by 2 pi / n maps the beams onto themselves.
 
     Args:
         mounts: x, y, yaw of each beam in the robot frame, shape (B, 3), metres and radians.
+        upright: z and elevation of each, shape (B, 2), metres and radians.
         sensor_of_beam: Which sensor each beam has, shape (B,).
 
     Returns:
         n of at least 1; positions and angles count as equal within 1e-6.
     """
-    yaws = [mounts[rows, 2] % TURN for rows in _alike(mounts, sensor_of_beam)]
+    yaws = [mounts[rows, 2] % TURN for rows in _alike(mounts, upright, sensor_of_beam)]
     share = math.gcd(*(len(yaw) for yaw in yaws))
     orders = (n for n in range(share, 1, -1) if share % n == 0)
     return next((n for n in orders if all(_invariant(yaw, n) for yaw in yaws)), 1)
 
 
-def _alike(mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+def _alike(
+    mounts: NDArray[np.float64],
+    upright: NDArray[np.float64],
+    sensor_of_beam: NDArray[np.intp],
+) -> list[NDArray[np.intp]]:
     """Group the beams that a turn could map onto each other.
 
-    They have the same sensor, and see the robot's centre at the same place.
+    They have the same sensor, height and elevation, and see the robot's centre at the same place.
     """
     x, y, yaw = mounts.T
     along = x * np.cos(yaw) + y * np.sin(yaw)
@@ -62,6 +71,7 @@ def _alike(mounts: NDArray[np.float64], sensor_of_beam: NDArray[np.intp]) -> lis
             (sensor_of_beam[left] == sensor_of_beam[first])
             & (np.abs(along[left] - along[first]) < TOLERANCE)
             & (np.abs(across[left] - across[first]) < TOLERANCE)
+            & (np.abs(upright[left] - upright[first]) < TOLERANCE).all(axis=1)
         )
         groups.append(left[same])
         left = left[~same]

@@ -14,7 +14,7 @@ from ambinav.ambiguity.model import AmbiguityModel, independent_tau
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.logs.log import Log
-from ambinav.sensing.layout import CENTRE
+from ambinav.sensing.mounting import CENTRE
 from ambinav.sensing.scanner import RangeScanner
 
 # Readings this near to what the map says, metres, agree with it.

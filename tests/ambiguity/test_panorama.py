@@ -18,7 +18,7 @@ from ambinav.ambiguity.standing import standing
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.obstacle import panel
 from ambinav.sensing.intensity import Intensity
-from ambinav.sensing.layout import Mount
+from ambinav.sensing.mounting import Mount
 from tests.geometry import scenes
 
 SPACING, RADIUS = 0.1, 0.5

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from ambinav.audit.sight import count_surfaces, look
+from ambinav.geometry.extrude import extruded
+from ambinav.sensing import RangeScanner, RangeSensor
+from tests.geometry import scenes
 
 
 def test_middle_of_the_hall_sees_nothing(building, laser):
@@ -63,3 +66,18 @@ def test_pieces_of_one_wall_count_once():
     assert count_surfaces(np.vstack([pieces, [[0, 2, 5, 2]]])) == (2, 1)
     assert count_surfaces(np.vstack([pieces, [[5, 0, 5, 2]]])) == (2, 2)
     assert count_surfaces(np.empty((0, 4))) == (0, 0)
+
+
+def test_floors_and_ceilings_are_no_surfaces_that_tell_a_place():
+    plan = scenes.room(40.0, 2.0)
+    corridor = plan.in_space(extruded(plan, 2.5))
+    sensor = RangeSensor(max_range=8.0, std=0.01, resolution=0.01)
+    lidar = RangeScanner.layered(sensor, 60, np.radians([-30.0, 0.0, 30.0]), z=0.5)
+    sight = look(corridor, lidar, 20.0, 1.0, 0.3)
+    assert (sight.surfaces, sight.directions) == (2, 1)
+    assert "nothing tells how far along them" in sight.sentence
+    # Drawn from above: what lies on the floor half a metre down at 30 degrees is 0.87 m away.
+    down = np.isclose(sight.distance, 1.0)
+    assert down.sum() > 10
+    away = np.hypot(*(sight.hit[down] - sight.origin[down]).T)
+    np.testing.assert_allclose(away, math.cos(math.radians(30)), rtol=1e-6)

@@ -17,7 +17,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
 from ambinav.geometry.io.load import load_environment
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_plan
 from ambinav.geometry.raycasting.space import SpaceRays
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -35,7 +35,7 @@ def compare(env: Environment, count: int, seed: int, mount: tuple[float, float, 
     theta = rng.uniform(-math.pi, math.pi, count)
     sensor = RangeSensor(max_range=REACH, std=0.01, resolution=0.01)
     table = RangeScanner.planar(sensor, 90, 2 * math.pi, mount).rays()
-    flat = scan_rays(env, x, y, theta, table.origin, table.angle, REACH)
+    flat = scan_plan(env, x, y, theta, table.origin, table.angle, REACH)
     height = rng.uniform(0.05, 2.4)
     origin = np.column_stack([table.origin, np.full(len(table), height)])
     rays = SpaceRays(origin, table.angle, np.zeros(len(table)))

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.fan import counter_clockwise, first_edges, scan_rays
+from ambinav.geometry.raycasting.fan import counter_clockwise, first_edges, scan_plan
 from tests.geometry import scenes
 
 REACH = 12.0
@@ -40,7 +40,7 @@ def check(
 ) -> None:
     """Scans are single rays: distance, segment, incidence, what is out of range or outside."""
     origin = np.broadcast_to(origin, (len(angle), 2))
-    distance, segment, incidence = scan_rays(env, x, y, theta, origin, angle, reach)
+    distance, segment, incidence = scan_plan(env, x, y, theta, origin, angle, reach)
     assert distance.dtype == np.float32 and segment.dtype == np.int32
     assert distance.shape == segment.shape == incidence.shape == (len(x), len(angle))
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
@@ -112,7 +112,7 @@ def test_outside_the_free_space_is_nan_and_nothing_else() -> None:
     env = scenes.room(4.0, 3.0)
     x, y = np.array([-1.0, 1.0, 3.9]), np.full(3, 1.0)
     origin = np.array([[0.0, 0.0], [0.2, 0.0]])
-    distance, segment, incidence = scan_rays(
+    distance, segment, incidence = scan_plan(
         env, x, y, np.zeros(3), origin, np.array([0.0, 0.0]), 10.0
     )
     assert np.isnan(distance).tolist() == [[True, True], [False, False], [False, True]]
@@ -124,7 +124,7 @@ def test_outside_the_free_space_is_nan_and_nothing_else() -> None:
 def test_out_of_range_is_inf() -> None:
     env = scenes.room(4.0, 3.0)
     one = np.ones(1)
-    distance, segment, incidence = scan_rays(
+    distance, segment, incidence = scan_plan(
         env, one, one, np.zeros(1), np.zeros((2, 2)), np.array([0.0, math.pi]), 2.0
     )
     assert distance[0].tolist() == [math.inf, 1.0]
@@ -138,9 +138,9 @@ def test_a_shorter_reach_leaves_out_what_is_beyond_and_nothing_else(
 ) -> None:
     x, y, theta = poses(env, 200)
     origin = np.zeros((100, 2))
-    whole, walls, oblique = scan_rays(env, x, y, theta, origin, CIRCLE, 100.0)
+    whole, walls, oblique = scan_plan(env, x, y, theta, origin, CIRCLE, 100.0)
     beyond = whole > reach
-    distance, segment, incidence = scan_rays(env, x, y, theta, origin, CIRCLE, reach)
+    distance, segment, incidence = scan_plan(env, x, y, theta, origin, CIRCLE, reach)
     assert np.array_equal(distance, np.where(beyond, np.inf, whole), equal_nan=True)
     assert np.array_equal(segment, np.where(beyond, -1, walls))
     assert np.array_equal(incidence, np.where(beyond, np.nan, oblique), equal_nan=True)
@@ -158,7 +158,7 @@ def test_rays_all_around_stay_in_their_order() -> None:
 @pytest.mark.parametrize("angle", [0.0, 0.4, 1.0, 1.5])
 def test_incidence_is_the_angle_to_the_normal(angle: float) -> None:
     free = shapely.box(0.0, -200.0, 5.0, 200.0)
-    _, _, incidence = scan_rays(
+    _, _, incidence = scan_plan(
         scenes.environment(free), np.ones(1), np.zeros(1), np.zeros(1), np.zeros((1, 2)),
         np.array([angle]), 100.0,
     )  # fmt: skip
@@ -167,7 +167,7 @@ def test_incidence_is_the_angle_to_the_normal(angle: float) -> None:
 
 def test_incidence_only_if_asked_for() -> None:
     env = scenes.room(4.0, 3.0)
-    _, _, incidence = scan_rays(
+    _, _, incidence = scan_plan(
         env, np.ones(1), np.ones(1), np.zeros(1), np.zeros((1, 2)), np.zeros(1), 9.0,
         incidence=False,
     )  # fmt: skip
@@ -180,8 +180,8 @@ def test_permuted_rays_give_the_permuted_result(env: Environment) -> None:
     origin = rng.choice([[0.0, 0.0], [0.1, 0.05], [-0.2, 0.0]], 80)
     angle = rng.uniform(-9, 9, 80)
     shuffled = rng.permutation(80)
-    one = scan_rays(env, x, y, theta, origin, angle, REACH)
-    two = scan_rays(env, x, y, theta, origin[shuffled], angle[shuffled], REACH)
+    one = scan_plan(env, x, y, theta, origin, angle, REACH)
+    two = scan_plan(env, x, y, theta, origin[shuffled], angle[shuffled], REACH)
     for a, b in zip(one, two, strict=True):
         assert np.array_equal(a[:, shuffled], b, equal_nan=True)
 
@@ -191,7 +191,7 @@ def test_threads_change_nothing(env: Environment, monkeypatch: pytest.MonkeyPatc
     found = []
     for threads in (1, 2):
         monkeypatch.setattr("numba.get_num_threads", lambda threads=threads: threads)
-        found.append(scan_rays(env, x, y, theta, np.zeros((100, 2)), CIRCLE, REACH))
+        found.append(scan_plan(env, x, y, theta, np.zeros((100, 2)), CIRCLE, REACH))
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one, other, equal_nan=True)
 
@@ -214,7 +214,7 @@ def test_grazing_a_thin_wall() -> None:
     for side in (1.0, -1.0):
         # From 4 m before the point where the ray meets the wall.
         y = 2.0 + side * 4.0 * np.abs(slopes)
-        distance, segment, incidence = scan_rays(
+        distance, segment, incidence = scan_plan(
             env, np.full(6, 1.0), y, np.zeros(6), np.zeros((6, 2)), np.arctan(slopes), 50.0
         )
         meets = side * slopes < 0
@@ -235,7 +235,7 @@ def test_no_ray_leaks_through_corners() -> None:
     for x, y in ((0.0, 0.0), (0.5, 0.5), (-0.3, 0.9), (1.0, 0.0)):
         ends = env.segments.xy[:, :2]
         angle = np.arctan2(ends[:, 1] - y, ends[:, 0] - x)
-        distance, segment, _ = scan_rays(
+        distance, segment, _ = scan_plan(
             env, np.array([x]), np.array([y]), np.zeros(1), np.zeros((40, 2)), angle, 50.0
         )
         away = np.hypot(ends[:, 0] - x, ends[:, 1] - y)

@@ -13,7 +13,7 @@ import shapely
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.polygons import environment_from_shapes, load_polygons
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_plan
 from ambinav.geometry.segments import FRONTIER
 
 
@@ -155,7 +155,7 @@ def test_scans_see_an_opening_inside_a_longer_wall_and_the_wall_beside_it() -> N
     env = environment_from_shapes([room], [pillar], openings=[[[4, 0], [5, 0]]])
     x = np.array([0.5, 2.0, 3.9, 4.1, 4.5, 4.9, 5.1, 9.5])
     down = np.array([-math.pi / 2])
-    found = scan_rays(env, x, np.full_like(x, 0.5), np.zeros_like(x), np.zeros((1, 2)), down, 9.0)
+    found = scan_plan(env, x, np.full_like(x, 0.5), np.zeros_like(x), np.zeros((1, 2)), down, 9.0)
     kind = env.segments.kind[found[1][:, 0]]
     assert np.allclose(found[0][:, 0], 0.5)
     assert (kind == FRONTIER).tolist() == [False, False, False, True, True, True, False, False]

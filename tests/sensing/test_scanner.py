@@ -44,9 +44,13 @@ def brute_force(
     angle: Array,
     max_range: float,
     *,
+    height: Array,
+    elevation: Array,
     incidence: bool = True,
 ) -> tuple[Array, Array, Array]:
-    """Cast rays at segments (N, 4) one by one: the plain stand-in for geometry.fan.scan_rays."""
+    """Cast rays at segments (N, 4) one by one: the plain stand-in for scans.scan_rays."""
+    assert not elevation.any()
+    assert not height.any()
     distance = np.full((len(x), len(angle)), np.inf, dtype=np.float32)
     segment = np.full(distance.shape, -1, dtype=np.int32)
     oblique = np.zeros(distance.shape if incidence else (0, 0), dtype=np.float32)
@@ -72,7 +76,7 @@ def brute_force(
 def plain_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     """Cast by brute force, on environments that are plain arrays of segments."""
     stand_in = SimpleNamespace(scan_rays=brute_force)
-    monkeypatch.setattr(ambinav.geometry.raycasting, "fan", stand_in, raising=False)
+    monkeypatch.setattr(ambinav.geometry.raycasting, "scans", stand_in, raising=False)
 
 
 # A room of 6 m x 4 m about the origin, walls as ax, ay, bx, by.
@@ -426,7 +430,8 @@ def test_the_real_caster_agrees_with_brute_force_and_closed_forms() -> None:
     x, y = rng.uniform(-2.5, 2.5, 20), rng.uniform(-1.5, 1.5, 20)
     theta = rng.uniform(-4, 4, 20)
     rays = platform.rays()
-    distance, _, incidence = brute_force(ROOM, x, y, theta, rays.origin, rays.angle, 6.0)
+    up = {"height": rays.height, "elevation": rays.elevation}
+    distance, _, incidence = brute_force(ROOM, x, y, theta, rays.origin, rays.angle, 6.0, **up)
     expected = rays.nearest(rays.echoes(distance, incidence))
     assert platform.scan(env, x, y, theta) == pytest.approx(expected, abs=1e-5)
     assert np.isinf(expected).any()

@@ -20,7 +20,8 @@ from ambinav.ambiguity.panorama import View, view_radii
 from ambinav.ambiguity.standing import standing
 from ambinav.config import as_count, as_number
 from ambinav.errors import InputError
-from ambinav.sensing.layout import TURN, Part, Planar
+from ambinav.sensing.layout import Part, Planar
+from ambinav.sensing.mounting import TURN
 from ambinav.sensing.scanner import RangeScanner
 
 LOSS = 0.05

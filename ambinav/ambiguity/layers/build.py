@@ -49,7 +49,7 @@ def with_layers(
     """
     stored = amap.dataset.attrs.get("scanner_yaml")
     scanner = None if stored is None else RangeScanner.from_yaml_text(stored, file=amap.source)
-    chosen = chosen_layers(names, scanner)
+    chosen = chosen_layers(names, scanner, environment or amap.environment)
     _check_options(chosen, options)
     if not chosen:
         return amap

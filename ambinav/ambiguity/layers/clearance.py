@@ -28,4 +28,5 @@ LAYER = Layer(
     source=_CORE.source,
     worse=_CORE.worse,
     compute=clearance,
+    in_space=True,
 )

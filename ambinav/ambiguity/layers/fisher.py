@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
 from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -108,13 +109,20 @@ def fisher(
         fisher and fisher_minor (metres) and fisher_direction (radians).
 
     Raises:
-        InputError: a number is out of its range.
+        InputError: a number is out of its range, or `incidence` is left out of a building in space.
     """
     place, turn = prior_deviations(context, odometry_std, heading_std)
     tau = as_number(tau, "tau")
     if tau < 1.0:
         raise InputError(f"tau is {tau}; give at least 1.")
     scanner = context.full_scanner
+    if context.environment.space is not None:
+        if not incidence:
+            raise InputError(
+                f"{context.environment.name}: fisher without incidence is known for plans alone; "
+                "leave the option out."
+            )
+        return _in_space(context, place, turn, tau)
     cast = cast_tables(context.environment, scanner, np.arange(scanner.beams))
     noise = beam_noise(context.environment, scanner, context.map_std)
     found = np.empty((3, len(context.points[0]), len(context.headings)))
@@ -124,6 +132,30 @@ def fisher(
             part = slice(first, first + POSES_AT_ONCE)
             information = _information(poses[part], cast, noise, incidence) / tau
             found[:, part, h] = marginal_radii(information, place, turn)
+    major, minor, direction = (context.spread(values) for values in found)
+    return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
+
+
+def _in_space(
+    context: LayerContext, place: float, turn: float, tau: float
+) -> dict[str, NDArray[np.float32]]:
+    """`fisher` in a building in space: with the derivatives that the ambiguity of poses reads."""
+    scanner, (x, y) = context.full_scanner, context.points
+    table = BeamTable.of(scanner, context.map_std, context.model.outlier_share)
+    found = np.empty((3, len(x), len(context.headings)))
+    count = max(BEAMS_AT_ONCE // len(table.limit), 1)
+    for h, heading in enumerate(context.headings.tolist()):
+        for first in range(0, len(x), count):
+            part = slice(first, first + count)
+            data = np.zeros((len(x[part]), 5, len(table.limit)), dtype=np.float32)
+            beam_returns(context.environment, scanner, table, x[part], y[part], heading, data)
+            data = data[:, :, : table.beams].astype(np.float64)
+            # What is about to come into range tells nothing yet.
+            tells = (data[:, 0] < table.limit[: table.beams]) & (data[:, 4] < BLIND / 2)
+            weight = np.where(tells, 0.5 / data[:, 4], 0.0)
+            gradient = data[:, 1:4]
+            information: Floats = np.matmul(gradient * weight[:, None], gradient.transpose(0, 2, 1))
+            found[:, part, h] = marginal_radii(information / tau, place, turn)
     major, minor, direction = (context.spread(values) for values in found)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 
@@ -183,6 +215,7 @@ LAYER = Layer(
     source="Censi 2007, On achievable accuracy for range-finder localization (ICRA)",
     worse="high",
     compute=fisher,
+    in_space=True,
     reach=_reach,
     companions={
         "fisher_minor": ("Fisher bound, minor radius", "m"),

@@ -35,7 +35,7 @@ from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_plan
 from ambinav.geometry.segments import FRONTIER
 from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
@@ -126,7 +126,7 @@ def _cast(
     Both are inf or nan where (x, y) is outside the free space, and beyond `reach`.
     """
     angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
-    bare, segment, _ = scan_rays(
+    bare, segment, _ = scan_plan(
         context.environment, x, y, np.zeros(len(x)), np.zeros((DIRECTIONS, 2)), angles, reach,
         incidence=False,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.scans import plane_only, scan_rays
 from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
@@ -44,11 +44,16 @@ def beam_hits(
     y: NDArray[np.float64],
     theta: float,
 ) -> Hits:
-    """Cast every beam of the scanner at the poses (x, y, theta), x and y of shape (N,)."""
+    """Cast every beam of the scanner at the poses (x, y, theta), x and y of shape (N,).
+
+    Raises:
+        InputError: the building is in space, or the scanner needs one that is.
+    """
+    plane_only(environment, "what each beam meets")
     rays = scanner.rays()
     distance, segment, incidence = scan_rays(
         environment, x, y, np.full(len(x), theta), rays.origin, rays.angle, scanner.max_range,
-        incidence=rays.specular,
+        height=rays.height, elevation=rays.elevation, incidence=rays.specular,
     )  # fmt: skip
     shape = (len(x), scanner.beams)
     hits = Hits(

@@ -42,7 +42,7 @@ from ambinav.ambiguity.returns import BEYOND
 from ambinav.config import as_count, as_number
 from ambinav.errors import InputError
 from ambinav.geometry.principal_axes import principal_axes
-from ambinav.geometry.raycasting.fan import scan_rays
+from ambinav.geometry.raycasting.fan import scan_plan
 from ambinav.kernels import kernel
 from ambinav.localization.casting import (
     CastTables,
@@ -130,7 +130,7 @@ def perturbation(
 def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
     """Distance to the first segment along each of `AXES`, (P, 4), metres; inf beyond `size`."""
     x, y, _ = context.poses().round(DECIMALS).T
-    distance, _, _ = scan_rays(
+    distance, _, _ = scan_plan(
         context.environment, x, y, np.zeros_like(x), np.zeros((4, 2)), ANGLES, size, incidence=False
     )
     return distance

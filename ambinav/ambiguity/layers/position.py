@@ -97,6 +97,7 @@ LAYER = Layer(
     source="own, from the ambiguity tensors of all headings: docs/truth.md",
     worse="high",
     compute=position,
+    in_space=True,
     reach=_reach,
     companions={"position_radius": ("position radius, all headings together", "m")},
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from ambinav.maps import schema
 from ambinav.maps.core_layers import CORE_LAYERS, LayerRecord
 from ambinav.plugins import Registry
 from ambinav.sensing.scanner import RangeScanner
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
 
 ALL: Final = "all"
 """Stands for every layer that the scanner can have, but those that are slow."""
@@ -44,6 +47,8 @@ class Layer(LayerRecord):
             (radians, period pi).
         high_is_good: Companions that are high where a robot is well localized: no costs.
         slow: Left out of `ALL`; it has to be named.
+        in_space: Whether it is known of buildings in space and of scanners that look up and down:
+            whether all that it casts goes through `LayerContext.returns` or `scans.scan_rays`.
         reach: From the context and the options, how far from a cell a change of the building may
             be and still change the layer there, metres, whatever stands between; what lies
             further off must not matter, nor cells beyond the map's radius. None: no limit is
@@ -55,6 +60,7 @@ class Layer(LayerRecord):
     companions: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     high_is_good: tuple[str, ...] = ()
     slow: bool = False
+    in_space: bool = False
     reach: Callable[..., float] | None = None
 
     def __post_init__(self) -> None:
@@ -126,12 +132,17 @@ def check_known(name: str) -> None:
         raise InputError(f"layer {name!r} is unknown; {nearest(name, known)}.")
 
 
-def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> tuple[Layer, ...]:
+def chosen_layers(
+    names: str | Iterable[str],
+    scanner: RangeScanner | None,
+    environment: Environment | None = None,
+) -> tuple[Layer, ...]:
     """The layers of these names, each once.
 
     Args:
         names: Names, or one of them; `ALL` stands for every layer that the scanner can have.
         scanner: What the map is for; None: only the names are checked.
+        environment: What the map is made of; None: a plan.
 
     Raises:
         InputError: there is no such layer, or the scanner cannot have it.
@@ -143,21 +154,25 @@ def chosen_layers(names: str | Iterable[str], scanner: RangeScanner | None) -> t
             found |= {
                 one.name: one
                 for one in every
-                if not one.slow and (scanner is None or _reason(one, scanner) is None)
+                if not one.slow and (scanner is None or _reason(one, scanner, environment) is None)
             }
             continue
         try:
             one = LAYERS.get(name)
         except InputError as error:
             raise InputError(f"layers: {error}") from error
-        reason = None if scanner is None else _reason(one, scanner)
+        reason = None if scanner is None else _reason(one, scanner, environment)
         if reason is not None:
             raise InputError(f"layers: scanner {_called(scanner)} cannot have {name}: {reason}")
         found[name] = one
     return tuple(found.values())
 
 
-def _reason(layer: Layer, scanner: RangeScanner) -> str | None:
+def _reason(layer: Layer, scanner: RangeScanner, environment: Environment | None) -> str | None:
+    in_space = environment is not None and environment.space is not None
+    if not layer.in_space and (in_space or not scanner.level):
+        which = "the building is in space" if in_space else "it looks up and down"
+        return f"{which}, and the layer is known for plans and level beams alone; leave it out."
     with LAYERS.calling(layer.name):
         return layer.why_not(scanner)
 

@@ -23,6 +23,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.outside import Backdrop
 from ambinav.geometry.part import PartCutter
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.provenance import digest_of
 
 MOST_CELLS: Final = 10**11
@@ -87,8 +88,9 @@ class TilePlan:
 
         Raises:
             InputError: the edge is less than a spacing or makes a tile that no memory holds, or a
-                layer is asked for that is made of the whole map.
+                layer is asked for that is made of the whole map; or the building is in space.
         """
+        plane_only(environment, "a map in tiles")
         spacing = settings.spacing
         if not (math.isfinite(tile) and tile >= spacing):
             raise InputError(

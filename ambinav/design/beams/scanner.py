@@ -10,7 +10,8 @@ import numpy as np
 import yaml
 
 from ambinav.errors import InputError
-from ambinav.sensing.layout import TURN, Mounts, Part, Planar
+from ambinav.sensing.layout import Mounts, Part, Planar
+from ambinav.sensing.mounting import TURN
 from ambinav.sensing.scanner import RangeScanner
 
 FRAME = "laser"
@@ -44,8 +45,7 @@ def subset_scanner(scanner: RangeScanner, beams: Sequence[int]) -> RangeScanner:
         if len(own) == len(mounts):
             parts.append(part)
         elif own:
-            each = tuple((float(x), float(y), float(yaw)) for x, y, yaw in mounts[own])
-            parts.append(Part(part.sensor, Mounts(each)))
+            parts.append(Part(part.sensor, Mounts.of(mounts[own], part.layout.upright()[own])))
     name = f"{scanner.name} ({len(kept)} of {scanner.beams} beams)"
     return replace(scanner, parts=tuple(parts), name=name)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.ambiguity.tensor import relative_radii
 from ambinav.design.beams.sample import MapSample, packed
-from ambinav.sensing.layout import TURN
+from ambinav.sensing.mounting import TURN
 from ambinav.sensing.scanner import RangeScanner
 
 CANDIDATES = 72

@@ -20,6 +20,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.floor_parts import FloorParts
 from ambinav.routes.files import trace
@@ -105,8 +106,10 @@ def find_help(
 
     Raises:
         InputError: a tag for a scanner without an intensity channel, a passage narrower than the
-            robot, no bad floor in the regions, fewer places than obstacles, or see `candidates`.
+            robot, no bad floor in the regions, fewer places than obstacles, a building in space,
+            or see `candidates`.
     """
+    plane_only(environment, "where an obstacle would help")
     regions = tuple(regions) or (Region.of_map(),)
     if count < 1:
         raise InputError(f"--{rules.kind}s: {count} is no number of {rules.kind}s; give 1 or more.")

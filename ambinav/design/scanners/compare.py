@@ -228,7 +228,7 @@ def compare_scanners(
     amap: AmbiguityMap | None = None
     for done, scanner in enumerate(chosen):
         part = _Progress(report, done / len(chosen), 1.0 / len(chosen))
-        able, lacking = _layers_of(names, scanner)
+        able, lacking = _layers_of(names, scanner, environment)
         try:
             made, seconds = _timed_map(
                 environment, scanner, store, part, spacing=spacing, radius=radius,
@@ -312,14 +312,14 @@ class _Progress:
 
 
 def _layers_of(
-    names: tuple[str, ...], scanner: RangeScanner
+    names: tuple[str, ...], scanner: RangeScanner, environment: Environment
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """The layers of these names that a scanner can have, and why not the others."""
     able: list[str] = []
     lacking: dict[str, str] = {}
     for name in names:
         try:
-            able += (layer.name for layer in chosen_layers(name, scanner))
+            able += (layer.name for layer in chosen_layers(name, scanner, environment))
         except InputError as error:
             lacking[name] = str(error)
     return tuple(dict.fromkeys(able)), lacking

@@ -38,6 +38,7 @@ from ambinav.drive.bootstrap import Interval
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.scans import check_rays, plane_only
 from ambinav.sensing.robot_radius import robot_radius as own_robot_radius
 from ambinav.sensing.scanner import RangeScanner
 
@@ -251,13 +252,16 @@ def sweep(
 
     Raises:
         InputError: the scanner does not have what is varied, the region is empty, there are too
-            many settings, or an argument is out of its range.
+            many settings, an argument is out of its range, or the building or a beam of the scanner
+            is not in the plane.
 
     Warns:
         InputWarning: see `find_reach`.
     """
     if not isinstance(scanner, RangeScanner):
         scanner = RangeScanner.load(scanner)
+    plane_only(env, "a sweep")
+    check_rays(env, scanner.upright[:, 0], scanner.upright[:, 1])
     if criterion not in CRITERIA:
         raise InputError(f"criterion is {criterion!r}; choose from {', '.join(CRITERIA)}.")
     if not (math.isfinite(spacing) and 0.0 < spacing <= radius < math.inf):

@@ -61,13 +61,13 @@ def _yaw(part: Part) -> float | None:
         return math.degrees(layout.mount[2])
     if isinstance(layout, Ring):
         return math.degrees(layout.start)
-    return 0.0 if _from_one_point(layout) else None
+    return 0.0 if isinstance(layout, Mounts) and _from_one_point(layout) else None
 
 
 def _beams(part: Part) -> float | None:
-    if isinstance(part.layout, Mounts):
-        return None
-    return float(part.layout.beams if isinstance(part.layout, Planar) else part.layout.count)
+    if isinstance(part.layout, Planar):
+        return float(part.layout.beams)
+    return float(part.layout.count) if isinstance(part.layout, Ring) else None
 
 
 def _std(part: Part) -> float | None:
@@ -341,11 +341,13 @@ def _laid(layout: Layout, values: Mapping[str, float]) -> Layout:
             )
         x, y, before = layout.mount
         mount = x, y, before if yaw is None else yaw
-        return Planar(count or fan.beams, fan.aperture, mount)
+        return replace(fan, beams=count or fan.beams, mount=mount)
     if isinstance(layout, Ring):
         start = layout.start if yaw is None else yaw
-        return Ring(count or layout.count, layout.radius, start)
-    return layout if yaw is None else Mounts(tuple((x, y, t + yaw) for x, y, t in layout.each))
+        return replace(layout, count=count or layout.count, start=start)
+    if isinstance(layout, Mounts) and yaw is not None:
+        return replace(layout, each=tuple((x, y, t + yaw) for x, y, t in layout.each))
+    return layout
 
 
 def _number(text: str, whole: str) -> float:

@@ -93,14 +93,14 @@ def floor_environment(
     step: float = STEP,
     cell: float = CELL,
 ) -> Environment:
-    """The free space of a robot on a mesh's floor, as a 2D environment for planning.
+    """The free space of a robot on a mesh's floor, with the mesh as what its scanner sees.
 
     A cell is occupied if anything of the mesh is in it between `step` above the floor and the
     robot's height, free if it holds floor and nothing else, and unknown where there is no floor.
     A `floor` that is given is a plane under all of the mesh, also around the building. Under a
     table that is higher than the robot it is free. Pieces of it where the robot's disc does not
     fit, as within a hollow wall, are left out. The walls of the result are where a robot must stop,
-    to a cell or two; what a scanner sees is asked of the mesh itself.
+    to a cell or two; the rays of scanners are cast against the mesh (`Environment.space`).
 
     Args:
         mesh: The mesh.
@@ -135,7 +135,7 @@ def floor_environment(
         )
     env = environment_from_grid(grid)
     # Stored maps tell the floors of two robots apart by it.
-    checksum = digest_of(mesh.vertices, mesh.faces, z, height, radius, step, cell)
+    checksum = digest_of(mesh.checksum, z, height, radius, step, cell)
     return Environment(
         env.segments,
         env.free,
@@ -147,6 +147,8 @@ def floor_environment(
         extent=env.extent,
         occupancy=env.occupancy,
         drivable=env.drivable,
+        space=mesh,
+        floor=z,
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.raycasting.space import Scans, SpaceRays
+from ambinav.provenance import digest_of
 
 # Rays whose directions are worked out at a time.
 RAYS_AT_ONCE = 500_000
@@ -111,6 +112,11 @@ class Mesh:
         """Lowest and highest x, y and z of the faces, shape (2, 3), metres."""
         used = self.vertices[np.unique(self.faces)]
         return np.stack([used.min(axis=0), used.max(axis=0)])
+
+    @cached_property
+    def checksum(self) -> str:
+        """Digest of the triangles."""
+        return digest_of(self.vertices, self.faces)
 
     @property
     def surface_normal(self) -> NDArray[np.float64]:

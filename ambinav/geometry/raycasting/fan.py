@@ -42,7 +42,7 @@ class Fan(NamedTuple):
     reach: float
 
 
-def scan_rays(
+def scan_plan(
     scene: Scene,
     x: NDArray[np.float64],
     y: NDArray[np.float64],
@@ -53,7 +53,9 @@ def scan_rays(
     *,
     incidence: bool = True,
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32]]:
-    """Cast the same rays from many poses of the robot.
+    """Cast the same level rays from many poses of the robot, in the plane.
+
+    A scanner's rays are cast by `scans.scan_rays`: they may end on what no plan shows.
 
     Args:
         scene: The free space and its segments; an `Environment` is one.

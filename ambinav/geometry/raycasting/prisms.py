@@ -26,6 +26,7 @@ from ambinav.geometry.raycasting.prism_kernel import (
 from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.segments import WALL, Segments, edges_of
+from ambinav.provenance import digest_of
 from ambinav.threads import run_rows
 
 # Fewer rays are not worth waking a thread for.
@@ -122,6 +123,12 @@ class Prisms:
     def __repr__(self) -> str:
         """Counts."""
         return f"Prisms({len(self.walls)} walls, {len(self.solids)} solids)"
+
+    @cached_property
+    def checksum(self) -> str:
+        """Digest of walls, solids, floor, ceiling and plan."""
+        walls = self.walls.xy, self.walls.kind, self.wall_z
+        return digest_of(*walls, self.solids, self.floor, self.ceiling, self.free)
 
     @cached_property
     def surface_normal(self) -> NDArray[np.float64]:

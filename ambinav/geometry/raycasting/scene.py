@@ -7,11 +7,27 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.geometry.raycasting.space import SpaceCaster
 from ambinav.geometry.raycasting.triangulation import Triangulation
 
 
 class Scene(Protocol):
-    """Free space as triangles, and the segments on its border; an `Environment` is one."""
+    """Free space as triangles, and the segments on its border; an `Environment` is one.
+
+    Where it has a `space`, rays of scanners are cast against that; see `scans.scan_rays`.
+    """
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+
+    @property
+    def space(self) -> SpaceCaster | None:
+        """The building in three dimensions; None: it is a plan."""
+
+    @property
+    def floor(self) -> float:
+        """Z of the floor in `space`, metres."""
 
     @property
     def triangulation(self) -> Triangulation:

@@ -116,6 +116,10 @@ class SpaceCaster(Protocol):
     """A building that rays in space are cast against: `Prisms`, or a `Mesh`."""
 
     @property
+    def checksum(self) -> str:
+        """Digest of all that rays can meet: stored results tell buildings apart by it."""
+
+    @property
     def surface_normal(self) -> NDArray[np.float64]:
         """Unit normal of each of the S surfaces, shape (S, 3), map frame; its sign says nothing."""
 

@@ -90,7 +90,8 @@ def map_data(
         "is_wall": base64_of(amap.segments.walls.astype(np.uint8)),
         "is_reflector": base64_of(amap.segments.reflectors.astype(np.uint8)),
         "direction": _direction(amap, heading, parts),
-        "rays": _rays(scanner),
+        # In space no walls are known that the page could cast rays against: it shows no scan.
+        "rays": _rays(None if data.attrs.get("environment_space") else scanner),
     }
 
 
@@ -152,8 +153,13 @@ def _direction(amap: AmbiguityMap, heading: str | float, parts: FloorParts) -> l
     return rounded
 
 
-def _rays(scanner: RangeScanner) -> dict[str, Any]:
-    """All rays of the scanner in the robot frame, see `ambinav.sensing.rays.RayTable`."""
+def _rays(scanner: RangeScanner | None) -> dict[str, Any]:
+    """All rays of the scanner in the robot frame, see `ambinav.sensing.rays.RayTable`; or none."""
+    if scanner is None:
+        empty = np.zeros(0, dtype=np.float32)
+        names = ("origin", "angle", "max_range", "max_incidence")
+        start = base64_of(np.zeros(1, dtype=np.int32))
+        return {"start": start, **{name: base64_of(empty) for name in names}}
     rays = scanner.rays()
     limits: Sequence[NDArray[np.float32]] = (rays.max_range, rays.max_incidence)
     far, steep = (np.minimum(limit, FARTHEST).astype(np.float32) for limit in limits)

@@ -11,7 +11,7 @@ from typing import Any, Final
 from ambinav.config import nearest
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.sensing.layout import Layout, Mounts, Planar
+from ambinav.sensing.layout import Layout, Planar, Ring
 from ambinav.sensing.scanner import RangeScanner
 from ambinav_envs.policies.corrected import BASES
 from ambinav_envs.policies.network import ALGORITHMS
@@ -174,9 +174,9 @@ def plain_value(value: Any) -> Any:
 
 def _beams(layout: Layout) -> int:
     """How many beams there will be, before there are any."""
-    if isinstance(layout, Mounts):
-        return len(layout.each)
-    return layout.beams if isinstance(layout, Planar) else layout.count
+    if isinstance(layout, Planar):
+        return layout.beams
+    return layout.count if isinstance(layout, Ring) else len(layout.mounts())
 
 
 def _check(card: Card) -> None:

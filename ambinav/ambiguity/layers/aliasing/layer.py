@@ -202,6 +202,7 @@ LAYER = Layer(
     source="own, from the indistinguishability of scans: docs/layers.md",
     worse="high",
     compute=compute,
+    in_space=True,
     companions={
         "aliasing_area": ("floor farther than R that gives the same scan", "m^2"),
         "aliasing_x": ("x of the most alike pose farther than R", "m"),

@@ -1,0 +1,151 @@
+"""Options on a building in three dimensions: a plan with a height, or a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+
+import typer
+
+from ambinav.cli.running import above_zero
+from ambinav.errors import InputError
+
+if TYPE_CHECKING:
+    from ambinav.geometry.environment import Environment
+    from ambinav.geometry.mesh.mesh import Mesh
+    from ambinav.sensing.scanner import RangeScanner
+
+OCTOMAP: Final = ".bt"
+PROCESSES: Final = 2
+"""Embree holds the interpreter's lock."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceOptions:
+    """What makes a building three-dimensional, and how high the scanner is in it."""
+
+    PANEL: ClassVar[str] = "Space"
+
+    extrude: Annotated[
+        float | None,
+        typer.Option(
+            "--extrude",
+            metavar="M",
+            help="Take the walls of a plan for so many metres high, with a floor and a ceiling.",
+            show_default="a plan",
+        ),
+    ] = None
+    scanner_height: Annotated[
+        float | None,
+        typer.Option(
+            "--scanner-height",
+            metavar="M",
+            help="Mount the scanner so many metres higher than its file says.",
+            show_default="as the file says",
+        ),
+    ] = None
+    robot_height: Annotated[
+        float | None,
+        typer.Option(
+            "--robot-height",
+            metavar="M",
+            help="Of the robot, in a mesh: what is lower than that stands in its way.",
+            show_default="of its highest sensor",
+        ),
+    ] = None
+    floor: Annotated[
+        float | None,
+        typer.Option(
+            "--floor",
+            metavar="Z",
+            help="z of the floor of a mesh, metres.",
+            show_default="the largest level surface",
+        ),
+    ] = None
+    up: Annotated[
+        str | None,
+        typer.Option(
+            "--up",
+            metavar="x|y|z",
+            help="Which axis of a mesh is up.",
+            show_default="z, of a .glb y",
+        ),
+    ] = None
+
+    def check(self) -> None:
+        """Check what can be checked before the building is read.
+
+        Raises:
+            InputError: an option has a value that cannot be used.
+        """
+        above_zero(self.extrude, "--extrude", "2.5")
+        above_zero(self.scanner_height, "--scanner-height", "0.3")
+        above_zero(self.robot_height, "--robot-height", "1.2")
+
+    def mounted(self, scanner: RangeScanner) -> RangeScanner:
+        """The scanner at its height."""
+        return scanner if self.scanner_height is None else scanner.raised(self.scanner_height)
+
+    def mesh(
+        self, map_file: Path, scanner: RangeScanner, unit: str | None, robot_radius: float
+    ) -> Environment | None:
+        """The floor of a mesh, with the mesh; None where the file is no mesh.
+
+        Args:
+            map_file: The file.
+            scanner: At its height.
+            unit: What its numbers are in, as `read_mesh` takes it.
+            robot_radius: Metres; 0: the scanner's, or 0.2 where it has none.
+
+        Raises:
+            InputError: it cannot be used, or an option does not suit it.
+        """
+        from ambinav.geometry.mesh.read import SUFFIXES, read_mesh
+
+        suffix = map_file.suffix.lower()
+        if suffix not in (*SUFFIXES, OCTOMAP):
+            return None
+        if self.extrude is not None:
+            raise InputError(
+                f"--extrude: {map_file} has three dimensions already; leave the option out."
+            )
+        from ambinav.geometry.mesh.floor import floor_environment
+        from ambinav.geometry.mesh.octomap import read_octomap
+        from ambinav.sensing.robot_radius import robot_radius as own
+
+        found: Mesh
+        if suffix == OCTOMAP:
+            found = read_octomap(map_file, processes=PROCESSES)
+        else:
+            found = read_mesh(map_file, unit=unit, up=self.up, processes=PROCESSES)
+        height = self.robot_height
+        if height is None:
+            height = float(scanner.upright[:, 0].max())
+            if not height > 0.0:
+                raise InputError(
+                    f"{map_file}: it has three dimensions, and scanner {scanner.name!r} does not "
+                    "say how high it is mounted; give --scanner-height, e.g. 0.3."
+                )
+        return floor_environment(found, height, robot_radius or own(scanner), floor=self.floor)
+
+    def extruded(self, environment: Environment) -> Environment:
+        """A plan with the height that was given, if one was.
+
+        Raises:
+            InputError: an option for meshes alone was given.
+        """
+        for field in fields(self):
+            if (
+                field.name in ("robot_height", "floor", "up")
+                and getattr(self, field.name) is not None
+            ):
+                raise InputError(
+                    f"--{field.name.replace('_', '-')}: {environment.source or environment.name} "
+                    "is no mesh; leave the option out, or give --extrude for a plan's height."
+                )
+        if self.extrude is None:
+            return environment
+        from ambinav.geometry.extrude import extruded
+
+        return environment.in_space(extruded(environment, self.extrude))

@@ -1,0 +1,112 @@
+"""Where a sensor sits on the robot, and how its directions lie in the robot's frame then."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.config import as_degrees, as_number, as_numbers
+from ambinav.errors import InputError
+from ambinav.geometry.raycasting.space import SpaceRays
+
+Mount: TypeAlias = tuple[float, float, float]
+"""x and y in metres and yaw in radians, robot frame."""
+Floats = NDArray[np.float64]
+
+TURN = 2.0 * math.pi
+CENTRE: Mount = (0.0, 0.0, 0.0)
+LEVEL = (0.0, 0.0)
+"""z and elevation of a beam in the plane."""
+STEEPEST = math.pi / 2
+
+
+def as_mount(value: object) -> Mount:
+    """A mount, its numbers checked; raises `InputError`."""
+    numbers = as_numbers(value, "mount")
+    if len(numbers) != 3:
+        raise InputError(f"mount is {value!r}; give x, y and yaw.")
+    return numbers[0], numbers[1], numbers[2]
+
+
+def plain_mount(mount: Mount) -> list[float]:
+    """The YAML form of a mount: yaw in degrees."""
+    return [mount[0], mount[1], as_degrees(mount[2])]
+
+
+def as_elevation(value: object, where: str) -> float:
+    """An angle above the horizon, radians; raises `InputError` beyond straight up and down."""
+    angle = as_number(value, where)
+    if not abs(angle) <= STEEPEST + 1e-12:
+        raise InputError(
+            f"{where} is {math.degrees(angle):g} degrees; give -90 to 90 (in Python -pi/2 to pi/2 "
+            "radians)."
+        )
+    return angle
+
+
+def as_tilt(z: object, pitch: object, roll: object) -> tuple[float, float, float]:
+    """Height, pitch and roll of a sensor, checked; raises `InputError`."""
+    return as_number(z, "z"), as_elevation(pitch, "pitch"), as_number(roll, "roll")
+
+
+def plain_tilt(z: float, pitch: float, roll: float) -> dict[str, float]:
+    """The YAML form of height, pitch and roll: those that are not 0, angles in degrees."""
+    plain = {"z": z, "pitch_deg": as_degrees(pitch), "roll_deg": as_degrees(roll)}
+    return {key: value for key, value in plain.items() if value != 0.0}
+
+
+def directed(
+    azimuth: Floats, elevation: Floats, mount: Mount, z: float, pitch: float, roll: float
+) -> tuple[Floats, Floats]:
+    """Directions of a sensor's beams as they lie in the robot's frame once it is mounted.
+
+    Args:
+        azimuth: In the sensor's frame, shape (B,), radians.
+        elevation: Likewise.
+        mount: Of the sensor.
+        z: Metres above the floor.
+        pitch: Radians about y, positive looks down (REP 103).
+        roll: Radians about x, applied first.
+
+    Returns:
+        x, y and azimuth, shape (B, 3); z and elevation, shape (B, 2).
+    """
+    x, y, yaw = mount
+    rays = SpaceRays(np.zeros((len(azimuth), 3)), azimuth, elevation)
+    rays = rays.mounted(x, y, z, yaw, pitch, roll)
+    across = np.column_stack([np.full(len(azimuth), x), np.full(len(azimuth), y), rays.azimuth])
+    return across, np.column_stack([np.full(len(azimuth), z), rays.elevation])
+
+
+def fan_angles(beams: int, aperture: float) -> Floats:
+    """Directions of an even fan about 0, shape (beams,), radians; see `Planar`."""
+    if aperture > TURN - 1e-9 and beams > 1:
+        return TURN * np.arange(beams) / beams - math.pi
+    half = aperture / 2 if beams > 1 else 0.0
+    return np.linspace(-half, half, beams)
+
+
+def divisor(number: int, most: int) -> int | None:
+    """Return the largest divisor of a number that is at most `most` and at least its half."""
+    sizes = range(most, (most - 1) // 2, -1)
+    return next((size for size in sizes if number % size == 0), None)
+
+
+def thinned_fan(beams: int, aperture: float, most: int) -> tuple[int, float]:
+    """Number of beams and aperture of a fan with at most `most` beams; see `Planar.thinned`."""
+    if beams <= most:
+        return beams, aperture
+    if aperture > TURN - 1e-9:
+        return divisor(beams, most) or most, aperture
+    if most == 1:
+        return 1, 0.0
+    gaps, step = beams - 1, aperture / (beams - 1)
+    for kept in range(most - 1, 0, -1):
+        stride = gaps // kept
+        spare = gaps - kept * stride
+        if spare <= stride:
+            break
+    return kept + 1, kept * stride * step

@@ -1,0 +1,243 @@
+"""How the beams of one sensor lie in space: in layers, or as the pixels of a camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.config import as_count, as_degrees, as_number
+from ambinav.errors import InputError
+from ambinav.sensing.mounting import (
+    CENTRE,
+    TURN,
+    Mount,
+    as_elevation,
+    as_mount,
+    as_tilt,
+    directed,
+    fan_angles,
+    plain_mount,
+    plain_tilt,
+    thinned_fan,
+)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layers:
+    """A 3D laser: columns of beams, spread evenly as the beams of `Planar` are.
+
+    Every column has a beam at each elevation; the beams are numbered layer after layer. Where they
+    are `staggered` a column has one beam, and the elevations follow each other from column to
+    column, over and over: so many points of a pattern that fills the field of view.
+
+    Attributes:
+        columns: Number of columns.
+        aperture: Angle from the first to the last column, radians; 2 pi is the full circle.
+        elevation: Of the layers in the sensor's frame, radians.
+        staggered: Whether a column has a beam of one layer alone.
+        mount: x, y in metres and yaw in radians in the robot frame.
+        z: Metres above the floor.
+        pitch: Radians about y, positive looks down (REP 103).
+        roll: Radians about x, applied first.
+    """
+
+    columns: int
+    aperture: float
+    elevation: tuple[float, ...]
+    staggered: bool = False
+    mount: Mount = CENTRE
+    z: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the fields; raises `InputError`."""
+        object.__setattr__(self, "columns", as_count(self.columns, "columns"))
+        object.__setattr__(self, "aperture", as_number(self.aperture, "aperture"))
+        if not 0 <= self.aperture <= TURN + 1e-9:
+            raise InputError(
+                f"aperture is {math.degrees(self.aperture):g} degrees; give 0 to 360 (in Python "
+                "0 to 2 pi radians)."
+            )
+        given = tuple(as_elevation(e, f"elevation[{i}]") for i, e in enumerate(self.elevation))
+        if not given:
+            raise InputError("elevation is empty; list that of each layer.")
+        if self.staggered and self.columns % len(given):
+            raise InputError(
+                f"columns is {self.columns} and there are {len(given)} elevations; give a multiple "
+                "of them where layers are staggered."
+            )
+        object.__setattr__(self, "elevation", given)
+        object.__setattr__(self, "mount", as_mount(self.mount))
+        for name, value in zip(
+            ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def full_circle(self) -> bool:
+        """Whether the columns go all around."""
+        return self.aperture > TURN - 1e-9
+
+    @property
+    def vertical_aperture(self) -> float:
+        """Angle from the lowest to the highest layer, radians."""
+        return max(self.elevation) - min(self.elevation)
+
+    def beams_in_space(self) -> tuple[Floats, Floats]:
+        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        azimuth, elevation = fan_angles(self.columns, self.aperture), np.array(self.elevation)
+        if self.staggered:
+            elevation = np.tile(elevation, self.columns // len(elevation))
+        else:
+            count = len(elevation)
+            azimuth, elevation = np.tile(azimuth, count), np.repeat(elevation, self.columns)
+        return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
+
+    def mounts(self) -> Floats:
+        """Return x, y, azimuth of each beam, shape (B, 3)."""
+        return self.beams_in_space()[0]
+
+    def upright(self) -> Floats:
+        """Return z and elevation of each beam, shape (B, 2), metres and radians."""
+        return self.beams_in_space()[1]
+
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Layers:
+        """Return the same so many metres further along x, y and z."""
+        x, y, yaw = self.mount
+        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
+
+    def thinned(self, most: int) -> Layers:
+        """Return at most `most` beams: of the layers some, lowest and highest among them.
+
+        So many of them that their spacing is about that of the columns.
+        """
+        whole = self.columns if self.staggered else self.columns * len(self.elevation)
+        if whole <= most:
+            return self
+        share = self.vertical_aperture / max(self.aperture, 1e-9)
+        rows = round(0.5 + math.sqrt(0.25 + most * share))
+        rows = max(min(rows, len(self.elevation), most), 1)
+        chosen = np.argsort(self.elevation, kind="stable")
+        chosen = chosen[np.rint(np.linspace(0, len(chosen) - 1, rows)).astype(np.intp)]
+        kept = tuple(self.elevation[i] for i in sorted(chosen.tolist()))
+        columns, aperture = thinned_fan(self.columns, self.aperture, most // rows)
+        if self.staggered:
+            columns, aperture = most // rows * rows, self.aperture
+        return replace(self, columns=columns, aperture=aperture, elevation=kept)
+
+    def to_plain(self) -> dict[str, object]:
+        """Return the YAML form."""
+        plain: dict[str, object] = {
+            "columns": self.columns,
+            "aperture_deg": as_degrees(self.aperture),
+            "elevation_deg": [as_degrees(angle) for angle in self.elevation],
+        }
+        if self.staggered:
+            plain["staggered"] = True
+        plain["mount"] = plain_mount(self.mount)
+        return {"layers": plain | plain_tilt(self.z, self.pitch, self.roll)}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A depth camera: a grid of pixels of a pinhole, from edge to edge, row by row from above.
+
+    Attributes:
+        columns: Number of pixels across.
+        rows: Number of pixels up.
+        horizontal: Field of view across, radians.
+        vertical: Field of view up, radians.
+        mount: x, y in metres and yaw in radians in the robot frame.
+        z: Metres above the floor.
+        pitch: Radians about y, positive looks down (REP 103).
+        roll: Radians about x, applied first.
+    """
+
+    columns: int
+    rows: int
+    horizontal: float
+    vertical: float
+    mount: Mount = CENTRE
+    z: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the fields; raises `InputError`."""
+        for name in ("columns", "rows"):
+            object.__setattr__(self, name, as_count(getattr(self, name), name))
+        for name in ("horizontal", "vertical"):
+            angle = as_number(getattr(self, name), name)
+            if not 0.0 <= angle < math.pi:
+                raise InputError(
+                    f"{name} is {math.degrees(angle):g} degrees; a camera sees less than 180."
+                )
+            object.__setattr__(self, name, angle)
+        object.__setattr__(self, "mount", as_mount(self.mount))
+        for name, value in zip(
+            ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def full_circle(self) -> bool:
+        """Whether it looks all around: a pinhole cannot."""
+        return False
+
+    @property
+    def vertical_aperture(self) -> float:
+        """Field of view up, radians."""
+        return self.vertical if self.rows > 1 else 0.0
+
+    def beams_in_space(self) -> tuple[Floats, Floats]:
+        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        across = _pixels(self.columns, self.horizontal)
+        up = _pixels(self.rows, self.vertical)[::-1]
+        u, v = np.tile(across, self.rows), np.repeat(up, self.columns)
+        azimuth, elevation = np.arctan2(u, 1.0), np.arctan2(v, np.hypot(u, 1.0))
+        return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
+
+    def mounts(self) -> Floats:
+        """Return x, y, azimuth of each beam, shape (B, 3)."""
+        return self.beams_in_space()[0]
+
+    def upright(self) -> Floats:
+        """Return z and elevation of each beam, shape (B, 2), metres and radians."""
+        return self.beams_in_space()[1]
+
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
+        """Return the same so many metres further along x, y and z."""
+        x, y, yaw = self.mount
+        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
+
+    def thinned(self, most: int) -> Camera:
+        """Return a camera of at most `most` pixels over the same field of view, evenly spread."""
+        if self.columns * self.rows <= most:
+            return self
+        share = math.tan(self.vertical / 2) / max(math.tan(self.horizontal / 2), 1e-9)
+        rows = max(min(round(math.sqrt(most * share)), self.rows, most), 1)
+        columns = min(most // rows, self.columns)
+        return replace(self, columns=columns, rows=rows)
+
+    def to_plain(self) -> dict[str, object]:
+        """Return the YAML form."""
+        plain: dict[str, object] = {
+            "columns": self.columns,
+            "rows": self.rows,
+            "horizontal_deg": as_degrees(self.horizontal),
+            "vertical_deg": as_degrees(self.vertical),
+            "mount": plain_mount(self.mount),
+        }
+        return {"camera": plain | plain_tilt(self.z, self.pitch, self.roll)}
+
+
+def _pixels(count: int, aperture: float) -> Floats:
+    """Where pixels lie in the plane at distance 1, ascending."""
+    half = math.tan(aperture / 2) if count > 1 else 0.0
+    return np.linspace(-half, half, count)

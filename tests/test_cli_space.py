@@ -1,0 +1,99 @@
+"""`ambinav map` and `audit` of buildings in three dimensions: what they take, write and refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ambinav.cli import app
+from ambinav.demo import BUILDING
+from ambinav.maps.ambiguity_map import AmbiguityMap
+
+LIDAR = ["-s", "velodyne-vlp-16", "--spacing", "0.5", "--no-store"]
+PLANAR = ["-s", "rplidar-a1", "--spacing", "0.25", "--no-store"]
+
+
+@pytest.fixture
+def runner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CliRunner:
+    monkeypatch.chdir(tmp_path)
+    return CliRunner()
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """A closed room of 6 x 4 x 2.5 m as a file of triangles."""
+    corners = [(x, y, z) for x in (0, 6) for y in (0, 4) for z in (0, 2.5)]
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    lines += ["f " + " ".join(str(k + 1) for k in quad) for quad in quads]
+    path = tmp_path / "room.obj"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_plan_with_a_height(runner: CliRunner) -> None:
+    result = runner.invoke(app, ["map", str(BUILDING), *LIDAR, "--extrude", "2.5", "-o", "a.zarr"])
+    assert result.exit_code == 0, result.output
+    amap = AmbiguityMap.open("a.zarr")
+    assert amap.dataset.attrs["environment_space"]
+    assert json.loads(amap.dataset.attrs["parameters"])["beams_used"] == 360
+
+
+def test_a_level_scanner_in_an_extruded_plan_gets_the_map_of_the_plan(runner: CliRunner) -> None:
+    raised = ["--extrude", "2.5", "--scanner-height", "0.4"]
+    for options, output in (([], "flat.zarr"), (raised, "solid.zarr")):
+        done = runner.invoke(app, ["map", str(BUILDING), *PLANAR, *options, "-o", output])
+        assert done.exit_code == 0, done.output
+    flat, solid = (AmbiguityMap.open(one).dataset["level"].values for one in
+                   ("flat.zarr", "solid.zarr"))  # fmt: skip
+    assert np.nanmax(np.abs(flat - solid)) < 0.02
+
+
+def test_a_mesh(runner: CliRunner, room: Path) -> None:
+    high = [*PLANAR, "--scanner-height", "0.3", "--floor", "0"]
+    result = runner.invoke(app, ["map", str(room), *high, "-o", "room.zarr", "--json"])
+    assert result.exit_code == 0, result.output
+    assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
+
+
+@pytest.mark.slow
+def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
+    options = [*LIDAR, "--extrude", "2.5", "--places", "1", "--no-aliasing", "-o", "out"]
+    result = runner.invoke(app, ["audit", str(BUILDING), *options])
+    assert result.exit_code == 0, result.output
+    assert "posts would help is known for plans alone" in result.output
+    report = json.loads(Path("out/report.json").read_text())
+    assert "beams return an echo" in report["places"][0]["sees"]["sentence"]
+
+
+@pytest.mark.parametrize(("options", "part"), [
+    ([*LIDAR], "it is a plan, and the scanner looks up and down"),
+    ([*PLANAR, "--extrude", "2.5"], "at z = 0 m, on its floor"),
+    ([*PLANAR, "--extrude", "0"], "--extrude: 0 is not above zero"),
+    ([*PLANAR, "--scanner-height", "-1"], "--scanner-height: -1 is not above zero"),
+    ([*PLANAR, "--floor", "0"], "--floor: "),
+    ([*PLANAR, "--robot-height", "1"], "is no mesh"),
+    ([*LIDAR, "--extrude", "2.5", "--layers", "gfm"], "gfm: it looks up and down"),
+    ([*LIDAR, "--extrude", "2.5", "--tile", "9"], "a map in tiles is known for plans alone"),
+])  # fmt: skip
+def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) -> None:
+    result = runner.invoke(app, ["map", str(BUILDING), *options, "-o", "a.zarr"])
+    assert result.exit_code == 2
+    assert part in result.output
+    assert not Path("a.zarr").exists()
+
+
+@pytest.mark.parametrize(("options", "part"), [
+    ([], "does not say how high it is mounted; give --scanner-height"),
+    (["--scanner-height", "0.3", "--extrude", "2"], "has three dimensions already"),
+    (["--scanner-height", "0.3", "--up", "w"], "up is 'w'"),
+    (["--scanner-height", "0.3", "--floor", "9"], "floor is 9"),
+])  # fmt: skip
+def test_refused_for_a_mesh(runner: CliRunner, room: Path, options: list[str], part: str) -> None:
+    result = runner.invoke(app, ["map", str(room), *PLANAR, *options, "-o", "a.zarr"])
+    assert result.exit_code == 2
+    assert part in result.output
