@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,32 +17,28 @@ from ambinav.config import as_count, as_number, read_text
 from ambinav.errors import InputError
 from ambinav.files import replacing
 from ambinav.mistaken import kind_of_path, refuse
+from ambinav.sensing.beams import Beams
 from ambinav.sensing.casting import cast_beams
 from ambinav.sensing.intensity import Intensity
 from ambinav.sensing.layout import Mounts, Part, Planar, Ring, with_channel
 from ambinav.sensing.mounting import CENTRE, TURN, Mount
 from ambinav.sensing.presets import PRESETS, preset_names
-from ambinav.sensing.rays import RayTable, make_rays
 from ambinav.sensing.scanner_file import parse_scanner, render_scanner
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.sensing.space_layout import Layers
-from ambinav.sensing.symmetry import TOLERANCE, own_centres, rotation_order
+from ambinav.sensing.symmetry import TOLERANCE, own_centres
 from ambinav.sensing.thinning import thinned_parts
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
 
-Scalar = TypeVar("Scalar", bound=np.generic)
-
-# A scanner that is the same again after a turn of at most 30 degrees looks all around.
-ALL_AROUND_ORDER = 12
 # One that does so about a centre of its own still does if that is no farther from the robot's,
 # metres (docs/model.md, "Where the scanner sits").
 OFF_CENTRE = 0.2
 
 
 @dataclass(frozen=True)
-class RangeScanner:
+class RangeScanner(Beams):
     """A set of beams, each of some range sensor and mounted somewhere on the robot.
 
     Build it with `planar`, `ring`, `mixed`, `from_mounts`, `from_preset` or `from_yaml`.
@@ -294,31 +290,6 @@ class RangeScanner:
 
     # -- its beams ---------------------------------------------------------------------------
 
-    @cached_property
-    def sensors(self) -> tuple[RangeSensor, ...]:
-        """The distinct sensors, in the order of their first beam."""
-        return tuple(dict.fromkeys(part.sensor for part in self.parts))
-
-    @cached_property
-    def mounts(self) -> NDArray[np.float64]:
-        """x, y (metres) and yaw (radians) of each beam's axis in the robot frame, (B, 3)."""
-        return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
-
-    @cached_property
-    def upright(self) -> NDArray[np.float64]:
-        """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
-        return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
-
-    @cached_property
-    def level(self) -> bool:
-        """Whether all beams look along the floor: if not, it needs a building in space."""
-        return not self.upright[:, 1].any()
-
-    @property
-    def vertical_aperture(self) -> float:
-        """Largest angle from the lowest to the highest layer of one of its parts, radians."""
-        return max(part.layout.vertical_aperture for part in self.parts)
-
     def raised(self, height: float) -> RangeScanner:
         """The same scanner so many metres higher.
 
@@ -329,37 +300,9 @@ class RangeScanner:
         parts = tuple(Part(one.sensor, one.layout.moved(0.0, 0.0, height)) for one in self.parts)
         return replace(self, parts=parts)
 
-    @cached_property
-    def sensor_of_beam(self) -> NDArray[np.intp]:
-        """Index into `sensors` of each beam, shape (B,)."""
-        counts = [len(part.layout.mounts()) for part in self.parts]
-        index = [self.sensors.index(part.sensor) for part in self.parts]
-        return _fixed(np.repeat(np.array(index, dtype=np.intp), counts))
-
-    @property
-    def beams(self) -> int:
-        """Number of beams B."""
-        return len(self.mounts)
-
-    @cached_property
-    def max_range(self) -> float:
-        """Farthest range of any sensor, metres."""
-        return max(sensor.max_range for sensor in self.sensors)
-
-    @cached_property
-    def intensity_beams(self) -> NDArray[np.intp]:
-        """Indices of the beams whose sensor reads intensities, ascending, shape (K,)."""
-        return _fixed(np.flatnonzero([self.sensors[i].intensity for i in self.sensor_of_beam]))
-
     def with_intensity(self, intensity: Intensity | None) -> RangeScanner:
         """The same with this channel on its lasers, or none; an `InputError` if it has no laser."""
         return replace(self, parts=with_channel(self.parts, intensity, self.name))
-
-    @property
-    def kind(self) -> str:
-        """The word "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
-        cones = {sensor.aperture > 0 for sensor in self.sensors}
-        return "mixed" if len(cones) == 2 else "sonar" if cones == {True} else "laser"
 
     @property
     def aperture(self) -> float:
@@ -372,11 +315,6 @@ class RangeScanner:
             return TURN
         yaw = np.sort(self.mounts[:, 2] % TURN)
         return TURN - float(np.diff(yaw, append=yaw[0] + TURN).max())
-
-    @cached_property
-    def rotation_order(self) -> int:
-        """Largest n such that a turn of the robot by 2 pi / n gives the same beams again."""
-        return rotation_order(self.mounts, self.upright, self.sensor_of_beam)
 
     @cached_property
     def centred(self) -> RangeScanner:
@@ -400,11 +338,6 @@ class RangeScanner:
         return moved if moved.turns_in_place else self
 
     @property
-    def turns_in_place(self) -> bool:
-        """Whether a turn on the spot by at most 30 degrees gives the same beams again."""
-        return self.rotation_order >= ALL_AROUND_ORDER
-
-    @property
     def looks_all_around(self) -> bool:
         """Whether a turn by some angle of at most 30 degrees gives the same beams again.
 
@@ -413,24 +346,6 @@ class RangeScanner:
         (`centred`): `turns_in_place` tells whether it is the robot's very own.
         """
         return self.centred.turns_in_place
-
-    def rays(self) -> RayTable:
-        """Return the rays to cast: one for a laser beam, an odd number for a cone."""
-        return self._rays
-
-    @cached_property
-    def _rays(self) -> RayTable:
-        def of_beam(values: Iterable[float]) -> NDArray[np.float64]:
-            return np.array(list(values))[self.sensor_of_beam]
-
-        limits = (math.inf if s.max_incidence is None else s.max_incidence for s in self.sensors)
-        return make_rays(
-            self.mounts,
-            of_beam(s.aperture for s in self.sensors),
-            of_beam(s.max_range for s in self.sensors),
-            of_beam(limits),
-            self.upright,
-        )
 
     def thinned(self, max_beams: int) -> RangeScanner:
         """Return a scanner with an evenly chosen subset of at most `max_beams` beams.
@@ -520,8 +435,3 @@ class RangeScanner:
             beams = self.sensor_of_beam == i
             readings[..., beams] = sensor.read(ranges[..., beams], rng)
         return readings
-
-
-def _fixed(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    array.flags.writeable = False
-    return array

@@ -1,0 +1,117 @@
+"""The beams of a scanner, all of its parts together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.sensing.layout import Part
+from ambinav.sensing.rays import RayTable, make_rays
+from ambinav.sensing.sensor import RangeSensor
+from ambinav.sensing.symmetry import rotation_order
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+# A scanner that is the same again after a turn of at most 30 degrees looks all around.
+ALL_AROUND_ORDER = 12
+
+
+class Beams:
+    """What can be told of beams by the parts that they are made of.
+
+    Attributes:
+        parts: The beams, grouped by sensor and layout, in order.
+    """
+
+    parts: tuple[Part, ...]
+
+    @cached_property
+    def sensors(self) -> tuple[RangeSensor, ...]:
+        """The distinct sensors, in the order of their first beam."""
+        return tuple(dict.fromkeys(part.sensor for part in self.parts))
+
+    @cached_property
+    def mounts(self) -> NDArray[np.float64]:
+        """x, y (metres) and yaw (radians) of each beam's axis in the robot frame, (B, 3)."""
+        return _fixed(np.concatenate([part.layout.mounts() for part in self.parts]))
+
+    @cached_property
+    def upright(self) -> NDArray[np.float64]:
+        """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
+        return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
+
+    @cached_property
+    def level(self) -> bool:
+        """Whether all beams look along the floor: if not, it needs a building in space."""
+        return not self.upright[:, 1].any()
+
+    @property
+    def vertical_aperture(self) -> float:
+        """Largest angle from the lowest to the highest layer of one of its parts, radians."""
+        return max(part.layout.vertical_aperture for part in self.parts)
+
+    @cached_property
+    def sensor_of_beam(self) -> NDArray[np.intp]:
+        """Index into `sensors` of each beam, shape (B,)."""
+        counts = [len(part.layout.mounts()) for part in self.parts]
+        index = [self.sensors.index(part.sensor) for part in self.parts]
+        return _fixed(np.repeat(np.array(index, dtype=np.intp), counts))
+
+    @property
+    def beams(self) -> int:
+        """Number of beams B."""
+        return len(self.mounts)
+
+    @cached_property
+    def max_range(self) -> float:
+        """Farthest range of any sensor, metres."""
+        return max(sensor.max_range for sensor in self.sensors)
+
+    @cached_property
+    def intensity_beams(self) -> NDArray[np.intp]:
+        """Indices of the beams whose sensor reads intensities, ascending, shape (K,)."""
+        return _fixed(np.flatnonzero([self.sensors[i].intensity for i in self.sensor_of_beam]))
+
+    @property
+    def kind(self) -> str:
+        """The word "laser" (no sensor has a cone), "sonar" (all have) or "mixed"."""
+        cones = {sensor.aperture > 0 for sensor in self.sensors}
+        return "mixed" if len(cones) == 2 else "sonar" if cones == {True} else "laser"
+
+    @cached_property
+    def rotation_order(self) -> int:
+        """Largest n such that a turn of the robot by 2 pi / n gives the same beams again."""
+        return rotation_order(self.mounts, self.upright, self.sensor_of_beam)
+
+    @property
+    def turns_in_place(self) -> bool:
+        """Whether a turn on the spot by at most 30 degrees gives the same beams again."""
+        return self.rotation_order >= ALL_AROUND_ORDER
+
+    def rays(self) -> RayTable:
+        """Return the rays to cast: one for a laser beam, an odd number for a cone."""
+        return self._rays
+
+    @cached_property
+    def _rays(self) -> RayTable:
+        def of_beam(values: Iterable[float]) -> NDArray[np.float64]:
+            return np.array(list(values))[self.sensor_of_beam]
+
+        limits = (math.inf if s.max_incidence is None else s.max_incidence for s in self.sensors)
+        return make_rays(
+            self.mounts,
+            of_beam(s.aperture for s in self.sensors),
+            of_beam(s.max_range for s in self.sensors),
+            of_beam(limits),
+            self.upright,
+        )
+
+
+def _fixed(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    array.flags.writeable = False
+    return array
