@@ -48,6 +48,25 @@ class Building:
     name: str
 
 
+def applied(
+    before: Building, add: Sequence[Obstacle], remove: BaseGeometry | None
+) -> tuple[Building, bool]:
+    """A building with something removed, and then with obstacles added; and whether it differs.
+
+    Where it does not it is the one before, to the last bit.
+
+    Raises:
+        InputError: see `removed` and `obstructed`.
+    """
+    after = before if remove is None else removed(before, remove)
+    if len(add):
+        after = obstructed(after, add)
+    changed = not after.segments.same_as(before.segments)
+    if before.drivable is not None and after.drivable is not None:
+        changed |= abs(after.drivable.area - before.drivable.area) > SLIVER
+    return (after if changed else before), bool(changed)
+
+
 def removed(building: Building, shape: BaseGeometry) -> Building:
     """Make floor of all that lies in a Polygon or MultiPolygon.
 

@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.geometry.border_cover import longest_bare, meeting
-from ambinav.geometry.edit import SLIVER, Building, obstructed, polygons_of, removed
+from ambinav.geometry.border_cover import longest_bare
+from ambinav.geometry.edit import ON_BORDER, Building, applied
 from ambinav.geometry.obstacle import Obstacle
 from ambinav.geometry.occupancy_grid import OccupancyGrid
 from ambinav.geometry.raycasting.grid import SegmentGrid
@@ -26,7 +25,8 @@ from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.raycasting.space import SpaceCaster
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.raycasting.walk import walk_rays
-from ambinav.geometry.segments import FRONTIER, REFLECTOR, WALL, Segments, edges_of
+from ambinav.geometry.segments import REFLECTOR, WALL, Segments, edges_of, moved
+from ambinav.geometry.window import clipped, off_border, windowed
 from ambinav.provenance import digest_of
 
 # A drawn plan differs from the building: walls stand about this far, in metres, from their line.
@@ -35,8 +35,6 @@ DRAWING_STD = 0.02
 # measured in the logs of seven robots (benchmarks/bench_cells.py). Not the size of a cell, which
 # says how finely a map is stored, not how well it was surveyed: the fit averages over many cells.
 MAPPING_STD = 0.03
-# A segment lies on the border of the free space if its middle is this near to it, in metres.
-ON_BORDER = 1e-6
 
 
 class Environment:
@@ -247,7 +245,7 @@ class Environment:
     @cached_property
     def _thin(self) -> NDArray[np.bool_]:
         """Mask over the segments: those that run through the free space."""
-        return _inside(self.segments.xy, self.free)
+        return off_border(self.segments.xy, self.free)
 
     def is_free(self, x: ArrayLike, y: ArrayLike, radius: float = 0.0) -> NDArray[np.bool_] | bool:
         """Whether a scan can be taken at (x, y), or a disc of `radius` metres fits there.
@@ -283,7 +281,7 @@ class Environment:
     ) -> NDArray[np.float64] | float:
         """Distance in metres from (x, y) to the nearest segment, at most `limit`; broadcast."""
         xs, ys = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        flat = self._clearance(xs.flatten(), ys.flatten(), limit)
+        flat = clearances(self.grid, xs.flatten(), ys.flatten(), min(limit, 1e9))
         return flat.reshape(xs.shape) if xs.ndim else float(flat[0])
 
     def cast(
@@ -346,15 +344,15 @@ class Environment:
         drivable = self.drivable
         return Environment(
             self.segments.transformed(angle, dx, dy),
-            _moved(self.free, angle, dx, dy),
+            moved(self.free, angle, dx, dy),
             name=self.name,
             source=self.source,
             checksum=self.checksum,
             resolution=self.resolution,
             notes=self.notes,
-            extent=None if self.extent is None else _moved(self.extent, angle, dx, dy),
+            extent=None if self.extent is None else moved(self.extent, angle, dx, dy),
             occupancy=None if self.occupancy is None else self.occupancy.transformed(angle, dx, dy),
-            drivable=None if drivable is None else _moved(drivable, angle, dx, dy),
+            drivable=None if drivable is None else moved(drivable, angle, dx, dy),
         )
 
     def window(
@@ -379,29 +377,20 @@ class Environment:
         a, b = np.array(bounds), np.array(self.free.bounds)
         if (a[:2] <= b[:2]).all() and (a[2:] >= b[2:]).all():
             return self
-        box = shapely.box(*bounds)
-        free = polygons_of(shapely.intersection(self.free, box))
-        if free.is_empty:
+        found = windowed(self.segments, self.free, bounds)
+        if found is None:
             return None
-        xy, drivable = self.segments.xy, self._drivable if footprints else None
-        near = meeting(xy, bounds)
-        edges = edges_of(free)
-        start, end = edges[:, [0, 1, 0, 1]], edges[:, [2, 3, 2, 3]]
-        on_rim = (np.abs(start - a) < ON_BORDER) & (np.abs(end - a) < ON_BORDER)
-        rim = edges[on_rim.any(axis=1)]
+        drivable = self._drivable if footprints else None
         made = Environment(
-            Segments(
-                np.concatenate([xy[near], rim]),
-                np.append(self.segments.kind[near], np.full(len(rim), FRONTIER, dtype=np.uint8)),
-            ),
-            free,
+            found.segments,
+            found.free,
             name=self.name,
             source=self.source,
             resolution=self.resolution,
-            drivable=None if drivable is None else polygons_of(shapely.intersection(drivable, box)),
+            drivable=None if drivable is None else clipped(drivable, bounds),
         )
         # Of a wall on the border the middle may lie beyond the window.
-        made._thin = np.append(_inside(xy[near], self.free), np.zeros(len(rim), dtype=np.bool_))
+        made._thin = found.thin
         return made
 
     def edited(
@@ -433,23 +422,11 @@ class Environment:
         """
         plane_only(self, "an edited building")
         before = Building(self.segments, self.free, self.drivable, self.occupancy, self.name)
-        after = before
-        if remove is not None:
-            after = removed(after, remove)
-        if len(add):
-            after = obstructed(after, add)
-        changed = not after.segments.same_as(before.segments)
-        if before.drivable is not None and after.drivable is not None:
-            changed |= abs(after.drivable.area - before.drivable.area) > SLIVER
+        after, changed = applied(before, add, remove)
         if not changed and name in (None, self.name):
             return self
-        if not changed:
-            after = before
-        done = (
-            f"Edited: {len(add)} obstacles added"
-            + ("" if remove is None else ", a part removed")
-            + "."
-        )
+        away = "" if remove is None else ", a part removed"
+        done = f"Edited: {len(add)} obstacles added{away}."
         content = (after.segments, after.free, after.drivable)
         return Environment(
             after.segments,
@@ -463,28 +440,6 @@ class Environment:
             occupancy=after.occupancy,
             drivable=after.drivable,
         )
-
-    def _clearance(
-        self, x: NDArray[np.float64], y: NDArray[np.float64], limit: float
-    ) -> NDArray[np.float64]:
-        return clearances(self.grid, x, y, min(limit, 1e9))
-
-
-def _inside(rows: NDArray[np.float64], free: BaseGeometry) -> NDArray[np.bool_]:
-    """Mask of the segments, shape (N, 4), whose middle lies in the free space, off its border."""
-    middle = shapely.points((rows[:, :2] + rows[:, 2:]) / 2)
-    edge = free.boundary
-    shapely.prepare(edge)
-    inside = ~np.asarray(shapely.dwithin(edge, middle, ON_BORDER), dtype=np.bool_)
-    # Not that of a wall whose middle an obstacle hides (`Environment.edited`).
-    inside[inside] = shapely.contains(free, middle[inside])
-    return inside
-
-
-def _moved(shape: BaseGeometry, angle: float, dx: float, dy: float) -> BaseGeometry:
-    """Turn about the origin by `angle` radians, then shift by (dx, dy) metres."""
-    turned = affinity.rotate(shape, angle, origin=(0.0, 0.0), use_radians=True)
-    return affinity.translate(turned, dx, dy)
 
 
 def _flat(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:

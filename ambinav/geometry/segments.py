@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 WALL: Final = 0
@@ -93,3 +94,9 @@ def edges_of(shape: BaseGeometry) -> NDArray[np.float64]:
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     edges: NDArray[np.float64] = np.hstack([xy[:-1], xy[1:]])[ring[:-1] == ring[1:]]
     return edges
+
+
+def moved(shape: BaseGeometry, angle: float, dx: float, dy: float) -> BaseGeometry:
+    """Turn a shape about the origin by `angle` radians, then shift by (dx, dy) metres."""
+    turned = affinity.rotate(shape, angle, origin=(0.0, 0.0), use_radians=True)
+    return affinity.translate(turned, dx, dy)
