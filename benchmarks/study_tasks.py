@@ -36,6 +36,14 @@ TRIED: dict[str, dict[str, Any]] = {
         "buildings": VARIANTS, "suite": "procedural", "closed_door": 1.0, "detour": [1.3, 3.0],
         "shortest": 4.0, "longest": 12.0, "max_steps": 1000,
     },
+    "half a turn": {
+        "buildings": VARIANTS, "suite": "hall", "scanner": {"beams": 60, "aperture": math.pi},
+        "odometry_scale": 2.0, "shortest": 4.0, "longest": 15.0, "max_steps": 800,
+    },
+    "time against certainty": {
+        "buildings": VARIANTS, "suite": "hall", "odometry_scale": 3.0, "goal_std": 0.1,
+        "shortest": 8.0, "longest": 20.0, "max_steps": 450,
+    },
 }  # fmt: skip
 
 
