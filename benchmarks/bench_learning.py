@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import os
 import subprocess
 import sys
@@ -121,8 +122,13 @@ def draw(folder: Path, out: Path) -> None:
     mpl.use("agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(3, 4, figsize=(10, 6.6), sharex=True, sharey=True)
-    for axis, name in zip(axes.flat, IDS, strict=True):
+    rows, columns = math.ceil(len(IDS) / 5), 5
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(11, 2.2 * rows), sharex=True, sharey=True, squeeze=False
+    )
+    for axis in axes.flat[len(IDS) :]:
+        axis.set_visible(False)
+    for axis, name in zip(axes.flat, IDS, strict=False):
         for (kind, _), colour, style in zip(
             KINDS.items(), ("#0072b2", "#d55e00"), ("-", "--"), strict=True
         ):
@@ -133,8 +139,9 @@ def draw(folder: Path, out: Path) -> None:
         axis.set_title(name.removesuffix("-v0"), fontsize=9)
         axis.set_ylim(0, 100)
         axis.grid(alpha=0.3)
-    for axis in axes[-1]:
+    for axis in axes.flat[len(IDS) - columns : len(IDS)]:
         axis.set_xlabel("steps (thousands)")
+        axis.tick_params(labelbottom=True)
     for axis in axes[:, 0]:
         axis.set_ylabel("arrived (%)")
     axes[0, 0].legend(fontsize=8, loc="lower right")

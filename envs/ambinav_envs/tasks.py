@@ -43,6 +43,10 @@ TASKS: Final[dict[str, dict[str, Any]]] = {
         "suite": "hall", "goal_radius": 0.1, "success_radius": 0.12, "odometry_scale": 2.0,
         "shortest": 4.0, "longest": 15.0, "max_steps": 800,
     },
+    "LandmarkDetour-v0": {
+        "suite": "hall", "goal_std": 0.1, "odometry_scale": 3.0, "shortest": 8.0, "longest": 20.0,
+        "max_steps": 450,
+    },
     "NoWaypoint-v0": {
         "suite": "procedural", "waypoint": False, "window_cells": 24, "shortest": 6.0,
         "longest": 20.0, "max_steps": 800,
@@ -80,6 +84,13 @@ ABOUT: Final[dict[str, str]] = {
         "in truth, in a hall, with odometry twice as bad as modelled. A follower comes with "
         "whatever error the last bare stretch has left; the last leg has to begin at something "
         "to see."
+    ),
+    "LandmarkDetour-v0": (
+        "Time against certainty: the robot has 45 s, and has arrived only where its estimate "
+        "deviates by 0.1 m at most, in a hall, with odometry three times as bad as modelled. A "
+        "follower comes to the goal unsure, and stands there until time is over, or is sure and "
+        "wrong. A detour past walls and pillars makes it sure, and takes time: which one still "
+        "pays has to be decided on the way."
     ),
     "NoWaypoint-v0": (
         "There is no waypoint: the robot has its goal and a window of the map of 9.6 m. "
