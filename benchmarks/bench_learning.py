@@ -144,8 +144,10 @@ def draw(folder: Path, out: Path) -> None:
         axis.tick_params(labelbottom=True)
     for axis in axes[:, 0]:
         axis.set_ylabel("arrived (%)")
-    axes[0, 0].legend(fontsize=8, loc="lower right")
     figure.tight_layout()
+    # In the room of the axes that are not needed.
+    lines, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="lower right", bbox_to_anchor=(0.9, 0.12))
     figure.savefig(out, dpi=110)
 
 
