@@ -37,20 +37,23 @@ class Key(NamedTuple):
 
 
 def keep(path: Path, driven: Mapping[Key, Episodes]) -> None:
-    """Write episodes as .npz, whole or not at all.
+    """Write episodes as .npz, whole or not at all; all runs have driven everywhere.
 
     Raises:
         ValueError: two runs have other episodes at a place under a condition.
     """
-    arrays: dict[str, Any] = {}
-    for key, episodes in driven.items():
+    runs = list(dict.fromkeys(key.run for key in driven))
+    arrays: dict[str, Any] = {"runs": np.array(runs)}
+    for place, condition in dict.fromkeys((key.place, key.condition) for key in driven):
+        there = [driven[Key(run, place, condition)] for run in runs]
         for name in SHARED:
-            shared = f"{key.place}/{key.condition}/{name}"
-            value = getattr(episodes, name)
-            if not np.array_equal(arrays.setdefault(shared, value), value):
-                raise ValueError(f"{key}: {name} is not what the other runs have.")
+            first = getattr(there[0], name)
+            if not all(np.array_equal(getattr(one, name), first) for one in there):
+                raise ValueError(f"{place}, {condition}: {name} is not the same in all runs.")
+            arrays[f"{place}/{condition}/{name}"] = first
         for name, kind in OF_RUNS.items():
-            arrays["/".join((*key, name))] = getattr(episodes, name).astype(kind)
+            values = np.stack([getattr(one, name) for one in there])
+            arrays[f"{place}/{condition}/{name}"] = values.astype(kind)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as fresh, fresh.open("wb") as file:
         np.savez_compressed(file, **arrays)
@@ -61,18 +64,16 @@ def kept(path: Path) -> dict[Key, Episodes]:
     found: dict[Key, Episodes] = {}
     if not path.is_file():
         return found
-    with np.load(path) as stored:
-        for name in stored:
-            if not name.endswith("/outcome"):
-                continue
-            key = Key(*name.split("/")[:3])
-            plain: dict[str, Any] = {
-                field.name: np.full(len(stored[name]), np.nan) for field in fields(Episodes)
-            }
-            for one in SHARED:
-                plain[one] = stored[f"{key.place}/{key.condition}/{one}"]
-            for one in OF_RUNS:
-                value = stored["/".join((*key, one))]
-                plain[one] = value.astype(AS_DRIVEN[value.dtype.kind])
-            found[key] = Episodes(**plain)
+    with np.load(path) as file:
+        stored = {name: file[name] for name in file}
+    for where in dict.fromkeys(name.rpartition("/")[0] for name in stored if "/" in name):
+        place, condition = where.split("/")
+        shared = {name: stored[f"{where}/{name}"] for name in SHARED}
+        nothing = np.full(len(shared["seed"]), np.nan)
+        for row, run in enumerate(stored["runs"].tolist()):
+            plain: dict[str, Any] = {field.name: nothing for field in fields(Episodes)} | shared
+            for name in OF_RUNS:
+                value = stored[f"{where}/{name}"][row]
+                plain[name] = value.astype(AS_DRIVEN[value.dtype.kind])
+            found[Key(run, place, condition)] = Episodes(**plain)
     return found

@@ -155,7 +155,7 @@ def test_what_is_kept_is_what_the_study_reads(effects: ModuleType, tmp_path: Pat
         assert np.isnan(found[key].reward).all()
     assert module.kept(tmp_path / "none.npz") == {}
     driven[module.Key("c", "hall", "disturbed")] = episodes(np.zeros(9), each=1)
-    with pytest.raises(ValueError, match="building is not what the other runs have"):
+    with pytest.raises(ValueError, match="building is not the same in all runs"):
         module.keep(tmp_path / "odd.npz", driven)
 
 
