@@ -306,6 +306,7 @@ def test_bad_input(folder, case):
     assert inventory(folder) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [FROM_MAP, FROM_PLAN, (*CALIBRATE, "0.01")])
 def test_the_same_input_unspoilt_is_accepted(folder, arguments):
     result = CliRunner().invoke(app, arguments)

@@ -108,6 +108,7 @@ def test_the_cost_that_ompl_reports_is_the_integral(
     assert demo.route_cost(path, steering) == pytest.approx(cost, rel=1e-9)
 
 
+@pytest.mark.slow
 @steerings
 def test_a_map_with_headings_is_read_at_the_heading(
     heading_map: AmbiguityMap, steering: Steering

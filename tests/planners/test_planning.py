@@ -237,6 +237,7 @@ def test_a_long_robot_in_se2(demo: AmbiguityService, name: str) -> None:
     assert all(walls.free.buffer(1e-6).covers(shape) for shape in placed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("space", "name"),
     [("dubins", "prmstar"), ("dubins", "bitstar"), ("reeds-shepp", "prmstar"),
