@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +28,24 @@ from ambinav.sensing.mounting import (
 Floats = NDArray[np.float64]
 
 
+class _InSpace(ABC):
+    """What all layouts whose beams look up and down have in common."""
+
+    @abstractmethod
+    def beams_in_space(self) -> tuple[Floats, Floats]:
+        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+
+    def mounts(self) -> Floats:
+        """Return x, y, azimuth of each beam, shape (B, 3)."""
+        return self.beams_in_space()[0]
+
+    def upright(self) -> Floats:
+        """Return z and elevation of each beam, shape (B, 2), metres and radians."""
+        return self.beams_in_space()[1]
+
+
 @dataclass(frozen=True)
-class Layers:
+class Layers(_InSpace):
     """A 3D laser: columns of beams, spread evenly as the beams of `Planar` are.
 
     Every column has a beam at each elevation; the beams are numbered layer after layer. Where they
@@ -99,14 +116,6 @@ class Layers:
             azimuth, elevation = np.tile(azimuth, count), np.repeat(elevation, self.columns)
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
 
-    def mounts(self) -> Floats:
-        """Return x, y, azimuth of each beam, shape (B, 3)."""
-        return self.beams_in_space()[0]
-
-    def upright(self) -> Floats:
-        """Return z and elevation of each beam, shape (B, 2), metres and radians."""
-        return self.beams_in_space()[1]
-
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Layers:
         """Return the same so many metres further along x, y and z."""
         x, y, yaw = self.mount
@@ -145,7 +154,7 @@ class Layers:
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(_InSpace):
     """A depth camera: a grid of pixels of a pinhole, from edge to edge, row by row from above.
 
     Attributes:
@@ -202,14 +211,6 @@ class Camera:
         u, v = np.tile(across, self.rows), np.repeat(up, self.columns)
         azimuth, elevation = np.arctan2(u, 1.0), np.arctan2(v, np.hypot(u, 1.0))
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
-
-    def mounts(self) -> Floats:
-        """Return x, y, azimuth of each beam, shape (B, 3)."""
-        return self.beams_in_space()[0]
-
-    def upright(self) -> Floats:
-        """Return z and elevation of each beam, shape (B, 2), metres and radians."""
-        return self.beams_in_space()[1]
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
         """Return the same so many metres further along x, y and z."""
