@@ -91,6 +91,7 @@ class OneByOne:
         return updates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mcl", "scanner"), [({}, None), (PRODUCT, None), ({}, RING)], ids=["field", "product", "cones"]
 )

@@ -68,6 +68,7 @@ def digest(envs: NavigationVectorEnv, steps: int) -> str:
     return total.hexdigest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "localizer"),
     [

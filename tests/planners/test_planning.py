@@ -150,6 +150,7 @@ def test_improving_never_raises_the_cost(robot: RoutePlanner) -> None:
     check(robot, better, START, GOAL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reference", "prmstar", "rrtstar"])
 def test_the_open_zone_is_never_entered_if_so_asked(demo: AmbiguityService, name: str) -> None:
     zones: list[dict[str, float]] = []
