@@ -89,9 +89,16 @@ signal.signal(signal.SIGALRM, signal.getsignal(signal.{name}))
 """
 
 
+PLAIN = """
+def stop(number, frame):
+    raise KeyboardInterrupt
+signal.signal(signal.{name}, stop)
+"""
+
+
 def python(body: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", KERNEL + body],
+        [sys.executable, "-c", body],
         env={**os.environ, "PYTHONPATH": PATHS},
         capture_output=True,
         text=True,
@@ -100,7 +107,7 @@ def python(body: str) -> subprocess.CompletedProcess[str]:
 
 
 def script(body: str) -> str:
-    done = python(body)
+    done = python(KERNEL + body)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -119,7 +126,7 @@ def test_numba_turns_an_interrupt_into_another_error() -> None:
     If this fails numba has been repaired: drop `interrupts.GLUE`.
     """
     plain = "signal.signal(signal.SIGALRM, signal.default_int_handler)"
-    done = python(EACH.format(install=plain, kernels="named,"))
+    done = python(KERNEL + EACH.format(install=plain, kernels="named,"))
     assert "SystemError" in done.stdout or done.returncode == -signal.SIGSEGV
 
 
@@ -145,6 +152,58 @@ def test_an_interrupt_within_a_text_that_is_executed(tmp_path: Path) -> None:
             timeout=60,
         )
         assert done.returncode == status
+
+
+DROPPED = """
+import signal, sys, weakref
+from ambinav.cli import interrupts
+{install}
+
+class Dying:
+    def __del__(self):
+        signal.raise_signal(signal.{name})
+
+def die():
+    dying = Dying()
+    del dying
+    return "nothing"
+
+def call_back():
+    dying = type("Empty", (), {{}})()
+    kept = weakref.ref(dying, lambda _: signal.raise_signal(signal.{name}))
+    del dying
+    return "nothing"
+
+def load():
+    # Cython registers a class of its own there, and drops what comes of that.
+    import abc
+    plain = abc.ABCMeta.register
+    def register(cls, subclass):
+        if subclass.__name__ == "_memoryviewslice":
+            abc.ABCMeta.register = plain
+            signal.raise_signal(signal.{name})
+        return plain(cls, subclass)
+    abc.ABCMeta.register = register
+    import numpy.random
+    return "nothing" if abc.ABCMeta.register is plain else "not registered"
+
+for each in (die, call_back, load):
+    try:
+        print(each())
+    except (KeyboardInterrupt, SystemExit) as error:
+        print(type(error).__name__)
+assert sys.gettrace() is None
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "error"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "SystemExit")]
+)
+def test_a_signal_whose_exception_would_be_dropped(name: str, error: str) -> None:
+    """In a finalizer, in a weak reference's callback and while an extension module is loaded."""
+    for install, comes in (("interrupts.install()", error), (PLAIN, "nothing")):
+        done = python(DROPPED.format(install=install.format(name=name), name=name))
+        assert done.stdout.split() == 3 * [comes], done.stderr
 
 
 SHARED = """

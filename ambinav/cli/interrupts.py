@@ -6,11 +6,17 @@ caller's: where a kernel returns a named tuple or raises an error, numba's wrapp
 "SystemError: CPUDispatcher(...) returned a result with an exception set", or the process ends by a
 segmentation fault. And where Ctrl-C ends a text given to `exec`, as modules do while they are
 imported, Python notes that nobody handled it, and kills itself in the end whatever the status is.
-So what would be raised there is raised in the caller instead, before its next instruction.
+What an extension module calls while it is loaded may lose it: Cython drops all that
+`abc.ABCMeta.register` raises. So what would be raised there is raised in the caller instead, before
+its next instruction.
+
+What finalizers and callbacks of weak references raise, Python prints and drops. An interrupt that
+comes back from there is raised again.
 """
 
 from __future__ import annotations
 
+import _imp
 import signal
 import sys
 from collections.abc import Callable
@@ -19,12 +25,16 @@ from typing import Any, Final
 
 GLUE: Final = frozenset(
     {
+        (__name__, "_raise_again"),
         ("numba.core.serialize", "_numba_unpickle"),
         ("llvmlite.binding.executionengine", "_raw_object_cache_notify"),
         ("llvmlite.binding.executionengine", "_raw_object_cache_getbuffer"),
     }
 )
 """Functions, by module and name, whose exceptions their callers in C ignore."""
+
+LOADERS: Final = (_imp.create_dynamic, _imp.exec_dynamic)
+"""What loads extension modules."""
 
 
 def install() -> None:
@@ -35,6 +45,7 @@ def install() -> None:
     signal.signal(signal.SIGTERM, _terminate)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+    sys.unraisablehook = _raise_again
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -45,6 +56,14 @@ def _terminate(number: int, frame: FrameType | None) -> None:
     raise_in_python(frame, lambda: SystemExit(128 + number))
 
 
+def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
+    error = unraisable.exc_value
+    if isinstance(error, KeyboardInterrupt | SystemExit):
+        raise_in_python(sys._getframe(), lambda: error)
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
 def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) -> None:
     """Raise an exception in the frame that was interrupted, or where that is no use in its caller.
 
@@ -52,10 +71,12 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
         frame: As a handler of signals is given it.
         make: Makes the exception.
     """
-    inner: FrameType | None = frame
-    while inner is not None and not _is_deaf(inner):
-        inner = inner.f_back
-    caller = None if inner is None else inner.f_back
+    caller: FrameType | None = None
+    while frame is not None:
+        # The outermost one: what an extension imports while it is loaded is lost with it.
+        if _is_deaf(frame):
+            caller = frame.f_back
+        frame = frame.f_back
     # A debugger that traces is not disturbed.
     if caller is None or sys.gettrace() is not None:
         raise make()
@@ -74,7 +95,11 @@ def raise_in_python(frame: FrameType | None, make: Callable[[], BaseException]) 
 
 def _is_deaf(frame: FrameType) -> bool:
     """Whether an exception out of a frame does not reach its caller."""
-    code = frame.f_code
+    code, caller = frame.f_code, frame.f_back
+    if caller is None:
+        return False
     if (code.co_filename, code.co_name) == ("<string>", "<module>"):
         return True
+    if caller.f_code.co_name == "_call_with_frames_removed":
+        return caller.f_locals.get("f") in LOADERS
     return (frame.f_globals.get("__name__"), code.co_name) in GLUE
