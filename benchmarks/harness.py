@@ -41,6 +41,7 @@ ENVIRONMENTS = {
     "mrpt_uwb_hall": "maps/mrpt_uwb_hall.yaml",
     "stata_basement": "maps/stata_basement.yaml",
     "navrep_markclutter": "maps/navrep_markclutter.yaml",
+    "institute": "plans/institute.ifc",
 }
 BUNDLED = ("demo",)
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")
