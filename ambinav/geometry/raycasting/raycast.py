@@ -158,10 +158,16 @@ def _clearances(low, high, x, y, limit, x0, y0, cell, rows, columns, start, item
                     if c < 0 or c >= columns:
                         continue
                     for j in range(start[r * columns + c], start[r * columns + c + 1]):
-                        wx, wy = x[i] - line[j, 0], y[i] - line[j, 1]
-                        ex, ey = line[j, 2], line[j, 3]
-                        s = min(max((wx * ex + wy * ey) / (ex * ex + ey * ey), 0.0), 1.0)
-                        dx, dy = wx - s * ex, wy - s * ey
-                        best = min(best, dx * dx + dy * dy)
+                        best = min(best, squared_distance(x[i], y[i], line, j))
             ring += 1
         distance[i] = math.sqrt(best)
+
+
+@kernel(inline="always")
+def squared_distance(px, py, line, j):
+    """Of a point to line j of `SegmentGrid.line`, metres squared."""
+    wx, wy = px - line[j, 0], py - line[j, 1]
+    ex, ey = line[j, 2], line[j, 3]
+    s = min(max((wx * ex + wy * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+    dx, dy = wx - s * ex, wy - s * ey
+    return dx * dx + dy * dy

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from ambinav.geometry.collision.checker import CollisionChecker
-from ambinav.geometry.footprint import Footprint
-from ambinav.geometry.motion.steering import Steering
+from ambinav.geometry.raycasting.raycast import clearances
+from ambinav_planners.search.ridges import falls, ridge
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -36,18 +36,8 @@ FALL = 1.5
 FALL_BESIDE = 0.5
 # Where there is less room than this share of a step, points stand closer by this factor.
 TIGHT, CLOSER = 0.1, 8
-# The search for the ridge narrows its bracket so often, by the golden ratio: to 1e-5 of the step.
-NARROWINGS = 24
-GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 # Points along each side of a cell that are tried, and how far from its edge they end, metres.
 EDGE_POINTS, EDGE_INSET = 7, 1e-5
-# Directions across a channel, unit vectors 22.5 degrees apart.
-ACROSS = np.array([(math.cos(a), math.sin(a)) for a in np.arange(8) * math.pi / 8.0])
-
-
-def point_clearance(checker: CollisionChecker) -> CollisionChecker:
-    """A checker of the same building for a point, whose clearance is the distance to the walls."""
-    return CollisionChecker(checker.environment, Footprint.disc(0.0), Steering("r2"))
 
 
 def channel_poses(
@@ -67,19 +57,21 @@ def channel_poses(
     """
     radius = checker.footprint.outer
     step = max(min(SPACING_SHARE * spacing, RADIUS_SHARE * radius), CLOSEST_SHARE * spacing)
-    walls = point_clearance(checker)
+    # Above all that is asked: where there is more room it does not matter how much.
+    most = radius + (ROOM + 1.0) * spacing + step
+    grid = checker.geometry.grid
 
     def clearance(points: Floats) -> Floats:
-        return walls.clearance(np.column_stack([points, np.zeros(len(points))]))
+        return clearances(grid, points[:, 0], points[:, 1], most)
 
     points = _near_walls(x, y, free, clearance, spacing, radius, step)
     here = clearance(points)
     close = (here > radius - step) & (here < radius + ROOM * spacing)
     points, here = points[close], here[close]
-    fall, direction = _fall(points, here, clearance, step)
+    fall, direction = falls(grid, points, here, step)
     beside = fall > FALL_BESIDE * step
-    points, here = _ridge(points[beside], direction[beside], clearance, step)
-    fall, direction = _fall(points, here, clearance, step)
+    points, here = ridge(grid, points[beside], here[beside], direction[beside], step)
+    fall, direction = falls(grid, points, here, step)
     middle = (fall > FALL * step) & (here >= radius - TIGHT * step)
     # Neighbours on the search lattice find the same points of a ridge.
     points, kept = _distinct(points[middle], 0.25 * step)
@@ -91,7 +83,8 @@ def channel_poses(
     offsets = np.linspace(-step, step, 2 * CLOSER + 1)
     between = points[tight][:, np.newaxis] + offsets[:, np.newaxis] * along[:, np.newaxis]
     across = np.repeat(direction[tight], len(offsets), axis=0)
-    between, _ = _ridge(between.reshape(-1, 2), across, clearance, step)
+    between = between.reshape(-1, 2)
+    between, _ = ridge(grid, between, clearance(between), across, step)
     between, _ = _distinct(between, 0.5 * step / CLOSER)
     points, _ = _distinct(np.concatenate([points, between]), 1e-4 * step)
     points = points[clearance(points) >= radius]
@@ -119,14 +112,16 @@ def edge_poses(
     rows, columns = np.nonzero(binary_dilation(free, np.ones((3, 3), dtype=np.bool_)))
     centres = np.column_stack([x[columns], y[rows], np.zeros(len(rows))])
     centres = centres[~checker.poses_free(centres)]
-    walls = point_clearance(checker)
-    centres = centres[walls.clearance(centres) > checker.footprint.outer - spacing]
+    grid = checker.geometry.grid
+    away = clearances(grid, centres[:, 0], centres[:, 1], math.inf)
+    centres = centres[away > checker.footprint.outer - spacing]
     # To the very edge of the cell, which may be the edge of the channel.
     offsets = np.linspace(-0.5, 0.5, EDGE_POINTS) * (spacing - EDGE_INSET)
     dx, dy = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
     inside = centres[:, np.newaxis] + np.stack([dx, dy, np.zeros(len(dx))], axis=-1)
     poses = inside.reshape(-1, 3)
-    room = np.where(checker.poses_free(poses), walls.clearance(poses), -math.inf)
+    away = clearances(grid, poses[:, 0], poses[:, 1], math.inf)
+    room = np.where(checker.poses_free(poses), away, -math.inf)
     room = room.reshape(-1, len(dx))
     best = room.argmax(axis=1)
     each = np.arange(len(centres))
@@ -161,36 +156,3 @@ def _near_walls(
     dx, dy = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
     points = centres[:, np.newaxis] + np.stack([dx, dy], axis=-1)
     return np.asarray(points.reshape(-1, 2))
-
-
-def _fall(
-    points: Floats, here: Floats, clearance: Callable[[Floats], Floats], step: float
-) -> tuple[Floats, Floats]:
-    """By how much the clearance falls on both sides of points, metres, shape (N,).
-
-    In the direction in which it falls the most, which is returned as well, shape (N, 2).
-    """
-    most, direction = np.full(len(points), -math.inf), np.zeros((len(points), 2))
-    for across in ACROSS:
-        fall = 2.0 * here - clearance(points + step * across) - clearance(points - step * across)
-        more = fall > most
-        most[more], direction[more] = fall[more], across
-    return most, direction
-
-
-def _ridge(
-    points: Floats, direction: Floats, clearance: Callable[[Floats], Floats], step: float
-) -> tuple[Floats, Floats]:
-    """The highest clearance within a step along a direction, by golden section; and how high."""
-    low, high = np.full(len(points), -step), np.full(len(points), step)
-
-    def at(offset: Floats) -> Floats:
-        return clearance(points + offset[:, np.newaxis] * direction)
-
-    for _ in range(NARROWINGS):
-        width = GOLDEN * (high - low)
-        left, right = high - width, low + width
-        rising = at(left) < at(right)
-        low, high = np.where(rising, left, low), np.where(rising, high, right)
-    found = points + (0.5 * (low + high))[:, np.newaxis] * direction
-    return found, clearance(found)
