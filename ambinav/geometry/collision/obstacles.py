@@ -7,6 +7,7 @@ checking a short motion. So all numbers stand in one table, the entries below at
 from __future__ import annotations
 
 import math
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,10 @@ ROUNDING = 1e-6
 
 Floats = NDArray[np.float64]
 Arrays = tuple[Floats, NDArray[np.float32], NDArray[np.bool_]]
+Lattice = tuple[float, float, float, NDArray[np.float32]]
+
+# Checkers of one building share it: its clearances are most of what a checker costs.
+_lattices: WeakKeyDictionary[Environment, Lattice] = WeakKeyDictionary()
 
 
 def pack(
@@ -80,7 +85,9 @@ def pack(
             f"forbidden: the origin is {tuple(origin)} and the spacing {spacing}; give finite "
             "metres and a spacing above 0."
         )
-    low_x, low_y, step, bound = _clearances(environment)
+    if environment not in _lattices:
+        _lattices[environment] = _clearances(environment)
+    low_x, low_y, step, bound = _lattices[environment]
     grid, mesh = environment.grid, environment.triangulation
     parts = (
         footprint.corners.ravel(), grid.start, grid.line.ravel(), mesh.start, mesh.triangle.ravel(),
@@ -101,7 +108,7 @@ def pack(
     return np.concatenate([header, *parts]), bound, cells
 
 
-def _clearances(environment: Environment) -> tuple[float, float, float, NDArray[np.float32]]:
+def _clearances(environment: Environment) -> Lattice:
     """First point, spacing and values of the lattice of clearances over the environment."""
     xmin, ymin, xmax, ymax = environment.bounds
     width, height = xmax - xmin, ymax - ymin
