@@ -91,6 +91,7 @@ PAGES = (
     Page("docs/howto/sweep.md"),
     Page("docs/howto/tiles.md"),
     Page("docs/howto/train-a-policy.md"),
+    Page("docs/howto/train-in-processes.md"),
     Page("docs/howto/what-would-help.md"),
     Page("docs/howto/which-scanner.md"),
     Page("docs/audit.md", DEMO),
