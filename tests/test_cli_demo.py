@@ -47,10 +47,11 @@ def test_a_folder_with_other_files_is_refused(tmp_path):
 
 @pytest.mark.slow(minutes=0.5)
 def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
-    """All of it, but for the number of drives."""
+    """All of it, but for the number of drives and of OMPL's iterations, on a coarser map."""
     text = SCENARIO.read_text(encoding="utf-8")
     for long, short in (
         ("environment: demo.geojson", f"environment: {BUILDING}"),
+        ("spacing: 0.1", "spacing: 0.2"),
         ("iterations: 2000", "iterations: 500"),
         ("runs: 30", "runs: 2"),
     ):
@@ -59,6 +60,7 @@ def test_it_audits_plans_and_compares(tmp_path, monkeypatch):
     (tmp_path / "fewer.yaml").write_text(text, encoding="utf-8")
     module = importlib.import_module("ambinav.cli.demo")
     monkeypatch.setattr(module, "SCENARIO", tmp_path / "fewer.yaml")
+    monkeypatch.setattr(module, "ITERATIONS", 1000)
     monkeypatch.setenv("PYTHONPATH", PATHS)
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, ["demo", "-o", "made", "--json"])

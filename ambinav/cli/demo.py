@@ -19,6 +19,8 @@ from ambinav.cli.running import check_writable, note, reporting
 from ambinav.demo import BUILDING, GOAL, SCANNER, SCENARIO, START
 
 MAP, REPORT, COMPARED = "map.zarr", "report", "compare"
+ITERATIONS = 8000
+"""Of OMPL's planner, for a route beside that of the reference."""
 
 
 def demo(
@@ -78,7 +80,7 @@ def steps(output: Path, with_ompl: bool) -> list[list[str]]:
     ]  # fmt: skip
     if with_ompl:
         found.append(
-            [*plan, "--planner", "prmstar", "--time", "inf", "--iterations", "8000",
+            [*plan, "--planner", "prmstar", "--time", "inf", "--iterations", str(ITERATIONS),
              "--seed", "1", "-o", str(output / "route-ompl.csv")]
         )  # fmt: skip
     return found
