@@ -162,7 +162,7 @@ def plot_effects(settings: Sequence[Found]) -> Figure:
     rows = list(product(localizers, SIMPLE.items()))
     counts = {one.localizer: len(one.seeds) for one in settings}
     chart = RowChart(
-        [(f"{name}, {counts[name]} seed(s)", effect) for name, (effect, _) in rows],
+        [(f"{name}, {counts[name]} seeds", effect) for name, (effect, _) in rows],
         [1.0] * len(panels),
         "What the reward does, and what the route does (disturbed; points, intervals of 99 %)",
         12.0, LETTERS,
