@@ -7,8 +7,9 @@ caller's: where a kernel returns a named tuple or raises an error, numba's wrapp
 segmentation fault. And where Ctrl-C ends a text given to `exec`, as modules do while they are
 imported, Python notes that nobody handled it, and kills itself in the end whatever the status is.
 What an extension module calls while it is loaded may lose it: Cython drops all that
-`abc.ABCMeta.register` raises. So what would be raised there is raised in the caller instead, before
-its next instruction.
+`abc.ABCMeta.register` raises. And what comes out of a descriptor's `__set_name__`, as of a data
+class's fields, Python 3.11 turns into a RuntimeError. So what would be raised in any of these is
+raised in the caller instead, before its next instruction.
 
 What finalizers and callbacks of weak references raise, Python prints and drops. An interrupt that
 comes back from there is raised again.
@@ -32,6 +33,9 @@ GLUE: Final = frozenset(
     }
 )
 """Functions, by module and name, whose exceptions their callers in C ignore."""
+
+EXECUTED: Final = ("<string>", "<module>")
+"""File and name of a text that is given to `exec`."""
 
 LOADERS: Final = (_imp.create_dynamic, _imp.exec_dynamic)
 """What loads extension modules."""
@@ -98,7 +102,7 @@ def _is_deaf(frame: FrameType) -> bool:
     code, caller = frame.f_code, frame.f_back
     if caller is None:
         return False
-    if (code.co_filename, code.co_name) == ("<string>", "<module>"):
+    if code.co_name == "__set_name__" or (code.co_filename, code.co_name) == EXECUTED:
         return True
     if caller.f_code.co_name == "_call_with_frames_removed":
         return caller.f_locals.get("f") in LOADERS
