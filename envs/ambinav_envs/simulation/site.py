@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.service.service import AmbiguityService
@@ -114,9 +115,14 @@ class Sites:
         self._made = 0
 
     def of(self, building: Building) -> Site:
-        """The site of a building."""
+        """The site of a building.
+
+        Raises:
+            InputError: it is in space.
+        """
         site = self._sites.get(building.key)
         if site is None or site.building is not building:
+            plane_only(building.environment, "an environment to train in")
             cast = cast_tables(building.environment, self._parameters.scanner, self._beams)
             noise = self._noise_in(building.environment)
             site = Site(building, self._made, cast, self._scanner, noise, self._parameters)
