@@ -243,16 +243,9 @@ def cast_rays(x, y, theta, tables, work):
     ray starts outside of the free space; border edges, int32, shape (R,). A ray that meets nothing
     within its limit has some distance beyond.
     """
-    _cast(x, y, theta, tables, tables.space, work)
-
-
-@kernel(forceinline=True)
-def _cast(x, y, theta, tables, space, work):
-    """As `cast_rays`; of the two branches one alone is compiled, as `space` is None or not."""
-    ux, uy, distance, hit, stack = work
-    if space is not None:
-        cast_prism_rays(x, y, theta, space, ux, uy, distance, hit)
+    if _in_space(x, y, theta, tables.space, work):
         return
+    ux, uy, distance, hit, stack = work
     co, si = math.cos(theta), math.sin(theta)
     for g in range(tables.origin.shape[0]):
         px = x + co * tables.origin[g, 0] - si * tables.origin[g, 1]
@@ -278,6 +271,20 @@ def _cast(x, y, theta, tables, space, work):
 
 
 @kernel(forceinline=True)
+def _in_space(x, y, theta, space, work, beam=None, reading=None):
+    """Cast the rays if they are in space; whether they are.
+
+    Which of the two branches is compiled is settled by the type of `space`. The tables themselves
+    are not handed on, which would count references to all of them: a fifth of an update.
+    """
+    if space is not None:
+        ux, uy, distance, hit, _ = work
+        cast_prism_rays(x, y, theta, space, ux, uy, distance, hit, beam, reading)
+        return True
+    return False
+
+
+@kernel(forceinline=True)
 def cast_observed(x, y, theta, reading, tables, work, picked):
     """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
 
@@ -296,18 +303,11 @@ def cast_observed(x, y, theta, reading, tables, work, picked):
     Returns:
         How many rays were cast.
     """
-    return _cast_observed(x, y, theta, reading, tables, tables.space, work, picked)
-
-
-@kernel(forceinline=True)
-def _cast_observed(x, y, theta, reading, tables, space, work, picked):
-    """As `cast_observed`; see `_cast`."""
-    ux, uy, distance, hit, stack = work
-    if space is not None:
-        cast_prism_rays(x, y, theta, space, ux, uy, distance, hit, tables.beam, reading)
+    if _in_space(x, y, theta, tables.space, work, tables.beam, reading):
         for j in range(picked.size):
             picked[j] = j
         return picked.size
+    ux, uy, distance, hit, stack = work
     co, si = math.cos(theta), math.sin(theta)
     count = 0
     for g in range(tables.origin.shape[0]):
