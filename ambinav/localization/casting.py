@@ -31,7 +31,8 @@ class CastTables(NamedTuple):
     """An environment's triangles and the rays of some beams; all that `expected_ranges` reads.
 
     Rays with the same origin stand together, counter-clockwise. In a building in space they stand
-    in the order of the beams, and what is written of border edges holds for its surfaces.
+    in the order of the beams, as one group whatever their origins, and what is written of border
+    edges holds for its surfaces.
 
     Attributes:
         origin: Of each group of rays, shape (G, 2), metres, robot frame.
@@ -51,8 +52,7 @@ class CastTables(NamedTuple):
             `counter_clockwise` says of neighbours holds for those that are cast.
         inner: Which rays have others of their cone on either side, shape (R,); of a cone's edges
             and of lasers none. Where the nearest echo is of such a ray, see `echo_normal`.
-        border_segment: See `Environment`.
-        border: `Environment.border_lines`.
+        border: `Environment.border_lines`; in space end points of the walls.
         normal: x and y of the unit normals of the border edges, into the free space, and how far
             along them the edges lie, shape (K, 3). Surfaces of prisms are upright or level: of the
             level ones all is 0, for they tell of the height alone.
@@ -73,7 +73,6 @@ class CastTables(NamedTuple):
     plain: NDArray[np.bool_]
     anchor: NDArray[np.bool_]
     inner: NDArray[np.bool_]
-    border_segment: NDArray[np.int32]
     border: NDArray[np.float64]
     normal: NDArray[np.float64]
     twin: NDArray[np.int32]
@@ -112,19 +111,20 @@ def cast_tables(
         lines, space = environment.border_lines, None
         normal = edge_normals(lines)
         incidence = rays.max_incidence[order].astype(np.float64)
+        groups = [anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]
+        anchor = np.concatenate([np.empty(0, dtype=np.bool_), *groups])
     else:
         origin, first, order = np.zeros((1, 2)), np.array([0, len(chosen)]), chosen
         lines, space = prisms.walls.xy, prism_rays(prisms, environment.floor, rays, chosen)
         normal = np.zeros((len(prisms.surface_kind), 3))
         normal[: len(lines)] = edge_normals(lines)
-        incidence = np.full(len(chosen), np.inf)
+        incidence, anchor = np.full(len(chosen), np.inf), np.ones(len(chosen), dtype=np.bool_)
     mesh = environment.triangulation
     inside = np.ones(len(owner), dtype=np.bool_)
     inside[rays.start[:-1]] = inside[rays.start[1:] - 1] = False
     limit, beam = rays.max_range[order].astype(np.float64), number[owner[order]]
     plain = np.array_equal(beam, np.arange(len(beams))) and np.isinf(incidence).all()
     level_part = np.cos(rays.elevation[order])
-    groups = [anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]
     return CastTables(
         np.ascontiguousarray(origin),
         first,
@@ -136,9 +136,8 @@ def cast_tables(
         np.ascontiguousarray(rays.origin[order]),
         np.maximum.reduceat(limit, first[:-1]),
         np.array([plain]),
-        np.concatenate([np.empty(0, dtype=np.bool_), *groups]),
+        anchor,
         inside[order],
-        environment.border_segment,
         lines,
         normal,
         mesh.twin,

@@ -6,14 +6,19 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
+from ambinav.geometry.raycasting.prisms import Prisms, Solid
+from ambinav.geometry.segments import REFLECTOR, Segments
+from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.filter_state import filter_model, filter_tables
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.localization.parameters import MclParameters
 from ambinav.localization.range_table import looked_up, range_table
+from ambinav.sensing import Intensity
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
 from tests.geometry.furnished import furnished
@@ -81,6 +86,32 @@ def test_a_table_holds_what_a_scanner_reads_at_its_points(in_mesh: bool) -> None
         looked_up(x, y, 0.0, table, ranges)
         expected = MIXED.scan(env, x, y, 0.0)
         assert np.allclose(ranges[:lasers], expected[:lasers], atol=1e-4, equal_nan=True)
+
+
+def test_reflectors_are_surfaces_of_the_building() -> None:
+    plan = worlds.box(6.0, 4.0)
+    kind = np.array([REFLECTOR, 0, 0, 0], dtype=np.uint8)
+    plan = Environment(Segments(plan.segments.xy, kind), plan.free, name="room")
+    scanner = worlds.laser(12).raised(0.4).with_intensity(Intensity(30.0, 220.0, 20.0))
+    rays = MclParameters(laser_model_type="beam_prob")
+    shares = []
+    for env in (plan, tall(plan)):
+        localizer = MonteCarloLocalizer(env, scanner, rays, rng=np.random.default_rng(1))
+        assert localizer.channel is not None and localizer.reads_intensities
+        shares.append(localizer.channel.reflects.mean())
+        localizer.start([3.0, 2.0, 0.0], np.diag([1e-4, 1e-4, 1e-4]))
+        localizer.update(
+            [0.0, 0.0, 0.0],
+            scanner.scan(env, 3.0, 2.0, 0.0),
+            np.where(np.sin(scanner.mounts[:, 2]) < 0.0, 220.0, 30.0),
+        )
+        assert np.hypot(*(localizer.mean[0, :2] - (3.0, 2.0))) < 0.05
+    assert shares == [0.25, 1.0 / 6.0]
+    # The Kalman filter takes bearings of those that the plan shows.
+    assert ExtendedKalmanFilter(tall(plan), scanner).reads_intensities
+    lamp = Solid(shapely.box(2, 1, 3, 2), 2.0, 2.2, REFLECTOR)
+    lit = worlds.box(6.0, 4.0).in_space(Prisms(solids=[lamp], floor=0.0))
+    assert not ExtendedKalmanFilter(lit, scanner).reads_intensities
 
 
 def test_where_ranges_are_looked_up_no_ray_is_cast() -> None:
