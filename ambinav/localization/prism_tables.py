@@ -24,14 +24,18 @@ def prisms_of(environment: Environment) -> Prisms | None:
     """What an environment is in space; None for a plan.
 
     Raises:
-        InputError: it is a mesh. Embree casts its rays, and needs the interpreter.
+        InputError: it is a mesh, whose rays Embree casts, which needs the interpreter; or the map
+            of a building that keeps the floor alone.
     """
     if environment.space is None or isinstance(environment.space, Prisms):
         return environment.space
+    # Asked for its surfaces, a space that was not kept says so itself.
+    triangles = len(environment.surface_kind)
     raise InputError(
-        f"{environment.name}: it is a mesh, in which localizers cannot cast rays pose by pose; let "
-        "Monte Carlo localization look them up (laser_model_type beam_prob with "
-        "beam_table_resolution 0.2 and without localizability_weighting), or give prisms."
+        f"{environment.name}: it is a mesh of {triangles} triangles, in which neither localizers "
+        "nor environments to train in cast rays; give prisms, or let Monte Carlo localization look "
+        "ranges up (laser_model_type beam_prob with beam_table_resolution 0.2 and without "
+        "localizability_weighting)."
     )
 
 

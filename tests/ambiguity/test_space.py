@@ -26,6 +26,7 @@ from ambinav.geometry.mesh.floor import floor_environment
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.segments import REFLECTOR, Segments
+from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
@@ -332,6 +333,8 @@ def test_a_stored_map_does_not_pass_for_a_plan(tmp_path: Path) -> None:
     assert amap.environment.is_free(1.0, 1.0)
     with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
         LASER.scan(amap.environment, 1.0, 1.0, 0.0)
+    with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
+        ExtendedKalmanFilter(amap.environment, LASER)
     with pytest.raises(InputError, match="an updated map"):
         amap.update(env)
 

@@ -162,7 +162,7 @@ def test_kinds_are_those_of_what_rays_meet() -> None:
 
 def test_what_cannot_be_cast_is_refused() -> None:
     prisms, mesh = furnished()
-    with pytest.raises(InputError, match=r"it is a mesh.*beam_table_resolution.*give prisms"):
+    with pytest.raises(InputError, match=r"it is a mesh.*give prisms.*beam_table_resolution"):
         ExtendedKalmanFilter(mesh, LIDAR)
     with pytest.raises(InputError, match="it is a plan, and the scanner looks up"):
         ExtendedKalmanFilter(prisms.plan, LIDAR)

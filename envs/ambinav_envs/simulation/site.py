@@ -7,9 +7,7 @@ from collections import OrderedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
@@ -102,11 +100,6 @@ def _true_record(
 
 def _check(environment: Environment, parameters: NavigationParameters) -> None:
     """Refuse in a building in space what cuts beams short, or takes them one after the other."""
-    if environment.space is not None and not isinstance(environment.space, Prisms):
-        raise InputError(
-            f"{environment.name}: it is a mesh, whose rays no simulation of robots casts; give "
-            "prisms, such as extruded(environment.plan, height)."
-        )
     for name, asked in (
         ("people", parameters.people.count),
         ("obstacles", parameters.obstacles),
