@@ -1,4 +1,8 @@
-"""A scanner's beams cast from inside a kernel: expected ranges at one pose."""
+"""A scanner's beams cast from inside a kernel: expected ranges at one pose.
+
+In the plane rays walk the triangulation, in a building of prisms its cells. Which of the two is
+settled when a kernel is compiled, by the type of `CastTables.space`: no ray asks for it.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +15,12 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.fan import STACK, cast_fan, counter_clockwise
-from ambinav.geometry.raycasting.scans import check_rays, plane_only
+from ambinav.geometry.raycasting.prism_rays import PrismRays, cast_prism_rays
+from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
+from ambinav.localization.prism_tables import prism_rays, prisms_of
+from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
 
 # Gaps between the rays that are always cast, radians: well below half a turn.
@@ -23,16 +30,20 @@ APART = 2.0
 class CastTables(NamedTuple):
     """An environment's triangles and the rays of some beams; all that `expected_ranges` reads.
 
-    Rays with the same origin stand together, counter-clockwise.
+    Rays with the same origin stand together, counter-clockwise. In a building in space they stand
+    in the order of the beams, as one group whatever their origins, and what is written of border
+    edges holds for its surfaces.
 
     Attributes:
         origin: Of each group of rays, shape (G, 2), metres, robot frame.
         first: Rays first[g] to first[g + 1] - 1 are those of group g, shape (G + 1,).
-        cosine: Of the rays' angles in the robot frame, shape (R,).
-        sine: Likewise.
+        cosine: x of the rays' unit vectors in the robot frame, shape (R,): of level rays the cosine
+            of their angles.
+        sine: y of them.
         beam: Which beam each ray belongs to, shape (R,).
         limit: Farthest distance that returns an echo, shape (R,), metres.
-        incidence: Largest angle to the normal that returns an echo, shape (R,), radians.
+        incidence: Largest angle to the normal that returns an echo, shape (R,), radians; in space
+            inf, for there `space` knows it.
         start: x and y of each ray, shape (R, 2), metres, robot frame.
         reach: The largest of each group's limits, shape (G,), metres.
         plain: Whether ray b is the only one of beam b, for all b, and returns an echo at any
@@ -41,11 +52,12 @@ class CastTables(NamedTuple):
             `counter_clockwise` says of neighbours holds for those that are cast.
         inner: Which rays have others of their cone on either side, shape (R,); of a cone's edges
             and of lasers none. Where the nearest echo is of such a ray, see `echo_normal`.
-        border_segment: See `Environment`.
-        border: `Environment.border_lines`.
-        normal: Unit normals of the border edges, into the free space, and how far along them the
-            edges lie, shape (K, 3).
+        border: `Environment.border_lines`; in space end points of the walls.
+        normal: x and y of the unit normals of the border edges, into the free space, and how far
+            along them the edges lie, shape (K, 3). Surfaces of prisms are upright or level: of the
+            level ones all is 0, for they tell of the height alone.
         twin: See `Triangulation`, as are node, hops and corner.
+        space: The rays in space; None in the plane.
         grid_x: See `Triangulation.index`, as is all that follows.
     """
 
@@ -61,13 +73,13 @@ class CastTables(NamedTuple):
     plain: NDArray[np.bool_]
     anchor: NDArray[np.bool_]
     inner: NDArray[np.bool_]
-    border_segment: NDArray[np.int32]
     border: NDArray[np.float64]
     normal: NDArray[np.float64]
     twin: NDArray[np.int32]
     node: NDArray[np.float64]
     hops: NDArray[np.int32]
     corner: NDArray[np.float64]
+    space: PrismRays | None
     grid_x: float
     grid_y: float
     cell: float
@@ -84,46 +96,67 @@ def cast_tables(
     """Lay out the environment and the beams with these indices, which are renumbered from 0.
 
     Raises:
-        InputError: the building is in space, or the scanner needs one that is.
+        InputError: the building is a mesh, or does not go together with the beams
+            (`raycasting.scans.check_rays`).
     """
-    plane_only(environment, "what casts rays pose by pose (localizers, simulation, some layers)")
-    check_rays(environment, scanner.upright[:, 0], scanner.upright[:, 1])
+    check_rays(environment, *scanner.upright[beams].T)
     rays = scanner.rays()
     owner = np.repeat(np.arange(scanner.beams), np.diff(rays.start))
     number = np.full(scanner.beams, -1, dtype=np.int64)
     number[beams] = np.arange(len(beams))
     chosen = np.flatnonzero(number[owner] >= 0)
-    origin, group = np.unique(rays.origin[chosen], axis=0, return_inverse=True)
-    parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
-    order = np.concatenate([part[counter_clockwise(rays.angle[part])] for part in parts])
+    prisms = prisms_of(environment)
+    if prisms is None:
+        origin, first, order = _fans(rays, chosen)
+        lines, space = environment.border_lines, None
+        normal = edge_normals(lines)
+        incidence = rays.max_incidence[order].astype(np.float64)
+        groups = [anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]
+        anchor = np.concatenate([np.empty(0, dtype=np.bool_), *groups])
+    else:
+        origin, first, order = np.zeros((1, 2)), np.array([0, len(chosen)]), chosen
+        lines, space = prisms.walls.xy, prism_rays(prisms, environment.floor, rays, chosen)
+        normal = np.zeros((len(prisms.surface_kind), 3))
+        normal[: len(lines)] = edge_normals(lines)
+        incidence, anchor = np.full(len(chosen), np.inf), np.ones(len(chosen), dtype=np.bool_)
     mesh = environment.triangulation
     inside = np.ones(len(owner), dtype=np.bool_)
     inside[rays.start[:-1]] = inside[rays.start[1:] - 1] = False
-    limit, incidence = rays.max_range[order].astype(np.float64), rays.max_incidence[order]
-    first, beam = np.cumsum([0, *map(len, parts)]), number[owner[order]]
+    limit, beam = rays.max_range[order].astype(np.float64), number[owner[order]]
     plain = np.array_equal(beam, np.arange(len(beams))) and np.isinf(incidence).all()
+    level_part = np.cos(rays.elevation[order])
     return CastTables(
         np.ascontiguousarray(origin),
         first,
-        np.cos(rays.angle[order]),
-        np.sin(rays.angle[order]),
+        np.cos(rays.angle[order]) * level_part,
+        np.sin(rays.angle[order]) * level_part,
         beam,
         limit,
-        incidence.astype(np.float64),
+        incidence,
         np.ascontiguousarray(rays.origin[order]),
         np.maximum.reduceat(limit, first[:-1]),
         np.array([plain]),
-        np.concatenate([anchors(rays.angle[order[low:high]]) for low, high in pairwise(first)]),
+        anchor,
         inside[order],
-        environment.border_segment,
-        environment.border_lines,
-        edge_normals(environment.border_lines),
+        lines,
+        normal,
         mesh.twin,
         mesh.node,
         mesh.hops,
         mesh.corner,
+        space,
         *mesh.index,
     )
+
+
+def _fans(
+    rays: RayTable, chosen: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.intp]]:
+    """Origin of each group of rays, where in the order of all it begins, and that order."""
+    origin, group = np.unique(rays.origin[chosen], axis=0, return_inverse=True)
+    parts = [chosen[group.reshape(-1) == g] for g in range(len(origin))]
+    order = [part[counter_clockwise(rays.angle[part])] for part in parts]
+    return origin, np.cumsum([0, *map(len, parts)]), np.concatenate([chosen[:0], *order])
 
 
 def anchors(angles: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -209,6 +242,8 @@ def cast_rays(x, y, theta, tables, work):
     ray starts outside of the free space; border edges, int32, shape (R,). A ray that meets nothing
     within its limit has some distance beyond.
     """
+    if _in_space(x, y, theta, tables.space, work):
+        return
     ux, uy, distance, hit, stack = work
     co, si = math.cos(theta), math.sin(theta)
     for g in range(tables.origin.shape[0]):
@@ -235,10 +270,25 @@ def cast_rays(x, y, theta, tables, work):
 
 
 @kernel(forceinline=True)
+def _in_space(x, y, theta, space, work, beam=None, reading=None):
+    """Cast the rays if they are in space; whether they are.
+
+    Which of the two branches is compiled is settled by the type of `space`. The tables themselves
+    are not handed on, which would count references to all of them: a fifth of an update.
+    """
+    if space is not None:
+        ux, uy, distance, hit, _ = work
+        cast_prism_rays(x, y, theta, space, ux, uy, distance, hit, beam, reading)
+        return True
+    return False
+
+
+@kernel(forceinline=True)
 def cast_observed(x, y, theta, reading, tables, work, picked):
     """As `cast_rays`, of the beams alone whose entry of `reading` is finite, and of `anchor`.
 
-    What is written to `work` stands at the front: entry m is of ray picked[m].
+    What is written to `work` stands at the front: entry m is of ray picked[m]. In space all rays
+    are picked, and those of columns without such a beam meet nothing.
 
     Args:
         x: Metres, map frame.
@@ -252,6 +302,10 @@ def cast_observed(x, y, theta, reading, tables, work, picked):
     Returns:
         How many rays were cast.
     """
+    if _in_space(x, y, theta, tables.space, work, tables.beam, reading):
+        for j in range(picked.size):
+            picked[j] = j
+        return picked.size
     ux, uy, distance, hit, stack = work
     co, si = math.cos(theta), math.sin(theta)
     count = 0

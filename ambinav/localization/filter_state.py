@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.localization.bins import table_size
+from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import BeamNoise, beam_noise
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import LASER_MODELS, MclParameters
@@ -42,7 +44,7 @@ class FilterModel(NamedTuple):
         method: See `resampling.CODES`.
         whole: Whether the estimate is the mean of all particles.
         beam: Which of the scanner's beams are used, shape (U,).
-        mount: x, y (metres), cosine and sine of the direction of each of them, shape (U, 4).
+        mount: x, y (metres), and x, y of the unit vector along each of them, shape (U, 4).
         near: Readings up to here are too near, shape (U,), metres.
         far: Readings from here on are out of range, shape (U,), metres.
         hits: See `LikelihoodField.hits`; (1, 1) for the ray model.
@@ -151,8 +153,10 @@ def filter_model(
         field: A likelihood field of the environment; None: one is made if it is needed.
 
     Raises:
-        InputError: no beam is left between laser_min_range and laser_max_range.
+        InputError: no beam is left between laser_min_range and laser_max_range, or the building
+            and the scanner do not go together (`raycasting.scans.check_rays`).
     """
+    check_rays(environment, *scanner.upright.T)
     p = parameters
     step = max((scanner.beams - 1) // (p.max_beams - 1), 1)
     beam = np.arange(0, scanner.beams, step, dtype=np.int64)
@@ -186,7 +190,6 @@ def filter_model(
         noise.near[weighed], noise.far[weighed], noise.bias[weighed], noise.variance[weighed],
         noise.frontier, np.arange(len(weighed)), noise.steady[weighed],
     )  # fmt: skip
-    x, y, yaw = scanner.mounts[beam].T
     corner = environment.triangulation.corner
     (ax, ay), (bx, by), (cx, cy) = corner.reshape(-1, 3, 2).transpose(1, 2, 0)
     areas = np.cumsum(np.abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2.0)
@@ -195,19 +198,29 @@ def filter_model(
         p.lambda_short, p.importance_factor, p.min_particles, p.max_particles, p.pf_err, p.pf_z,
         p.update_min_d, p.update_min_a, p.resample_interval, p.recovery_alpha_slow,
         p.recovery_alpha_fast, p.recovery_reset, CODES[p.resampling], p.estimate == "mean", beam,
-        np.column_stack((x, y, np.cos(yaw), np.sin(yaw))), near, far, hits, origin[0], origin[1],
+        scanner.axes(beam), near, far, hits, origin[0], origin[1],
         inverse, p.likelihood_interpolation == "bilinear", areas, corner,
         p.localizability_weighting, noise, table,
     )  # fmt: skip
 
 
-def casts_rays(model: FilterModel) -> bool:
-    """Whether filters of a model need `CastTables`.
+def filter_tables(
+    environment: Environment, scanner: RangeScanner, model: FilterModel
+) -> CastTables | None:
+    """What filters of a model cast rays with; None where the ray model plays no part.
 
-    Kernels that are given None for them are compiled without all that works on them, which halves
-    the time it takes.
+    Kernels that are given None are compiled without all that works on rays, which halves the time
+    it takes. Where ranges are looked up no ray is cast: a table without rays will do, in any
+    building.
+
+    Raises:
+        InputError: rays are cast, and the building is a mesh.
     """
-    return model.trust > 0.0 or model.kind >= BEAM_SUM
+    if model.trust == 0.0 and model.kind < BEAM_SUM:
+        return None
+    if model.trust == 0.0 and len(model.table.ranges):
+        return cast_tables(environment.plan, scanner, model.beam[:0])
+    return cast_tables(environment, scanner, model.beam)
 
 
 def covariance_roots(covariances: Floats) -> Floats:

@@ -28,6 +28,7 @@ from ambinav.localization.casting import (
     expected_ranges,
     work_space,
 )
+from ambinav.localization.prism_tables import edge_kinds
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.threads import run_rows
 
@@ -49,7 +50,8 @@ class BeamNoise(NamedTuple):
         bias: Mean of reading minus true range, shape (rows, TABLE), metres; one row a beam.
         variance: Of the reading about it, with that of the map and of the rounding to a bin,
             shape (rows, TABLE), square metres.
-        frontier: Which border edges are the frontier to unknown space, shape (K,).
+        frontier: Which border edges are the frontier to unknown space, shape (K,); see
+            `prism_tables.edge_kinds`.
         row: Which row of bias and variance each beam reads, shape (B,): a kernel that scans from
             many places in turn does better with one row a sensor, which stays in the cache.
         steady: Of which rows bias and variance are the same at any range, shape (rows,).
@@ -78,7 +80,7 @@ def beam_noise(environment: Environment, scanner: RangeScanner, map_std: float) 
         np.array([s.max_range for s in scanner.sensors])[which],
         np.array(bias)[which],
         np.array(variance)[which],
-        environment.segments.kind[environment.border_segment] == FRONTIER,
+        edge_kinds(environment) == FRONTIER,
         np.arange(scanner.beams),
         steady_rows(np.array(bias), np.array(variance))[which],
     )

@@ -29,10 +29,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.segments import REFLECTOR
 from ambinav.kernels import kernel
 from ambinav.localization.filter_state import BEAM_SUM, FilterModel
 from ambinav.localization.likelihood_field import LikelihoodField
 from ambinav.localization.parameters import MclParameters
+from ambinav.localization.prism_tables import edge_kinds
 from ambinav.sensing.scanner import RangeScanner
 
 ODD: Final = 0.05
@@ -49,7 +51,7 @@ class IntensityModel(NamedTuple):
         nearest: Nearest range from which a reading counts, shape (U,), metres.
         walls: `LikelihoodField.hits` of the walls that are no reflectors; (1, 1) for rays.
         reflectors: The same of the reflectors.
-        reflects: Whether each border edge is one, shape (K,); see `Environment.border_segment`.
+        reflects: Whether each border edge is one, shape (K,); see `prism_tables.edge_kinds`.
     """
 
     wall: NDArray[np.float64]
@@ -101,7 +103,7 @@ def intensity_model(
                 some = LikelihoodField.of(environment, step, reach, only=which)
                 hits[..., k] = some.hits(p.sigma_hit)
     wall, reflector, per_square, nearest = np.ascontiguousarray(rows.T)
-    reflects = bright[environment.border_segment]
+    reflects = edge_kinds(environment) == REFLECTOR
     return IntensityModel(
         wall, reflector, per_square, nearest, hits[..., 0], hits[..., 1], reflects
     )

@@ -35,17 +35,17 @@ from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
 from ambinav.localization.beam_model import beam_factors
 from ambinav.localization.bins import estimate, fill_bins
-from ambinav.localization.casting import CastTables, cast_tables
+from ambinav.localization.casting import CastTables
 from ambinav.localization.filter_state import (
     BEAM_PRODUCT,
     BEAM_SUM,
     FIELD_PRODUCT,
     FilterModel,
     FilterState,
-    casts_rays,
     covariance_roots,
     filter_model,
     filter_state,
+    filter_tables,
 )
 from ambinav.localization.intensity import beside_ranges, intensity_model, surface_fits
 from ambinav.localization.likelihood_field import LikelihoodField, field_factors
@@ -112,7 +112,7 @@ class MonteCarloLocalizer:
         self.scanner = scanner
         self.runs = as_count(runs, "runs")
         self.model: FilterModel = filter_model(environment, scanner, self.parameters, field)
-        self.cast: CastTables = cast_tables(environment, scanner, self.model.beam)
+        self.cast: CastTables | None = filter_tables(environment, scanner, self.model)
         self.channel = intensity_model(environment, scanner, parameters, self.model, field)
         self.state: FilterState = filter_state(self.parameters, self.runs, states(rng, self.runs))
 
@@ -175,9 +175,8 @@ class MonteCarloLocalizer:
         channel = None if intensities is None else self.channel
         beside = beside_ranges(channel, intensities, readings)
         updated = np.empty(self.runs, dtype=np.bool_)
-        cast = self.cast if casts_rays(self.model) else None
         run_rows(
-            _update, self.runs, poses, readings.reshape(shape), self.model, cast, self.state,
+            _update, self.runs, poses, readings.reshape(shape), self.model, self.cast, self.state,
             updated, channel, beside, least=LEAST_RUNS,
         )  # fmt: skip
         return updated

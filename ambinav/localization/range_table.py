@@ -9,7 +9,8 @@ robots in dynamic environments", JAIR 11, 1999, section 3.4).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from itertools import groupby
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -30,7 +31,9 @@ CHUNK = 2048
 
 
 class RangeTable(NamedTuple):
-    """Ranges of the S kinds of sensors of a scanner, at N free points in D directions.
+    """Ranges of the S kinds of beams of a scanner, at N free points in D directions.
+
+    Beams of one kind are of one sensor, in space also of one height and elevation.
 
     Attributes:
         ranges: float32, shape (S, N, D), metres; inf without an echo. Direction k is
@@ -93,8 +96,13 @@ def _cast(
     environment: Environment, scanner: RangeScanner, beams: NDArray[np.int64], resolution: float
 ) -> RangeTable:
     lattice = Lattice.over(environment, resolution)
-    kinds, sensor = np.unique(scanner.sensor_of_beam[beams], return_inverse=True)
-    sensors = [scanner.sensors[k] for k in kinds]
+    in_space = environment.space is not None
+    # In the plane heights mean nothing, and all elevations are 0.
+    upright = scanner.upright[beams] * in_space
+    kinds, sensor = np.unique(
+        np.column_stack([scanner.sensor_of_beam[beams], upright]), axis=0, return_inverse=True
+    )
+    sensors = [scanner.sensors[int(k)] for k in kinds[:, 0]]
     # An even number, since a planar scanner's beams begin behind, at -pi.
     directions = 2 * max(
         math.ceil(math.pi * CONE_SHARE / s.aperture) if s.aperture else LASER_DIRECTIONS // 2
@@ -111,21 +119,30 @@ def _cast(
     ranges = np.empty((len(sensors), len(rows), directions), dtype=np.float32)
     heard = environment.has_reflectors and any(one.intensity is not None for one in sensors)
     reflects = np.zeros(ranges.shape if heard else (0, 0, 1), dtype=np.bool_)
-    for k, one in enumerate(sensors):
-        around = RangeScanner.planar(sensor=one, beams=directions, aperture=2.0 * math.pi)
+    # Those of one sensor and height together: in space the layers of a column walk as one.
+    for _, group in groupby(range(len(kinds)), lambda k: tuple(kinds[k, :2])):
+        which = list(group)
+        one, height = sensors[which[0]], kinds[which[0], 1]
+        around = RangeScanner.layered(one, directions, kinds[which, 2].tolist(), z=height)
         for first in range(0, len(rows), CHUNK):
             part = slice(first, first + CHUNK)
             seen = around.scan(environment, x[part], y[part], 0.0)
-            ranges[k, part] = np.roll(seen, -(directions // 2), axis=1)
+            ranges[which, part] = _from_ahead(seen, len(which))
             if heard:
                 met = cast_reflectors(
                     environment, around.rays(), one.max_range, x[part], y[part], 0.0
                 )
-                reflects[k, part] = np.roll(met, -(directions // 2), axis=1)
+                reflects[which, part] = _from_ahead(met, len(which))
     return RangeTable(
         ranges, lattice.index, float(lattice.x[0]), float(lattice.y[0]), 1.0 / resolution,
-        sensor.astype(np.int64), np.ascontiguousarray(scanner.mounts[beams]), reflects,
+        sensor.reshape(-1).astype(np.int64), np.ascontiguousarray(scanner.mounts[beams]), reflects,
     )  # fmt: skip
+
+
+def _from_ahead(seen: NDArray[Any], layers: int) -> NDArray[Any]:
+    """Of N points with L layers from behind, (N, L D): layer by layer from ahead, (L, N, D)."""
+    parted = seen.reshape(len(seen), layers, -1).transpose(1, 0, 2)
+    return np.roll(parted, -(parted.shape[2] // 2), axis=2)
 
 
 # What follows takes arrays out of a table once for all beams: where they are taken, and where rows

@@ -7,6 +7,9 @@ echo", which a sonar often reads; and sums of cubes weigh the best of the partic
 times as much as the worst, which the few beams of a ring never make up for. The ray model takes
 the nearest echo of the whole cone, and multiplied beams are what the book has (Probabilistic
 Robotics, section 6.1). docs/compare.md has the figures, benchmarks/bench_sonar.py makes them.
+
+Lasers that look up and down end on floors, ceilings and tables too, which no likelihood field of a
+plan knows: they take the ray model as well, and cast their rays.
 """
 
 from __future__ import annotations
@@ -28,6 +31,11 @@ CONE_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
 )
 """What scanners with cones are localized with unless the user says otherwise."""
 
+LAYERS_PRODUCT: Final[Mapping[str, Any]] = MappingProxyType(
+    {**CONE_PRODUCT, "beam_table_resolution": 0.0}
+)
+"""What lasers that look up and down are localized with: their rays are cast, not looked up."""
+
 FIELDS: Final = ("likelihood_field", "likelihood_field_prob")
 """Models that look up how far a beam's end point is from a wall."""
 
@@ -45,17 +53,29 @@ def settings_for(scanner: RangeScanner, model: str | None = None) -> dict[str, A
         model: The laser_model_type that the user has chosen; None: the one that suits the scanner.
 
     Returns:
-        Nothing for scanners without cones. With cones those of `CONE_PRODUCT`; of a chosen "beam"
-        those of `CONE_RAYS`, and of a chosen likelihood field nothing: it is AMCL's own.
+        Nothing for level scanners without cones. With cones those of `CONE_PRODUCT`; of a chosen
+        "beam" those of `CONE_RAYS`, and of a chosen likelihood field nothing: it is AMCL's own. Of
+        lasers that look up or down those of `LAYERS_PRODUCT`, if no model is chosen.
     """
-    if not has_cones(scanner) or model in FIELDS:
+    if not has_cones(scanner):
+        return dict(LAYERS_PRODUCT) if model is None and not scanner.level else {}
+    if model in FIELDS:
         return {}
     return dict(CONE_RAYS if model == "beam" else CONE_PRODUCT)
 
 
 def unsuited(model: str, scanner: RangeScanner) -> str | None:
     """One sentence on a laser_model_type that cannot use the scanner; None where it can."""
-    if model not in FIELDS or not has_cones(scanner):
+    if model not in FIELDS:
+        return None
+    if not scanner.level:
+        return (
+            f"the localizer's laser_model_type {model} takes every echo to come from a wall of the "
+            f"plan, and beams of scanner {scanner.name!r} end on floors, ceilings and furniture "
+            "too; take what suits the scanner (type mcl without a laser_model_type, or "
+            "MclParameters.for_scanner), or choose beam_prob."
+        )
+    if not has_cones(scanner):
         return None
     return (
         f"the localizer's laser_model_type {model} takes every echo to come from the axis of its "

@@ -36,7 +36,7 @@ class TagModel(NamedTuple):
         point: Corners of the reflectors, one after the other, shape (V, 2), metres.
         first: Those of reflector l are first[l] to first[l + 1] - 1, shape (L + 1,).
         beam: Which beams, shape (K,).
-        mount: x, y (metres), cosine and sine of their directions, shape (K, 4).
+        mount: x, y (metres), and x, y of the unit vectors along them, shape (K, 4).
         bright: Intensities from here on are surely bright, shape (K,).
         near: Readings below do not count, shape (K,), metres.
         far: Nor do those from here on, shape (K,).
@@ -64,9 +64,9 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
         map_std: Standard deviation of a reflector's place, metres.
     """
     beam = scanner.intensity_beams.astype(np.int64)
-    if not len(beam) or not environment.has_reflectors:
-        return None
     segments = environment.segments
+    if not len(beam) or not segments.reflectors.any():
+        return None
     lines = shapely.linestrings(segments.xy[segments.reflectors].reshape(-1, 2, 2))
     tags = shapely.get_parts(shapely.line_merge(shapely.union_all(lines)))
     corners = [shapely.get_coordinates(tag) for tag in tags]
@@ -79,14 +79,13 @@ def tag_model(environment: Environment, scanner: RangeScanner, map_std: float) -
         bright = middle / 2.0 + channel.std**2 * math.log(SURE / (1.0 - SURE)) / apart
         rows.append((bright, max(sensor.min_range, channel.min_range), sensor.max_range))
     bright, near, far = np.ascontiguousarray(np.array(rows).T)
-    x, y, yaw = scanner.mounts[beam].T
-    steps = np.diff(np.sort(np.mod(yaw, 2.0 * math.pi)))
+    steps = np.diff(np.sort(np.mod(scanner.mounts[beam, 2], 2.0 * math.pi)))
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else WIDEST
     return TagModel(
         np.concatenate(corners),
         np.cumsum([0, *map(len, corners)]),
         beam,
-        np.column_stack([x, y, np.cos(yaw), np.sin(yaw)]),
+        scanner.axes(beam),
         bright,
         near,
         far,

@@ -45,6 +45,19 @@ class Beams:
         """Z (metres above the floor) and elevation (radians) of each beam's axis, (B, 2)."""
         return _fixed(np.concatenate([part.layout.upright() for part in self.parts]))
 
+    def axes(self, beams: NDArray[np.integer]) -> NDArray[np.float64]:
+        """Beams from above: x, y (metres), and x, y of their unit vectors, robot frame.
+
+        Args:
+            beams: Their indices, shape (U,).
+
+        Returns:
+            Shape (U, 4).
+        """
+        x, y, yaw = self.mounts[beams].T
+        level_part = np.cos(self.upright[beams, 1])
+        return np.column_stack([x, y, np.cos(yaw) * level_part, np.sin(yaw) * level_part])
+
     @cached_property
     def level(self) -> bool:
         """Whether all beams look along the floor: if not, it needs a building in space."""

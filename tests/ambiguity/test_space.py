@@ -26,10 +26,12 @@ from ambinav.geometry.mesh.floor import floor_environment
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.segments import REFLECTOR, Segments
+from ambinav.localization.ekf import ExtendedKalmanFilter
 from ambinav.localization.mcl import MonteCarloLocalizer
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.sensing import Intensity, RangeScanner, RangeSensor
 from tests.geometry import scenes
+from tests.geometry.furnished import furnished
 
 SENSOR = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
 # Turned by a hair: rays along the walls of a lattice meet corners, which of them is not said.
@@ -103,30 +105,6 @@ def test_a_plan_keeps_what_was_worked_out_of_its_floor() -> None:
 
 
 # -- prisms and meshes -------------------------------------------------------------------------
-
-
-def box(low: tuple[float, ...], high: tuple[float, ...]) -> tuple[Any, Any]:
-    """Corners and triangles of an upright box."""
-    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    vertices = np.array(low) + corners * (np.array(high) - np.array(low))
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return vertices, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-
-
-ROOM = (0.0, 0.0, 0.0), (6.0, 4.0, 2.5)
-TABLES = [((2.0, 1.0, 0.70), (4.0, 2.0, 0.75)), ((4.6, 2.8, 0.0), (5.4, 3.4, 1.2))]
-
-
-def furnished() -> tuple[Environment, Environment]:
-    """A room with a table and a cupboard as prisms and as a mesh; the same floor."""
-    plan = scenes.environment(shapely.box(0, 0, 6, 4) - shapely.box(4.6, 2.8, 5.4, 3.4))
-    walls = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0)]
-    solids = [Solid(shapely.box(*a[:2], *b[:2]), a[2], b[2]) for a, b in TABLES]
-    prisms = Prisms(walls, [(0.0, 2.5)] * 4, solids=solids, floor=0.0, ceiling=2.5)
-    parts = [box(*ROOM), *(box(*table) for table in TABLES)]
-    faces = np.concatenate([faces + 8 * k for k, (_, faces) in enumerate(parts)])
-    mesh = Mesh(np.concatenate([vertices for vertices, _ in parts]), faces, name="room")
-    return plan.in_space(prisms), plan.in_space(mesh)
 
 
 def test_prisms_and_mesh_agree() -> None:
@@ -338,7 +316,6 @@ def test_what_is_known_of_plans_alone() -> None:
         "an edited building": lambda: env.edited(remove=shapely.box(0, 0, 1, 1)),
         "a window of a building": lambda: env.window((0, 0, 1, 1)),
         "a turned building": lambda: env.transformed(0.1),
-        "what casts rays": lambda: MonteCarloLocalizer(env, LASER, rng=np.random.default_rng(0)),
     }
     for what, ask in asked.items():
         with pytest.raises(InputError, match=f"{what}.*is known for plans alone.*plan"):
@@ -356,6 +333,8 @@ def test_a_stored_map_does_not_pass_for_a_plan(tmp_path: Path) -> None:
     assert amap.environment.is_free(1.0, 1.0)
     with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
         LASER.scan(amap.environment, 1.0, 1.0, 0.0)
+    with pytest.raises(InputError, match=r"room\.zarr.*the floor alone"):
+        ExtendedKalmanFilter(amap.environment, LASER)
     with pytest.raises(InputError, match="an updated map"):
         amap.update(env)
 

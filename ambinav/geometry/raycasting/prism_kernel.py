@@ -272,8 +272,17 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
         entered = leave
 
 
+@kernel
+def longest_of(columns):
+    """How many rays the longest column has, at least 1."""
+    longest = 1
+    for c in range(columns.cosine.size):
+        longest = max(longest, columns.start[c + 1] - columns.start[c])
+    return longest
+
+
 @kernel(inline="always")
-def _same(origin, c):
+def same_origin(origin, c):
     """Whether column c starts where the one before it does."""
     return (
         (origin[c, 0] == origin[c - 1, 0])
@@ -283,13 +292,52 @@ def _same(origin, c):
 
 
 @kernel
+def column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit):
+    """Distances of the n rays of column c, which start in nothing solid.
+
+    Args:
+        c: Which column.
+        px: Origin, metres, map frame.
+        py: Origin.
+        ux: Direction of the column in the plane, unit vector, map frame.
+        uy: Likewise.
+        columns: See `Columns`.
+        scene: See `PrismArrays`.
+        reach: How far to look, metres.
+        best: Written, shape (n,), metres; inf where nothing is met.
+        hit: Written, shape (n,): the surface that is met, -1 for none.
+    """
+    low, high = columns.start[c], columns.start[c + 1]
+    pz, upright = columns.origin[c, 2], columns.flat[low] < UPRIGHT
+    if upright:
+        best[0], hit[0] = _upright(px, py, pz, columns.rise[low], reach, scene)
+    else:
+        for i in range(low, high):
+            best[i - low] = reach * columns.flat[i]
+        slope, per_slope = columns.slope[low:high], columns.per_slope[low:high]
+        cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
+    for i in range(low, high):
+        k = hit[i - low]
+        if k < 0:
+            best[i - low] = math.inf
+        elif not upright:
+            best[i - low] = _length(best[i - low], k, pz, columns.flat[i], columns.rise[i], scene)
+
+
+@kernel(inline="always")
+def incidence_at(vx, vy, vz, normal, k):
+    """Angle between a ray, a unit vector, and the normal of surface k, radians in [0, pi/2]."""
+    nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
+    facing = abs(vx * nx + vy * ny + vz * nz)
+    cx, cy, cz = vy * nz - vz * ny, vz * nx - vx * nz, vx * ny - vy * nx
+    return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), facing)
+
+
+@kernel
 def scan_columns(begin, end, x, y, theta, columns, scene, reach, distance, surface, incidence):
     """Scans at poses `begin` to `end` - 1; see `Prisms.cast_scans`."""
-    longest = 1
-    for c in range(columns.cosine.size):
-        longest = max(longest, columns.start[c + 1] - columns.start[c])
+    longest = longest_of(columns)
     best_of, hit_of = np.empty(longest), np.empty(longest, dtype=np.int64)
-    normal = scene.normal
     inside = False
     for p in range(begin, end):
         co, si = math.cos(theta[p]), math.sin(theta[p])
@@ -299,38 +347,23 @@ def scan_columns(begin, end, x, y, theta, columns, scene, reach, distance, surfa
             low, high = columns.start[c], columns.start[c + 1]
             ux = co * columns.cosine[c] - si * columns.sine[c]
             uy = si * columns.cosine[c] + co * columns.sine[c]
-            if c == 0 or not _same(columns.origin, c):
+            if c == 0 or not same_origin(columns.origin, c):
                 inside = within_solid(px, py, pz, scene)
             best, hit = best_of[: high - low], hit_of[: high - low]
             if inside:
-                hit[:] = -1
-            elif columns.flat[low] < UPRIGHT:
-                best[0], hit[0] = _upright(px, py, pz, columns.rise[low], reach, scene)
+                best[:], hit[:] = math.nan, -1
             else:
-                for i in range(low, high):
-                    best[i - low] = reach * columns.flat[i]
-                slope, per_slope = columns.slope[low:high], columns.per_slope[low:high]
-                cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
+                column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit)
             for i in range(low, high):
                 r, k = columns.ray[i], hit[i - low]
-                flat, rise = columns.flat[i], columns.rise[i]
-                surface[p, r] = k
-                if k < 0:
-                    distance[p, r] = math.nan if inside else math.inf
-                elif flat < UPRIGHT:
-                    distance[p, r] = best[0]
-                else:
-                    distance[p, r] = _length(best[i - low], k, pz, flat, rise, scene)
+                surface[p, r], distance[p, r] = k, best[i - low]
                 if incidence.size > 0:
+                    flat = columns.flat[i]
                     incidence[p, r] = math.nan
                     if k >= 0:
-                        vx, vy = ux * flat, uy * flat
-                        nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
-                        facing = abs(vx * nx + vy * ny + rise * nz)
-                        cx, cy = vy * nz - rise * ny, rise * nx - vx * nz
-                        cz = vx * ny - vy * nx
-                        aside = math.sqrt(cx * cx + cy * cy + cz * cz)
-                        incidence[p, r] = math.atan2(aside, facing)
+                        incidence[p, r] = incidence_at(
+                            ux * flat, uy * flat, columns.rise[i], scene.normal, k
+                        )
 
 
 @kernel

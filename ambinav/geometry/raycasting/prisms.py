@@ -23,6 +23,7 @@ from ambinav.geometry.raycasting.prism_kernel import (
     cast_single,
     scan_columns,
 )
+from ambinav.geometry.raycasting.prism_rays import NOWHERE, PrismRays
 from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.segments import WALL, Segments, edges_of
@@ -236,6 +237,22 @@ class Prisms:
         if self._plan is not None:
             self._leave_out(self._plan, x, y, theta, rays, (distance, surface, oblique))
         return distance, surface, oblique
+
+    def rays(
+        self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
+    ) -> PrismRays:
+        """Rays laid out for kernels that cast them pose by pose, see `cast_prism_rays`.
+
+        Args:
+            rays: R rays; heights count from z = 0 of the building.
+            max_range: How far to look, metres.
+            max_incidence: See `PrismRays.incidence`, shape (R,).
+        """
+        plan = NOWHERE if self._plan is None else self._plan.index
+        return PrismRays(
+            columns_of(rays), self.arrays, float(max_range), self._plan is not None, plan,
+            max_incidence,
+        )  # fmt: skip
 
     @cached_property
     def _plan(self) -> Triangulation | None:

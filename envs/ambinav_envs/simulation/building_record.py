@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ambinav.geometry.segments import FRONTIER
 from ambinav.localization.casting import CastTables
 from ambinav.localization.information import BeamNoise
+from ambinav.localization.prism_tables import edge_kinds
 from ambinav.service.field import Field
 from ambinav_envs.buildings.building import Building
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays
@@ -79,7 +80,7 @@ def building_record(
     """
     environment = building.environment
     table, bound, _ = building.checker.arrays
-    frontier = environment.segments.kind[environment.border_segment] == FRONTIER
+    frontier = edge_kinds(environment) == FRONTIER
     bias, variance = noise
     steady = scanner.reading[:, 6] > 0.0
     return BuildingRecord(

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.kernels import kernel
-from ambinav.localization.casting import CastTables, cast_tables
+from ambinav.localization.casting import CastTables
 from ambinav.localization.filter_state import (
     FilterModel,
     FilterState,
-    casts_rays,
     covariance_roots,
     filter_bytes,
     filter_model,
     filter_state,
+    filter_tables,
 )
 from ambinav.localization.mcl import start_run, start_run_globally, update_run
 from ambinav.localization.random import states
@@ -39,7 +39,7 @@ class ParticleMap(NamedTuple):
 
     Attributes:
         model: Map, scanner and parameters.
-        cast: Walls and rays; None where the model looks ranges up, or casts none.
+        cast: See `filter_tables`.
     """
 
     model: FilterModel
@@ -63,7 +63,7 @@ def particle_map(environment: Environment, parameters: NavigationParameters) -> 
         model = filter_model(environment, scanner, mcl, None)
     except InputError as error:
         raise InputError(f"mcl: {error}") from error
-    cast = cast_tables(environment, scanner, model.beam) if casts_rays(model) else None
+    cast = filter_tables(environment, scanner, model)
     return ParticleMap(model, cast)
 
 

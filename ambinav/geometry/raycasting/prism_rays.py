@@ -1,0 +1,105 @@
+"""A scanner's rays in a building of prisms, cast from inside of kernels: one pose at a time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.geometry.raycasting.prism_kernel import (
+    Columns,
+    PrismArrays,
+    column_ranges,
+    incidence_at,
+    longest_of,
+    same_origin,
+    within_solid,
+)
+from ambinav.geometry.raycasting.triangulation import locate
+from ambinav.kernels import kernel
+
+# A grid without cells, of the types that `Triangulation.index` has.
+NOWHERE = (
+    0.0, 0.0, 1.0, 0, 0, np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32),
+    np.empty((0, 6)),
+)  # fmt: skip
+
+
+class PrismRays(NamedTuple):
+    """All that `cast_prism_rays` reads; made by `Prisms.rays`.
+
+    Attributes:
+        columns: The R rays; heights count from z = 0 of the building.
+        scene: The building.
+        reach: How far to look, metres.
+        bounded: Whether rays may start in `plan` alone.
+        plan: What `triangulation.locate` takes, in its order.
+        incidence: Largest angle to the normal that returns an echo, shape (R,), radians; inf where
+            every angle does.
+    """
+
+    columns: Columns
+    scene: PrismArrays
+    reach: float
+    bounded: bool
+    plan: tuple[Any, ...]
+    incidence: NDArray[np.float64]
+
+
+@kernel
+def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading=None):
+    """How far the rays of a scanner go at one pose, and what they meet.
+
+    Args:
+        x: The robot, metres, map frame.
+        y: Likewise.
+        theta: Its heading, radians.
+        rays: See `PrismRays`.
+        ux: Written, shape (R,): x of each ray's unit vector, map frame.
+        uy: Written: y of it.
+        distance: Written, shape (R,), metres; inf where nothing within reach returns an echo, nan
+            where the ray starts in what is solid or beside the plan.
+        hit: Written, int32, shape (R,): surfaces, -1 for none.
+        beam: Which beam each ray is of, shape (R,); read with `reading` alone.
+        reading: Of each beam; columns whose beams all have no finite one are not cast, and meet
+            nothing. None: all are cast.
+    """
+    columns, scene = rays.columns, rays.scene
+    x0, y0, cell, grid_rows, grid_columns, start, item, triangle = rays.plan
+    co, si = math.cos(theta), math.sin(theta)
+    longest = longest_of(columns)
+    best_of, hit_of = np.empty(longest), np.empty(longest, dtype=np.int64)
+    inside = False
+    for c in range(columns.cosine.size):
+        ox, oy = columns.origin[c, 0], columns.origin[c, 1]
+        px, py = x + co * ox - si * oy, y + si * ox + co * oy
+        vx = co * columns.cosine[c] - si * columns.sine[c]
+        vy = si * columns.cosine[c] + co * columns.sine[c]
+        low, high = columns.start[c], columns.start[c + 1]
+        if c == 0 or not same_origin(columns.origin, c):
+            inside = within_solid(px, py, columns.origin[c, 2], scene)
+            if rays.bounded and not inside:
+                inside = locate(
+                    px, py, x0, y0, cell, grid_rows, grid_columns, start, item, triangle
+                ) < 0  # fmt: skip
+        wanted = not inside
+        if reading is not None:
+            some = False
+            for i in range(low, high):
+                some |= math.isfinite(reading[beam[columns.ray[i]]])
+            wanted = wanted and some
+        best, met = best_of[: high - low], hit_of[: high - low]
+        if wanted:
+            column_ranges(c, px, py, vx, vy, columns, scene, rays.reach, best, met)
+        else:
+            best[:], met[:] = math.nan if inside else math.inf, -1
+        for i in range(low, high):
+            r, k, flat = columns.ray[i], met[i - low], columns.flat[i]
+            ux[r], uy[r] = vx * flat, vy * flat
+            distance[r], hit[r] = best[i - low], k
+            if k >= 0 and rays.incidence[r] < math.inf:
+                oblique = incidence_at(ux[r], uy[r], columns.rise[i], scene.normal, k)
+                if oblique > rays.incidence[r]:
+                    distance[r], hit[r] = math.inf, -1

@@ -1,0 +1,47 @@
+"""What `casting.CastTables` holds of a building in space, and what its edges are there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.prism_rays import PrismRays
+from ambinav.geometry.raycasting.prisms import Prisms
+from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.sensing.rays import RayTable
+
+
+def edge_kinds(environment: Environment) -> NDArray[np.uint8]:
+    """Kind of each border edge of a plan, or of each surface in space: of what rays meet, (K,)."""
+    if environment.space is None:
+        return environment.segments.kind[environment.border_segment]
+    return environment.surface_kind
+
+
+def prisms_of(environment: Environment) -> Prisms | None:
+    """What an environment is in space; None for a plan.
+
+    Raises:
+        InputError: it is a mesh, whose rays Embree casts, which needs the interpreter; or the map
+            of a building that keeps the floor alone.
+    """
+    if environment.space is None or isinstance(environment.space, Prisms):
+        return environment.space
+    # Asked for its surfaces, a space that was not kept says so itself.
+    triangles = len(environment.surface_kind)
+    raise InputError(
+        f"{environment.name}: it is a mesh of {triangles} triangles, in which neither localizers "
+        "nor environments to train in cast rays; give prisms, or let Monte Carlo localization look "
+        "ranges up (laser_model_type beam_prob with beam_table_resolution 0.2 and without "
+        "localizability_weighting)."
+    )
+
+
+def prism_rays(prisms: Prisms, floor: float, rays: RayTable, chosen: NDArray[np.intp]) -> PrismRays:
+    """Some rays of a scanner on a robot that drives on a floor at this z."""
+    origin = np.column_stack([rays.origin[chosen], rays.height[chosen] + floor])
+    some = SpaceRays(origin, rays.angle[chosen], rays.elevation[chosen])
+    reach = float(rays.max_range[chosen].max())
+    return prisms.rays(some, reach, rays.max_incidence[chosen].astype(np.float64))

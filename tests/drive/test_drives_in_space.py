@@ -1,0 +1,106 @@
+"""Drives in buildings in space: those of the plan where it is extruded, and 3D scanners."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ambinav.drive.drive import drive
+from ambinav.drive.drives import Drives
+from ambinav.drive.people import People
+from ambinav.drive.robot import Robot
+from ambinav.drive.world import REACHED
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.extrude import extruded
+from ambinav.localization.parameters import MclParameters
+from ambinav.sensing import RangeScanner, RangeSensor
+from tests.drive.cases import laser, route_through
+from tests.geometry.furnished import furnished
+from tests.localization import worlds
+
+LIDAR = RangeScanner.layered(
+    RangeSensor(max_range=8.0, std=0.02, resolution=0.001),
+    36, [math.radians(e) for e in (-20, -10, 0, 10, 20)], z=0.9,
+)  # fmt: skip
+ROUTE = [(1.0, 1.0), (7.5, 1.5), (7.5, 3.0), (3.0, 3.5)]
+# Turned by a hair: no beam looks along a wall.
+LASER = RangeScanner.planar(
+    RangeSensor(max_range=5.0, std=0.03, resolution=0.001), 60, math.tau, (0.0, 0.0, 0.003)
+).raised(0.4)
+
+
+def tall(height: float = 2.5) -> Environment:
+    plan = worlds.room()
+    return plan.in_space(extruded(plan, height))
+
+
+def driven(env: Environment, scanner: RangeScanner, localizer: Any, **options: Any) -> Drives:
+    route = route_through(options.pop("route", ROUTE))
+    rng = np.random.default_rng(options.pop("seed", 5))
+    robot = Robot(radius=0.2)
+    return drive(env, scanner, robot, route, localizer, rng, keep_ranges=True, **options)
+
+
+def off(drives: Drives) -> np.ndarray:
+    """Metres that the estimates are off."""
+    errors = drives.errors()[..., :2]
+    return np.hypot(errors[..., 0], errors[..., 1])
+
+
+@pytest.mark.parametrize("localizer", ["mcl", "ekf", MclParameters(laser_model_type="beam_prob")])
+def test_a_level_laser_drives_in_an_extruded_building_as_in_its_plan(localizer: Any) -> None:
+    env = tall()
+    flat, solid = (driven(one, LASER, localizer, runs=2) for one in (env.plan, env))
+    assert flat.ranges is not None and solid.ranges is not None
+    assert (flat.outcome == REACHED).all() and (solid.outcome == REACHED).all()
+    echo = np.isfinite(flat.ranges)
+    assert np.array_equal(echo, np.isfinite(solid.ranges))
+    assert np.abs(flat.ranges[echo] - solid.ranges[echo]).max() < 1e-4
+    for mine, other in ((flat.estimate, solid.estimate), (flat.truth, solid.truth)):
+        assert np.allclose(mine, other, rtol=0.0, atol=1e-6, equal_nan=True)
+
+
+@pytest.mark.parametrize("localizer", ["mcl", "ekf"])
+def test_a_3d_scanner_drives(localizer: str) -> None:
+    scanner = RangeScanner.from_preset("velodyne-vlp-16").thinned(360)
+    drives = driven(tall(), scanner, localizer, runs=2)
+    assert (drives.outcome == REACHED).all()
+    assert np.nanquantile(off(drives), 0.9) < (0.1 if localizer == "mcl" else 0.01)
+
+
+@pytest.mark.slow
+def test_all_beams_of_a_3d_scanner_drive() -> None:
+    scanner = RangeScanner.from_preset("velodyne-vlp-16")
+    for localizer, most in (("mcl", 0.1), ("ekf", 0.005)):
+        drives = driven(tall(), scanner, localizer, runs=3)
+        assert (drives.outcome == REACHED).all()
+        assert np.nanquantile(off(drives), 0.95) < most
+
+
+TABLE = MclParameters.for_scanner(LIDAR, beam_table_resolution=0.2)
+ACROSS = [(1.0, 0.6), (4.5, 0.6), (4.3, 2.4)]
+
+
+def test_in_a_mesh_ranges_are_looked_up() -> None:
+    prisms, mesh = furnished()
+    one, other = (driven(env, LIDAR, TABLE, runs=2, route=ACROSS) for env in (prisms, mesh))
+    for drives in (one, other):
+        assert (drives.outcome == REACHED).all()
+        assert np.nanquantile(off(drives), 0.9) < 0.2
+    level = driven(mesh, LASER, "mcl", runs=2, route=ACROSS)
+    assert np.nanquantile(off(level), 0.9) < 0.25
+
+
+def test_what_no_building_in_space_takes_is_refused() -> None:
+    prisms, mesh = furnished()
+    for localizer in ("mcl", "ekf"):
+        with pytest.raises(InputError, match=r"it is a mesh.*give prisms.*beam_table_resolution"):
+            driven(mesh, LIDAR, localizer, runs=1, route=ACROSS)
+    with pytest.raises(InputError, match=r"a drive among people is known for plans alone"):
+        driven(prisms, LIDAR, "ekf", runs=1, route=ACROSS, people=People(1))
+    with pytest.raises(InputError, match=r"give the mount a height"):
+        driven(prisms, laser(), "mcl", runs=1, route=ACROSS)
