@@ -124,15 +124,15 @@ class BuildingOptions:
         ),
     ] = None
 
-    def load(self, map_file: Path) -> Environment:
-        """Load a building.
+    def load(self, map_file: Path, in_space: bool = False) -> Environment:
+        """Load a building, an .ifc file in three dimensions where that is wanted.
 
         Raises:
             InputError: it cannot be used.
         """
         from ambinav.geometry.io.load import load_environment
 
-        return load_environment(map_file, **self.reading())
+        return load_environment(map_file, **self.reading(), in_space=in_space or None)
 
     def reading(self) -> dict[str, Any]:
         """The keyword arguments of `load_environment`.
@@ -251,7 +251,7 @@ class MapOptions:
         if space is not None:
             environment = space.mesh(map_file, chosen, building.unit, robot_radius)
         if environment is None:
-            environment = building.load(map_file)
+            environment = building.load(map_file, space is not None and space.in_space)
             if space is not None:
                 environment = space.extruded(environment)
         xmin, ymin, xmax, ymax = environment.bounds
