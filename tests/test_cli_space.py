@@ -98,6 +98,37 @@ def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     assert "beams return an echo" in report["places"][0]["sees"]["sentence"]
 
 
+def compared(runner: CliRunner, building: Path, *options: str) -> dict[str, dict[str, object]]:
+    """The rows of `design scanners`, by scanner."""
+    quick = ["--spacing", "0.5", "--no-store", "--pairs", "2", "--json"]
+    result = runner.invoke(app, ["design", "scanners", str(building), *quick, *options])
+    assert result.exit_code == 0, result.output
+    return {one["name"]: one for one in json.loads(result.stdout)["scanners"]}
+
+
+TWO = ["-s", "rplidar-a1", "-s", "velodyne-vlp-16"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("extra", "height"), [([], "z: 0.3"), (["--scanner-height", "0.8"], "0.8")]
+)
+def test_planar_and_3d_scanners_side_by_side(
+    runner: CliRunner, house: Path, extra: list[str], height: str
+) -> None:
+    rows = compared(runner, house, "--level", "0", "--in-space", *TWO, *extra)
+    assert set(rows) == {"rplidar-a1", "velodyne-vlp-16"}
+    assert height in str(rows["rplidar-a1"]["yaml"])
+    assert "z: 0.5" in str(rows["velodyne-vlp-16"]["yaml"])
+    assert all(float(str(row["mean_error_m"])) > 0.0 for row in rows.values())
+
+
+@pytest.mark.slow
+def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Path) -> None:
+    assert len(compared(runner, BUILDING, *TWO, "--extrude", "2.5")) == 2
+    assert len(compared(runner, room, *TWO, "--floor", "0")) == 2
+
+
 @pytest.mark.parametrize(("options", "part"), [
     ([*LIDAR], "it is a plan, and the scanner looks up and down"),
     ([*PLANAR, "--extrude", "2.5"], "at z = 0 m, on its floor"),

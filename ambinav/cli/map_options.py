@@ -218,7 +218,7 @@ class MapOptions:
     def load(
         self,
         map_file: Path,
-        scanner: str,
+        scanner: str | RangeScanner,
         building: BuildingOptions,
         space: SpaceOptions | None = None,
         robot_radius: float = 0.0,
@@ -227,7 +227,7 @@ class MapOptions:
 
         Args:
             map_file: The building.
-            scanner: A preset or a file.
+            scanner: A preset or a file; or a scanner, mounted already.
             building: How the building is read.
             space: What makes it three-dimensional, where the command knows of that.
             robot_radius: Of a robot on the floor of a mesh, metres; 0: not said.
@@ -239,9 +239,12 @@ class MapOptions:
         from ambinav.sensing.presets import preset_names
         from ambinav.sensing.scanner import RangeScanner
 
-        chosen = RangeScanner.load(scanner)
-        if space is not None:
-            chosen = space.mounted(chosen)
+        if isinstance(scanner, RangeScanner):
+            chosen = scanner
+        else:
+            chosen = RangeScanner.load(scanner)
+            if space is not None:
+                chosen = space.mounted(chosen)
         self._names(chosen)
         if str(map_file) in preset_names():
             raise InputError(
