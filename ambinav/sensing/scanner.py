@@ -394,7 +394,7 @@ class RangeScanner(Beams):
             InputError: a pose is not finite, or the building and the scanner do not go together
                 (`raycasting.scans.check_rays`).
         """
-        return cast_beams(env, self.rays(), self.max_range, x, y, theta)
+        return cast_beams(env, self.rays(env.space is not None), self.max_range, x, y, theta)
 
     def read(
         self,
