@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -60,22 +60,7 @@ def load_ifc_in_space(
     plan = read_storey(path, level, height=height, doors=doors, glass=glass, furniture=furniture)
     with reading(path):
         bodies = _bodies(plan, height, doors == "closed", glass == "clear", furniture)
-    floor = plan.storey.elevation
-    made = plan.environment.in_space(_prisms(plan, bodies), floor)
-    notes = [
-        f"{path}: in space: {len(bodies.solids)} solids and {len(bodies.heights)} walls without "
-        f"thickness from {bodies.low - floor:.3g} to {bodies.high - floor:.3g} m above the floor."
-    ]
-    if bodies.sliced:
-        notes.append(
-            f"{path}: {bodies.sliced} elements have sloping sides and are cut into slices of "
-            f"{SLICE:g} m."
-        )
-    if not carries(plan.slab, plan.section.within):
-        notes.append(
-            f"{path}: slabs carry less than half of the floor; a plane at {floor:.4g} m stands for "
-            "it."
-        )
+    notes = _notes(path, plan, bodies)
     if bodies.open_slopes:
         note = (
             f"{path}: {bodies.open_slopes} elements have sloping faces that enclose no body; rays "
@@ -83,6 +68,7 @@ def load_ifc_in_space(
         )
         warnings.warn(note, InputWarning, stacklevel=4)
         notes.append(note)
+    made = plan.environment.in_space(_prisms(plan, bodies), plan.storey.elevation)
     made.notes = (*made.notes, *notes)
     return made
 
@@ -111,7 +97,9 @@ class _Bodies:
     sliced: int = 0
     open_slopes: int = 0
 
-    def add_lines(self, lines: BaseGeometry, low: float, high: float, kind: int) -> None:
+    def add_lines(
+        self, lines: BaseGeometry | Sequence[BaseGeometry], low: float, high: float, kind: int
+    ) -> None:
         """Walls along lines."""
         for line in shapely.get_parts(lines):
             xy = shapely.get_coordinates(line)
@@ -154,6 +142,25 @@ def _bodies(
         tops = [solid.top for solid in found.solids] + [top for _, top in found.heights]
         found.high = max(tops)
     return found
+
+
+def _notes(path: Path, plan: StoreyPlan, bodies: _Bodies) -> list[str]:
+    floor = plan.storey.elevation
+    notes = [
+        f"{path}: in space: {len(bodies.solids)} solids and {len(bodies.heights)} walls without "
+        f"thickness from {bodies.low - floor:.3g} to {bodies.high - floor:.3g} m above the floor."
+    ]
+    if bodies.sliced:
+        notes.append(
+            f"{path}: {bodies.sliced} elements have sloping sides and are cut into slices of "
+            f"{SLICE:g} m."
+        )
+    if not carries(plan.slab, plan.section.within):
+        notes.append(
+            f"{path}: slabs carry less than half of the floor; a plane at {floor:.4g} m stands for "
+            "it."
+        )
+    return notes
 
 
 def _outlines(area: BaseGeometry) -> Iterator[shapely.Polygon]:
