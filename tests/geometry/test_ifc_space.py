@@ -11,7 +11,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.ifc_file import read_storey
 from ambinav.geometry.io.ifc_parts import elements_of, meshes, part_role
@@ -219,6 +219,30 @@ def test_a_sloping_roof_is_cut_into_slices_and_a_note_says_so(tmp_path: Path) ->
     assert "1 elements have sloping sides" in env.notes[-1]
     # Its underside is level; its sides lean outward to the south.
     assert meets(env, (4.0, 2.0, 0.5), UP) == (pytest.approx(2.0, abs=1e-5), WALL)
+
+
+def test_a_sloping_sheet_is_warned_of(tmp_path: Path) -> None:
+    house = House()
+    storey = house.storey("EG", 0.0)
+    outer = shapely.box(0, 0, 8, 4) - shapely.box(0.2, 0.2, 7.8, 3.8)
+    house.prism("IfcWall", storey, outer, 0.0, 2.5)
+    sail = house.prism("IfcBuildingElementProxy", storey, shapely.box(1, 1, 2, 2), 0.0, 1.0)
+    model = house.model
+    ring = [(1.0, 1.0, 1.5), (3.0, 1.0, 1.5), (3.0, 3.0, 2.5), (1.0, 3.0, 2.5)]
+    loop = model.create_entity(
+        "IfcPolyLoop", [model.create_entity("IfcCartesianPoint", point) for point in ring]
+    )
+    face = model.create_entity("IfcFace", [model.create_entity("IfcFaceOuterBound", loop, True)])
+    shell = model.create_entity("IfcConnectedFaceSet", [face])
+    shown = sail.Representation.Representations[0]
+    shown.Items = [model.create_entity("IfcFaceBasedSurfaceModel", [shell])]
+    shown.RepresentationType = "SurfaceModel"
+    path = house.write(tmp_path / "sail.ifc")
+    with pytest.warns(InputWarning, match="1 elements have sloping faces that enclose no body"):
+        env = load_environment(path, in_space=True)
+    # Level rays meet it within half a slice of where it is.
+    distance, _ = meets(env, (2.0, 0.5, 2.0), NORTH)
+    assert distance == pytest.approx(1.5, abs=0.5 * SLICE * 2.0)
 
 
 def test_without_slabs_a_plane_is_the_floor(tmp_path: Path) -> None:
