@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from ambinav.cli import app
 from ambinav.demo import BUILDING
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from tests.geometry import plan_models
 
 LIDAR = ["-s", "velodyne-vlp-16", "--spacing", "0.5", "--no-store"]
 PLANAR = ["-s", "rplidar-a1", "--spacing", "0.25", "--no-store"]
@@ -33,6 +34,11 @@ def room(tmp_path: Path) -> Path:
     path = tmp_path / "room.obj"
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Path:
+    return plan_models.two_storeys(tmp_path / "house.ifc")
 
 
 def test_a_plan_with_a_height(runner: CliRunner) -> None:
@@ -60,6 +66,28 @@ def test_a_mesh(runner: CliRunner, room: Path) -> None:
     assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
 
 
+@pytest.mark.parametrize("preset", ["velodyne-vlp-16", "livox-mid-360"])
+def test_a_building_model_in_space(runner: CliRunner, house: Path, preset: str) -> None:
+    options = [str(house), "--level", "Ground", "-s", preset, "--spacing", "0.5", "--no-store"]
+    done = runner.invoke(app, ["map", *options, "--in-space", "-o", "a.zarr"])
+    assert done.exit_code == 0, done.output
+    attrs = AmbiguityMap.open("a.zarr").dataset.attrs
+    assert attrs["environment_space"]
+    assert "in space: " in attrs["environment_notes"]
+    flat = runner.invoke(app, ["map", *options, "-o", "b.zarr"])
+    assert flat.exit_code == 2
+    assert "`--in-space` for those of an .ifc file" in " ".join(flat.output.split())
+
+
+@pytest.mark.slow
+def test_the_audit_of_a_building_model_in_space(runner: CliRunner, house: Path) -> None:
+    options = ["--level", "0", "--in-space", "--places", "1", "--no-aliasing", "-o", "out"]
+    result = runner.invoke(app, ["audit", str(house), *LIDAR, *options])
+    assert result.exit_code == 0, result.output
+    report = json.loads(Path("out/report.json").read_text())
+    assert any("in space: " in note for note in report["environment"]["notes"])
+
+
 @pytest.mark.slow
 def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     options = [*LIDAR, "--extrude", "2.5", "--places", "1", "--no-aliasing", "-o", "out"]
@@ -70,11 +98,44 @@ def test_the_audit_of_a_building_in_space(runner: CliRunner) -> None:
     assert "beams return an echo" in report["places"][0]["sees"]["sentence"]
 
 
+def compared(runner: CliRunner, building: Path, *options: str) -> dict[str, dict[str, object]]:
+    """The rows of `design scanners`, by scanner."""
+    quick = ["--spacing", "0.5", "--no-store", "--pairs", "2", "--json"]
+    result = runner.invoke(app, ["design", "scanners", str(building), *quick, *options])
+    assert result.exit_code == 0, result.output
+    return {one["name"]: one for one in json.loads(result.stdout)["scanners"]}
+
+
+TWO = ["-s", "rplidar-a1", "-s", "velodyne-vlp-16"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("extra", "height"), [([], "z: 0.3"), (["--scanner-height", "0.8"], "0.8")]
+)
+def test_planar_and_3d_scanners_side_by_side(
+    runner: CliRunner, house: Path, extra: list[str], height: str
+) -> None:
+    rows = compared(runner, house, "--level", "0", "--in-space", *TWO, *extra)
+    assert set(rows) == {"rplidar-a1", "velodyne-vlp-16"}
+    assert height in str(rows["rplidar-a1"]["yaml"])
+    assert "z: 0.5" in str(rows["velodyne-vlp-16"]["yaml"])
+    assert all(float(str(row["mean_error_m"])) > 0.0 for row in rows.values())
+
+
+@pytest.mark.slow
+def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Path) -> None:
+    assert len(compared(runner, BUILDING, *TWO, "--extrude", "2.5")) == 2
+    assert len(compared(runner, room, *TWO, "--floor", "0")) == 2
+
+
 @pytest.mark.parametrize(("options", "part"), [
     ([*LIDAR], "it is a plan, and the scanner looks up and down"),
     ([*PLANAR, "--extrude", "2.5"], "at z = 0 m, on its floor"),
     ([*PLANAR, "--extrude", "0"], "--extrude: 0 is not above zero"),
     ([*PLANAR, "--scanner-height", "-1"], "--scanner-height: -1 is not above zero"),
+    ([*PLANAR, "--in-space"], "in_space means nothing for a drawn plan"),
+    ([*LIDAR, "--in-space", "--extrude", "2"], "leave one of the two out"),
     ([*PLANAR, "--floor", "0"], "--floor: "),
     ([*PLANAR, "--robot-height", "1"], "is no mesh"),
     ([*LIDAR, "--extrude", "2.5", "--layers", "gfm"], "gfm: it looks up and down"),
@@ -90,6 +151,7 @@ def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) ->
 @pytest.mark.parametrize(("options", "part"), [
     ([], "does not say how high it is mounted; give --scanner-height"),
     (["--scanner-height", "0.3", "--extrude", "2"], "has three dimensions already"),
+    (["--scanner-height", "0.3", "--in-space"], "--in-space: "),
     (["--scanner-height", "0.3", "--up", "w"], "up is 'w'"),
     (["--scanner-height", "0.3", "--floor", "9"], "floor is 9"),
 ])  # fmt: skip

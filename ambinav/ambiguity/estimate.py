@@ -85,7 +85,7 @@ def estimate(
     thinned = thin(scanner)
     turning = headings is None and scanner.looks_all_around
     count = headings or (1 if turning else HEADINGS)
-    rays = len(thinned.rays())
+    rays = len(thinned.rays(environment.space is not None))
     each = (
         neighbours * thinned.beams * PER_COMPARISON
         + rays * (PER_RAY if environment.space is None else PER_SPACE_RAY)

@@ -278,7 +278,7 @@ def panorama_returns(
         InputError: the building and the scanner do not go together (`check_rays`), or walls are
             added to a building in space.
     """
-    rays = scanner.rays()
+    rays = scanner.rays(env.space is not None)
     angle = headings[:, None] + rays.angle
     # In the frame of the robot at the first heading.
     turn = headings - headings[0]
@@ -324,7 +324,8 @@ def panorama_returns(
         run_rows(
             _beam_returns, len(distance), distance, segment, incidence, which,
             normals, kind == FRONTIER, rays.origin,
-            angle, rays.elevation, headings, rays.start, rays.max_incidence, table.nearest,
+            angle, rays.elevation, rays.edge, headings, rays.start, rays.max_incidence,
+            table.nearest,
             table.limit, sensor, spread, bias, data, first + low, least=128,
         )  # fmt: skip
         if len(table.intensity):
@@ -339,7 +340,7 @@ def panorama_returns(
 @kernel
 def _beam_returns(
     begin, end, distance, segment, incidence, which, normal, frontier, origin, angle, elevation,
-    headings, start, max_incidence, nearest, limit, sensor, spread, bias, data, first,
+    edge, headings, start, max_incidence, nearest, limit, sensor, spread, bias, data, first,
 ):  # fmt: skip
     cos_a, sin_a = np.cos(angle), np.sin(angle)
     flat, rise = np.cos(elevation), np.sin(elevation)
@@ -371,13 +372,16 @@ def _beam_returns(
                 if best >= 0:
                     k = segment[p, which[h, best]]
                     ux, uy = cos_a[h, best], sin_a[h, best]
-                    inner = start[b] < best < start[b + 1] - 1
+                    inner = not edge[best]
                     nx, ny = echo_normal(inner, ux, uy, normal[k, 0], normal[k, 1])
                     facing = nx * ux + ny * uy
                     if rise[best] != 0.0:
                         # Of a level ray nothing may change, not even the sign of a zero.
                         ux, uy = ux * flat[best], uy * flat[best]
-                        facing = nx * ux + ny * uy + normal[k, 2] * rise[best]
+                        if inner:
+                            nx, ny, facing = -ux, -uy, -1.0
+                        else:
+                            facing = nx * ux + ny * uy + normal[k, 2] * rise[best]
                     facing = math.copysign(max(abs(facing), GRAZING), facing)
                     per_facing = -1.0 / facing
                     gx, gy = nx * per_facing, ny * per_facing

@@ -103,7 +103,7 @@ def look(
     Raises:
         InputError: building and scanner do not go together (`raycasting.scans.check_rays`).
     """
-    rays = scanner.rays()
+    rays = scanner.rays(environment.space is not None)
     distance, segment, incidence = scan_rays(
         environment,
         np.array([x]),

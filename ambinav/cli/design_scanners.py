@@ -18,6 +18,7 @@ from ambinav.cli.running import (
     progress_bars,
     reporting,
 )
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,6 +99,37 @@ class RouteOptions:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class ComparedSpaceOptions(SpaceOptions):
+    """What makes a building three-dimensional, and how high scanners without a height are in it."""
+
+    PANEL: ClassVar[str] = "Space"
+
+    scanner_height: Annotated[
+        float | None,
+        typer.Option(
+            "--scanner-height",
+            metavar="M",
+            help="Mount scanners whose files say no height so many metres above the floor.",
+            show_default="0.3",
+        ),
+    ] = None
+
+    @property
+    def height(self) -> float:
+        """Of scanners that say none, metres."""
+        from ambinav.design.scanners.mounting import HEIGHT
+
+        return HEIGHT if self.scanner_height is None else self.scanner_height
+
+    def carrier(self, scanners: Sequence[RangeScanner]) -> RangeScanner:
+        """All scanners on one robot, which is as high and as wide as the largest asks for."""
+        from ambinav.design.scanners.mounting import mounted
+        from ambinav.sensing.scanner import RangeScanner
+
+        return RangeScanner.mixed(*(mounted(scanner, self.height) for scanner in scanners))
+
+
 @options.grouped
 def scanners(
     map_file: options.MapFile,
@@ -126,6 +158,7 @@ def scanners(
     *,
     building: BuildingOptions,
     making: MapOptions,
+    space: ComparedSpaceOptions,
     robot: ReachOptions,
     on_routes: RouteOptions,
     pictures: options.Pictures = "png",
@@ -134,12 +167,14 @@ def scanners(
     """Compare scanners in a building: bad area, routes, and what they cost.
 
     All are carried by one robot and drive the same routes. A scanner that cannot be used is said,
-    and the rest goes on. Maps are kept, so that a run that was interrupted goes on quickly.
+    and the rest goes on. Maps are kept, so that a run that was interrupted goes on quickly. With
+    --extrude, --in-space or a mesh for MAP, planar and 3D scanners are compared in one table.
 
     Example: `ambinav design scanners office.yaml --all --costs prices.csv -o scanners`
     """
     with reporting():
         making.check()
+        space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         on_routes.check()
         options.check_pictures(pictures)
@@ -161,7 +196,11 @@ def scanners(
             note(f"{len(chosen)} scanners are named, {len(known)} of them different.")
         table_of_costs = None if costs is None else read_costs(costs)
         routes = on_routes.routes()
-        environment, _ = replace(making, layers=None).load(map_file, chosen[0], building)
+        environment, _ = replace(making, layers=None).load(
+            map_file, space.carrier(known), building, space, robot.robot_radius or 0.0
+        )
+        if every and environment.space is None:
+            known = _without_third_dimension(known, scanner or [])
         import numpy as np
 
         with progress_bars(as_json) as bars:
@@ -180,6 +219,7 @@ def scanners(
                 rng=np.random.default_rng(on_routes.seed),
                 model=on_routes.model(),
                 costs=table_of_costs,
+                height=space.height,
                 store=options.store_of(making.no_store, _Announcement(making, environment, known)),
                 progress=bars(f"{len(known)} scanners"),
             )
@@ -211,6 +251,24 @@ def _chosen(named: list[str], every: bool) -> list[str]:
         )
     # A preset that is named besides is meant once.
     return [*named, *(name for name in preset_names() if name not in named)] if every else named
+
+
+def _without_third_dimension(
+    known: Sequence[RangeScanner], named: list[str]
+) -> tuple[RangeScanner, ...]:
+    """The scanners that are named, and of the presets those that look neither up nor down."""
+    from ambinav.sensing.scanner import RangeScanner
+
+    wanted = {RangeScanner.load(one).name for one in named}
+    left_out = [
+        one.name for one in known if one.name not in wanted and bool(one.upright[:, 1].any())
+    ]
+    if left_out:
+        note(
+            f"{', '.join(left_out)} look up and down and are left out of a plan; --extrude M, or "
+            "--in-space for the heights of an .ifc file, compares them too."
+        )
+    return tuple(one for one in known if one.name not in left_out)
 
 
 class _Announcement:

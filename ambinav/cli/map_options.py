@@ -124,15 +124,15 @@ class BuildingOptions:
         ),
     ] = None
 
-    def load(self, map_file: Path) -> Environment:
-        """Load a building.
+    def load(self, map_file: Path, in_space: bool = False) -> Environment:
+        """Load a building, an .ifc file in three dimensions where that is wanted.
 
         Raises:
             InputError: it cannot be used.
         """
         from ambinav.geometry.io.load import load_environment
 
-        return load_environment(map_file, **self.reading())
+        return load_environment(map_file, **self.reading(), in_space=in_space or None)
 
     def reading(self) -> dict[str, Any]:
         """The keyword arguments of `load_environment`.
@@ -218,7 +218,7 @@ class MapOptions:
     def load(
         self,
         map_file: Path,
-        scanner: str,
+        scanner: str | RangeScanner,
         building: BuildingOptions,
         space: SpaceOptions | None = None,
         robot_radius: float = 0.0,
@@ -227,7 +227,7 @@ class MapOptions:
 
         Args:
             map_file: The building.
-            scanner: A preset or a file.
+            scanner: A preset or a file; or a scanner, mounted already.
             building: How the building is read.
             space: What makes it three-dimensional, where the command knows of that.
             robot_radius: Of a robot on the floor of a mesh, metres; 0: not said.
@@ -239,9 +239,12 @@ class MapOptions:
         from ambinav.sensing.presets import preset_names
         from ambinav.sensing.scanner import RangeScanner
 
-        chosen = RangeScanner.load(scanner)
-        if space is not None:
-            chosen = space.mounted(chosen)
+        if isinstance(scanner, RangeScanner):
+            chosen = scanner
+        else:
+            chosen = RangeScanner.load(scanner)
+            if space is not None:
+                chosen = space.mounted(chosen)
         self._names(chosen)
         if str(map_file) in preset_names():
             raise InputError(
@@ -251,7 +254,7 @@ class MapOptions:
         if space is not None:
             environment = space.mesh(map_file, chosen, building.unit, robot_radius)
         if environment is None:
-            environment = building.load(map_file)
+            environment = building.load(map_file, space is not None and space.in_space)
             if space is not None:
                 environment = space.extruded(environment)
         xmin, ymin, xmax, ymax = environment.bounds

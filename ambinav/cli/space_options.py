@@ -1,4 +1,4 @@
-"""Options on a building in three dimensions: a plan with a height, or a mesh."""
+"""Options on a building in three dimensions: a plan with a height, an .ifc file, or a mesh."""
 
 from __future__ import annotations
 
@@ -36,6 +36,13 @@ class SpaceOptions:
             show_default="a plan",
         ),
     ] = None
+    in_space: Annotated[
+        bool,
+        typer.Option(
+            "--in-space",
+            help="Take an .ifc building with its heights: slabs, lintels, parapets, furniture.",
+        ),
+    ] = False
     scanner_height: Annotated[
         float | None,
         typer.Option(
@@ -82,6 +89,11 @@ class SpaceOptions:
         above_zero(self.extrude, "--extrude", "2.5")
         above_zero(self.scanner_height, "--scanner-height", "0.3")
         above_zero(self.robot_height, "--robot-height", "1.2")
+        if self.in_space and self.extrude is not None:
+            raise InputError(
+                "--extrude: with --in-space the building has the heights of its file; leave one of "
+                "the two out."
+            )
 
     def mounted(self, scanner: RangeScanner) -> RangeScanner:
         """The scanner at its height."""
@@ -106,9 +118,10 @@ class SpaceOptions:
         suffix = map_file.suffix.lower()
         if suffix not in (*SUFFIXES, OCTOMAP):
             return None
-        if self.extrude is not None:
+        if self.extrude is not None or self.in_space:
             raise InputError(
-                f"--extrude: {map_file} has three dimensions already; leave the option out."
+                f"--{'in-space' if self.in_space else 'extrude'}: {map_file} has three dimensions "
+                "already; leave the option out."
             )
         from ambinav.geometry.mesh.floor import floor_environment
         from ambinav.geometry.mesh.octomap import read_octomap

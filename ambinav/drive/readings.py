@@ -33,7 +33,7 @@ class Readings:
         self.environment = environment
         self._reflects = environment.surface_kind == REFLECTOR
         self.scanner = scanner
-        self._rays = scanner.rays()
+        self._rays = scanner.rays(environment.space is not None)
         sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
         self._table = np.array(
             [

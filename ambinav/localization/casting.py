@@ -19,7 +19,7 @@ from ambinav.geometry.raycasting.prism_rays import PrismRays, cast_prism_rays
 from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
-from ambinav.localization.prism_tables import prism_rays, prisms_of
+from ambinav.localization.prism_tables import check_cones, prism_rays, prisms_of
 from ambinav.sensing.rays import RayTable
 from ambinav.sensing.scanner import RangeScanner
 
@@ -96,16 +96,18 @@ def cast_tables(
     """Lay out the environment and the beams with these indices, which are renumbered from 0.
 
     Raises:
-        InputError: the building is a mesh, or does not go together with the beams
-            (`raycasting.scans.check_rays`).
+        InputError: the building is a mesh, or it is in space and a beam is a cone, or it does not
+            go together with the beams (`raycasting.scans.check_rays`).
     """
     check_rays(environment, *scanner.upright[beams].T)
-    rays = scanner.rays()
+    rays = scanner.rays(environment.space is not None)
     owner = np.repeat(np.arange(scanner.beams), np.diff(rays.start))
     number = np.full(scanner.beams, -1, dtype=np.int64)
     number[beams] = np.arange(len(beams))
     chosen = np.flatnonzero(number[owner] >= 0)
     prisms = prisms_of(environment)
+    if prisms is not None:
+        check_cones(environment, scanner, rays.edge[chosen])
     if prisms is None:
         origin, first, order = _fans(rays, chosen)
         lines, space = environment.border_lines, None
@@ -120,8 +122,6 @@ def cast_tables(
         normal[: len(lines)] = edge_normals(lines)
         incidence, anchor = np.full(len(chosen), np.inf), np.ones(len(chosen), dtype=np.bool_)
     mesh = environment.triangulation
-    inside = np.ones(len(owner), dtype=np.bool_)
-    inside[rays.start[:-1]] = inside[rays.start[1:] - 1] = False
     limit, beam = rays.max_range[order].astype(np.float64), number[owner[order]]
     plain = np.array_equal(beam, np.arange(len(beams))) and np.isinf(incidence).all()
     level_part = np.cos(rays.elevation[order])
@@ -137,7 +137,7 @@ def cast_tables(
         np.maximum.reduceat(limit, first[:-1]),
         np.array([plain]),
         anchor,
-        inside[order],
+        ~rays.edge[order],
         lines,
         normal,
         mesh.twin,

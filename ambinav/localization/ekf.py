@@ -177,9 +177,26 @@ class ExtendedKalmanFilter:
         information = np.empty((len(rows), 3, 3))
         informations(rows, self.cast, self.noise, information)
         information[~looks] = 0.0
-        out = np.empty_like(information)
-        _predict_covariances(rows, first, information, self.odometry.array, out)
-        return out
+        return covariances_along(rows, first, information, self.odometry)
+
+
+def covariances_along(
+    poses: Floats, covariance: Floats, information: Floats, odometry: OdometryModel
+) -> Floats:
+    """Covariances along a route from what each of its scans tells.
+
+    Args:
+        poses: Where scans are made, shape (N, 3).
+        covariance: At the first of them, before its scan, shape (3, 3).
+        information: Of each scan, shape (N, 3, 3); 0 where none is made.
+        odometry: How odometry errs.
+
+    Returns:
+        Shape (N, 3, 3), after each scan.
+    """
+    out = np.empty_like(information)
+    _predict_covariances(poses, covariance, information, odometry.array, out)
+    return out
 
 
 @kernel

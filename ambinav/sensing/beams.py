@@ -106,12 +106,24 @@ class Beams:
         """Whether a turn on the spot by at most 30 degrees gives the same beams again."""
         return self.rotation_order >= ALL_AROUND_ORDER
 
-    def rays(self) -> RayTable:
-        """Return the rays to cast: one for a laser beam, an odd number for a cone."""
-        return self._rays
+    def rays(self, in_space: bool = False) -> RayTable:
+        """Return the rays to cast: one for a laser beam, several for a cone.
+
+        Args:
+            in_space: Whether the building has three dimensions: a cone is a level fan otherwise.
+        """
+        return self._space_rays if in_space else self._rays
 
     @cached_property
     def _rays(self) -> RayTable:
+        return self._made_rays(in_space=False)
+
+    @cached_property
+    def _space_rays(self) -> RayTable:
+        cones = any(sensor.aperture > 0.0 for sensor in self.sensors)
+        return self._made_rays(in_space=True) if cones else self._rays
+
+    def _made_rays(self, in_space: bool) -> RayTable:
         def of_beam(values: Iterable[float]) -> NDArray[np.float64]:
             return np.array(list(values))[self.sensor_of_beam]
 
@@ -122,6 +134,7 @@ class Beams:
             of_beam(s.max_range for s in self.sensors),
             of_beam(limits),
             self.upright,
+            in_space,
         )
 
 

@@ -41,7 +41,9 @@ def read_intensity(
     Raises:
         InputError: a pose is not finite.
     """
-    reflects = cast_reflectors(env, scanner.rays(), scanner.max_range, x, y, theta)
+    reflects = cast_reflectors(
+        env, scanner.rays(env.space is not None), scanner.max_range, x, y, theta
+    )
     found = np.full(readings.shape, np.nan, dtype=np.float32)
     for i, sensor in enumerate(scanner.sensors):
         if sensor.intensity is not None:

@@ -20,6 +20,7 @@ from ambinav.sensing.mounting import (
     as_elevation,
     as_mount,
     as_tilt,
+    as_turn,
     directed,
     divisor,
     fan_angles,
@@ -29,6 +30,7 @@ from ambinav.sensing.mounting import (
 )
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.sensing.space_layout import Camera, Layers
+from ambinav.sensing.tilting_layout import Tilting
 
 
 @dataclass(frozen=True)
@@ -57,17 +59,12 @@ class Planar:
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "beams", as_count(self.beams, "beams"))
-        object.__setattr__(self, "aperture", as_number(self.aperture, "aperture"))
         object.__setattr__(self, "mount", as_mount(self.mount))
         for name, value in zip(
             ("z", "pitch", "roll"), as_tilt(self.z, self.pitch, self.roll), strict=True
         ):
             object.__setattr__(self, name, value)
-        if not 0 <= self.aperture <= TURN + 1e-9:
-            raise InputError(
-                f"aperture is {math.degrees(self.aperture):g} degrees; give 0 to 360 (in Python "
-                "0 to 2 pi radians)."
-            )
+        object.__setattr__(self, "aperture", as_turn(self.aperture))
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Planar:
         """Return the same fan so many metres further along x, y and z."""
@@ -291,7 +288,7 @@ class Mounts:
         return {"mounts": each}
 
 
-Layout: TypeAlias = Planar | Ring | Mounts | Layers | Camera
+Layout: TypeAlias = Planar | Ring | Mounts | Layers | Camera | Tilting
 
 
 @dataclass(frozen=True)

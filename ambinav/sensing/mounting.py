@@ -47,6 +47,17 @@ def as_elevation(value: object, where: str) -> float:
     return angle
 
 
+def as_turn(value: object) -> float:
+    """The angle from the first to the last beam of a fan, radians; `InputError` beyond a turn."""
+    aperture = as_number(value, "aperture")
+    if not 0 <= aperture <= TURN + 1e-9:
+        raise InputError(
+            f"aperture is {math.degrees(aperture):g} degrees; give 0 to 360 (in Python 0 to 2 pi "
+            "radians)."
+        )
+    return aperture
+
+
 def as_tilt(z: object, pitch: object, roll: object) -> tuple[float, float, float]:
     """Height, pitch and roll of a sensor, checked; raises `InputError`."""
     return as_number(z, "z"), as_elevation(pitch, "pitch"), as_number(roll, "roll")

@@ -15,9 +15,10 @@ WIDEST_SPACING = math.radians(2.0)
 class RayTable:
     """All rays of a scanner in the robot frame, beam after beam.
 
-    Beam b owns the rays start[b] to start[b + 1] - 1: one for a laser; for a cone an odd number
-    spread evenly over it, both edges and the axis included, at most 2 degrees apart. In space a
-    cone is what it is in the plane: a level fan.
+    Beam b owns the rays start[b] to start[b + 1] - 1: one for a laser. For a cone in the plane an
+    odd number spread evenly over it, both edges and the axis included, at most 2 degrees apart; in
+    space the axis and rings around it up to the edge, rings and the rays of each at most 2 degrees
+    apart, those of the level fan among them.
 
     Attributes:
         origin: float64, shape (R, 2), metres.
@@ -28,6 +29,7 @@ class RayTable:
             returns an echo, inf where every angle does.
         height: float64, shape (R,), metres above the floor.
         elevation: float64, shape (R,), radians above the horizon; 0 in the plane.
+        edge: bool, shape (R,): whether it is at the edge of its cone; of a laser always.
     """
 
     origin: NDArray[np.float64]
@@ -37,6 +39,7 @@ class RayTable:
     max_incidence: NDArray[np.float32]
     height: NDArray[np.float64]
     elevation: NDArray[np.float64]
+    edge: NDArray[np.bool_]
 
     def __len__(self) -> int:
         """Number of rays R."""
@@ -74,12 +77,37 @@ def cone_offsets(aperture: float) -> NDArray[np.float64]:
     return np.linspace(-aperture / 2, aperture / 2, 2 * half + 1) if half else np.zeros(1)
 
 
+def _fan(aperture: float) -> NDArray[np.float64]:
+    """Azimuth and elevation of a level cone's rays about its axis, and 1 at its edge, (n, 3)."""
+    offset = cone_offsets(aperture)
+    edge = np.zeros(len(offset))
+    edge[[0, -1]] = 1.0
+    return np.column_stack([offset, np.zeros(len(offset)), edge])
+
+
+def _rings(aperture: float) -> NDArray[np.float64]:
+    """As `_fan`, of the cone in space: its axis first, then rings around it, the edge the last."""
+    parts = [np.zeros((1, 3))]
+    offsets = cone_offsets(aperture)
+    outward = offsets[len(offsets) // 2 + 1 :].tolist()
+    for offset in outward:
+        # A multiple of 4: the same above and below, left and right.
+        count = 4 * math.ceil(math.tau * math.sin(offset) / WIDEST_SPACING / 4)
+        turn = math.tau * np.arange(count) / count
+        across, up = math.sin(offset) * np.cos(turn), math.sin(offset) * np.sin(turn)
+        azimuth = np.arctan2(across, math.cos(offset))
+        parts.append(np.column_stack([azimuth, np.arcsin(up), np.zeros(count)]))
+    parts[-1][:, 2] = 1.0
+    return np.concatenate(parts)
+
+
 def make_rays(
     mounts: NDArray[np.float64],
     aperture: NDArray[np.float64],
     max_range: NDArray[np.float64],
     max_incidence: NDArray[np.float64],
     upright: NDArray[np.float64],
+    in_space: bool = False,
 ) -> RayTable:
     """Make the rays of beams, one entry each a beam.
 
@@ -88,17 +116,21 @@ def make_rays(
         aperture: Of the cones, radians, shape (B,).
         max_range: Metres, shape (B,).
         max_incidence: Radians, shape (B,), inf where every angle echoes.
-        upright: z and elevation, shape (B, 2), metres and radians.
+        upright: z and elevation, shape (B, 2), metres and radians; cones are level.
+        in_space: Whether cones reach up and down too.
     """
-    fans = {a: cone_offsets(a) for a in np.unique(aperture).tolist()}
-    offsets = [fans[a] for a in aperture.tolist()]
+    shape = _rings if in_space else _fan
+    cones = {a: shape(a) for a in np.unique(aperture).tolist()}
+    offsets = [cones[a] for a in aperture.tolist()]
     counts = np.array([len(offset) for offset in offsets], dtype=np.intp)
+    turned, raised, edge = np.concatenate(offsets).T
     return RayTable(
         origin=np.repeat(mounts[:, :2], counts, axis=0),
-        angle=np.repeat(mounts[:, 2], counts) + np.concatenate(offsets),
+        angle=np.repeat(mounts[:, 2], counts) + turned,
         start=np.concatenate([np.zeros(1, dtype=np.intp), np.cumsum(counts)]),
         max_range=np.repeat(max_range, counts).astype(np.float32),
         max_incidence=np.repeat(max_incidence, counts).astype(np.float32),
         height=np.repeat(upright[:, 0], counts),
-        elevation=np.repeat(upright[:, 1], counts),
+        elevation=np.repeat(upright[:, 1], counts) + raised,
+        edge=edge > 0.0,
     )

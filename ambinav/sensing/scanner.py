@@ -28,6 +28,7 @@ from ambinav.sensing.sensor import RangeSensor
 from ambinav.sensing.space_layout import Layers
 from ambinav.sensing.symmetry import TOLERANCE, own_centres
 from ambinav.sensing.thinning import thinned_parts
+from ambinav.sensing.tilting_layout import Tilting
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
@@ -310,7 +311,9 @@ class RangeScanner(Beams):
 
         Where the scanner looks all around, or a part of it spans the circle, it is 2 pi.
         """
-        fans = (part.layout for part in self.parts if isinstance(part.layout, Planar | Layers))
+        fans = (
+            part.layout for part in self.parts if isinstance(part.layout, Planar | Layers | Tilting)
+        )
         if self.looks_all_around or any(fan.full_circle and len(fan.mounts()) > 1 for fan in fans):
             return TURN
         yaw = np.sort(self.mounts[:, 2] % TURN)
@@ -391,7 +394,7 @@ class RangeScanner(Beams):
             InputError: a pose is not finite, or the building and the scanner do not go together
                 (`raycasting.scans.check_rays`).
         """
-        return cast_beams(env, self.rays(), self.max_range, x, y, theta)
+        return cast_beams(env, self.rays(env.space is not None), self.max_range, x, y, theta)
 
     def read(
         self,

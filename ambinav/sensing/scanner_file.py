@@ -15,6 +15,7 @@ parts:
     #                                                 elevation_deg]; or, in space,
     # layers: {columns: 360, aperture_deg: 360, elevation_deg: [-15, 0, 15], mount: [0, 0, 0],
     #          z: 0.5}                                # staggered: true: a column has one of them
+    # tilting: {beams: 181, aperture_deg: 180, pitch_deg: [-30, 0, 30], z: 0.5}    # a fan at each
     # camera: {columns: 40, rows: 24, horizontal_deg: 87, vertical_deg: 58, z: 0.5}
 """
 
@@ -53,8 +54,9 @@ from ambinav.sensing.mounting import CENTRE, LEVEL
 from ambinav.sensing.presets import PRESETS
 from ambinav.sensing.sensor import RangeSensor
 from ambinav.sensing.space_layout import Camera, Layers
+from ambinav.sensing.tilting_layout import Tilting
 
-LAYOUTS = ("planar", "ring", "mounts", "layers", "camera")
+LAYOUTS = ("planar", "ring", "mounts", "layers", "tilting", "camera")
 EXAMPLE = "`ambinav presets NAME` prints one as an example"
 
 
@@ -111,6 +113,14 @@ class _LayersModel(_MountedModel):
     staggered: Switch = False
 
 
+class _TiltingModel(ConfigModel):
+    beams: Count
+    aperture_deg: Degrees
+    pitch_deg: Numbers
+    mount: MountDegrees = CENTRE
+    z: Number = 0.0
+
+
 class _CameraModel(_MountedModel):
     columns: Count
     rows: Count
@@ -145,6 +155,12 @@ def _layers(plain: object) -> Layers:
     return Layers(model.columns, model.aperture_deg, elevation, model.staggered, *model.mounted)
 
 
+def _tilting(plain: object) -> Tilting:
+    model = _TiltingModel.model_validate(plain)
+    pitch = tuple(math.radians(angle) for angle in model.pitch_deg)
+    return Tilting(model.beams, model.aperture_deg, pitch, model.mount, model.z)
+
+
 def _camera(plain: object) -> Camera:
     model = _CameraModel.model_validate(plain)
     fields = model.columns, model.rows, model.horizontal_deg, model.vertical_deg
@@ -172,6 +188,7 @@ class _PartModel(ConfigModel):
     ring: Annotated[InstanceOf[Ring] | None, BeforeValidator(_ring)] = None
     mounts: Annotated[InstanceOf[Mounts] | None, BeforeValidator(_mounts)] = None
     layers: Annotated[InstanceOf[Layers] | None, BeforeValidator(_layers)] = None
+    tilting: Annotated[InstanceOf[Tilting] | None, BeforeValidator(_tilting)] = None
     camera: Annotated[InstanceOf[Camera] | None, BeforeValidator(_camera)] = None
     intensity: Annotated[InstanceOf[Intensity] | None, of_mapping(Intensity)] = None
 

@@ -18,6 +18,7 @@ from ambinav.sensing.mounting import (
     as_elevation,
     as_mount,
     as_tilt,
+    as_turn,
     directed,
     fan_angles,
     plain_mount,
@@ -28,7 +29,7 @@ from ambinav.sensing.mounting import (
 Floats = NDArray[np.float64]
 
 
-class _InSpace(ABC):
+class InSpace(ABC):
     """What all layouts whose beams look up and down have in common."""
 
     @abstractmethod
@@ -45,7 +46,7 @@ class _InSpace(ABC):
 
 
 @dataclass(frozen=True)
-class Layers(_InSpace):
+class Layers(InSpace):
     """A 3D laser: columns of beams, spread evenly as the beams of `Planar` are.
 
     Every column has a beam at each elevation; the beams are numbered layer after layer. Where they
@@ -75,12 +76,7 @@ class Layers(_InSpace):
     def __post_init__(self) -> None:
         """Check the fields; raises `InputError`."""
         object.__setattr__(self, "columns", as_count(self.columns, "columns"))
-        object.__setattr__(self, "aperture", as_number(self.aperture, "aperture"))
-        if not 0 <= self.aperture <= TURN + 1e-9:
-            raise InputError(
-                f"aperture is {math.degrees(self.aperture):g} degrees; give 0 to 360 (in Python "
-                "0 to 2 pi radians)."
-            )
+        object.__setattr__(self, "aperture", as_turn(self.aperture))
         given = tuple(as_elevation(e, f"elevation[{i}]") for i, e in enumerate(self.elevation))
         if not given:
             raise InputError("elevation is empty; list that of each layer.")
@@ -129,12 +125,8 @@ class Layers(_InSpace):
         whole = self.columns if self.staggered else self.columns * len(self.elevation)
         if whole <= most:
             return self
-        share = self.vertical_aperture / max(self.aperture, 1e-9)
-        rows = round(0.5 + math.sqrt(0.25 + most * share))
-        rows = max(min(rows, len(self.elevation), most), 1)
-        chosen = np.argsort(self.elevation, kind="stable")
-        chosen = chosen[np.rint(np.linspace(0, len(chosen) - 1, rows)).astype(np.intp)]
-        kept = tuple(self.elevation[i] for i in sorted(chosen.tolist()))
+        kept = kept_rows(self.elevation, self.aperture, most)
+        rows = len(kept)
         columns, aperture = thinned_fan(self.columns, self.aperture, most // rows)
         if self.staggered:
             columns, aperture = most // rows * rows, self.aperture
@@ -154,7 +146,7 @@ class Layers(_InSpace):
 
 
 @dataclass(frozen=True)
-class Camera(_InSpace):
+class Camera(InSpace):
     """A depth camera: a grid of pixels of a pinhole, from edge to edge, row by row from above.
 
     Attributes:
@@ -236,6 +228,27 @@ class Camera(_InSpace):
             "mount": plain_mount(self.mount),
         }
         return {"camera": plain | plain_tilt(self.z, self.pitch, self.roll)}
+
+
+def kept_rows(angle: tuple[float, ...], aperture: float, most: int) -> tuple[float, ...]:
+    """Which rows of beams stay if at most `most` beams do, lowest and highest among them.
+
+    So many that the rows are about as far apart as the beams in them.
+
+    Args:
+        angle: Of each row, radians.
+        aperture: Of the beams of a row, radians.
+        most: At least 1.
+
+    Returns:
+        Angles, in the order given.
+    """
+    share = (max(angle) - min(angle)) / max(aperture, 1e-9)
+    rows = round(0.5 + math.sqrt(0.25 + most * share))
+    rows = max(min(rows, len(angle), most), 1)
+    chosen = np.argsort(angle, kind="stable")
+    chosen = chosen[np.rint(np.linspace(0, len(chosen) - 1, rows)).astype(np.intp)]
+    return tuple(angle[i] for i in sorted(chosen.tolist()))
 
 
 def _pixels(count: int, aperture: float) -> Floats:

@@ -54,12 +54,9 @@ def test_a_level_scanner_reads_in_an_extruded_plan_what_it_reads_in_the_plan() -
     env = scenes.scene(5, size=20.0)
     rng = np.random.default_rng(1)
     x, y, theta = rng.uniform((0, 0, -3), (20, 20, 3), (300, 3)).T
-    sonar = RangeSensor(
-        max_range=4.0, std=0.03, resolution=0.01, aperture=0.5, max_incidence=math.radians(40)
-    )
     robot = RangeScanner.mixed(
         RangeScanner.planar(SENSOR, 90, 4.0, (0.1, 0.05, 0.3), z=0.3),
-        RangeScanner.ring(sonar, 8, 0.2).raised(1.1),
+        RangeScanner.planar(SENSOR, 8, 2.0, (0.2, 0.0, 0.0), z=1.1),
     )
     flat, solid = robot.scan(env, x, y, theta), robot.scan(tall(env), x, y, theta)
     assert np.array_equal(np.isfinite(flat), np.isfinite(solid))

@@ -104,3 +104,18 @@ def test_what_no_building_in_space_takes_is_refused() -> None:
         driven(prisms, LIDAR, "ekf", runs=1, route=ACROSS, people=People(1))
     with pytest.raises(InputError, match=r"give the mount a height"):
         driven(prisms, laser(), "mcl", runs=1, route=ACROSS)
+
+
+def test_sonars_look_their_cones_up() -> None:
+    """What they read in space is nearer than in the plane, and their table knows it."""
+    env = tall()
+    sonar = RangeSensor(
+        max_range=4.0, std=0.03, resolution=0.01, aperture=math.radians(20.0),
+        max_incidence=math.radians(40.0),
+    )  # fmt: skip
+    ring = RangeScanner.planar(sonar, 16, math.tau).raised(0.5)
+    drives = driven(env, ring, "mcl", runs=2)
+    assert (drives.outcome == REACHED).all()
+    assert np.nanquantile(off(drives), 0.9) < 0.25
+    with pytest.raises(InputError, match=r"are cones.*beam_table_resolution 0.1"):
+        driven(env, ring, "ekf", runs=1)

@@ -79,12 +79,18 @@ def plain_rays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ambinav.geometry.raycasting, "scans", stand_in, raising=False)
 
 
-# A room of 6 m x 4 m about the origin, walls as ax, ay, bx, by.
+class Walls(np.ndarray):
+    """Segments ax, ay, bx, by that stand in for a plan."""
+
+    space = None
+
+
+# A room of 6 m x 4 m about the origin.
 ROOM: Any = np.array(
     [[-3, -2, 3, -2], [3, -2, 3, 2], [3, 2, -3, 2], [-3, 2, -3, -2]], dtype=np.float64
-)
+).view(Walls)
 # One wall at x = 2 that runs on both sides as far as anything sees.
-WALL: Any = np.array([[2.0, -50.0, 2.0, 50.0]])
+WALL: Any = np.array([[2.0, -50.0, 2.0, 50.0]]).view(Walls)
 
 
 # -- beams -------------------------------------------------------------------------------------
@@ -359,7 +365,7 @@ def test_oblique_surfaces_return_no_echo_and_hide_what_is_behind() -> None:
     # By 28 degrees every ray meets the wall at 13 degrees or more: no echo.
     assert np.isinf(cone.scan(WALL, 0, 0, math.radians(28))).all()
     # A screen at 45 degrees before the wall echoes nothing, and hides the wall all the same.
-    hidden: Any = np.vstack([WALL, [[0.5, -1.0, 2.5, 1.0]]])
+    hidden: Any = np.vstack([WALL, [[0.5, -1.0, 2.5, 1.0]]]).view(Walls)
     assert np.isinf(cone.scan(hidden, 0, 0, 0)).all()
 
 

@@ -7,13 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from scipy.spatial.transform import Rotation
 
 from ambinav.errors import InputError
+from ambinav.geometry.extrude import extruded
+from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.sensing import PRESETS, RangeScanner, RangeSensor, preset_names
 from ambinav.sensing.layout import Mounts, Part, Planar
 from ambinav.sensing.rays import cone_offsets
 from ambinav.sensing.space_layout import Camera, Layers
+from ambinav.sensing.tilting_layout import Tilting
 
 LASER = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
 SONAR = RangeSensor(max_range=4.0, std=0.03, resolution=0.01, aperture=math.radians(30))
@@ -69,6 +73,63 @@ def test_tilted_beams_are_turned_as_ros_turns_them(layout: Planar | Layers | Cam
 def test_pitch_looks_down() -> None:
     ahead = RangeScanner.planar(LASER, 1, 0.0, pitch=0.2)
     assert ahead.upright[0].tolist() == pytest.approx([0.0, -0.2])
+
+
+TILTING = Tilting(9, math.radians(200), (-0.5, 0.0, 0.7), (0.1, 0.2, 0.4), 0.5)
+
+
+def test_a_tilting_laser_is_a_fan_at_each_pitch() -> None:
+    scanner = RangeScanner((Part(LASER, TILTING),))
+    fans = [
+        RangeScanner.planar(LASER, 9, math.radians(200), (0.1, 0.2, 0.4), z=0.5, pitch=pitch)
+        for pitch in TILTING.pitch
+    ]
+    assert (scanner.mounts == np.concatenate([fan.mounts for fan in fans])).all()
+    assert (scanner.upright == np.concatenate([fan.upright for fan in fans])).all()
+    assert scanner.vertical_aperture == pytest.approx(1.2)
+    again = RangeScanner.from_yaml_text(scanner.to_yaml())
+    assert isinstance(again.parts[0].layout, Tilting)
+    assert directions(again) == pytest.approx(directions(scanner), abs=1e-12)
+    assert TILTING.moved(1.0, 2.0, 3.0).mount == (1.1, 2.2, 0.4)
+    assert scanner.raised(0.2).upright[:, 0].tolist() == pytest.approx([0.7] * 27)
+
+
+def test_a_tilting_laser_in_a_room_has_the_ranges_of_trigonometry() -> None:
+    """From the middle of 8 x 8 x 3 m, 1 m high: floor, wall and ceiling ahead."""
+    room = environment_from_shapes([shapely.box(0, 0, 8, 8)])
+    room = room.in_space(extruded(room, 3.0))
+    pitch = tuple(math.radians(angle) for angle in (30.0, 10.0, 0.0, -20.0, -40.0))
+    far = RangeSensor(max_range=20.0, std=0.03, resolution=0.001)
+    scanner = RangeScanner((Part(far, Tilting(3, math.pi, pitch, z=1.0)),))
+    ranges = scanner.scan(room, 4.0, 4.0, 0.0).reshape(5, 3)
+    ahead = [
+        1.0 / math.sin(pitch[0]), 4.0 / math.cos(pitch[1]), 4.0, 4.0 / math.cos(pitch[3]),
+        2.0 / math.sin(-pitch[4]),
+    ]  # fmt: skip
+    assert ranges[:, 1] == pytest.approx(ahead, abs=1e-5)
+    assert ranges[:, [0, 2]] == pytest.approx(np.full((5, 2), 4.0), abs=1e-5)
+
+
+def test_thinning_keeps_the_lowest_and_the_highest_fan() -> None:
+    whole = Tilting(181, math.pi, tuple(np.linspace(-0.5, 0.5, 31).tolist()))
+    thin = whole.thinned(200)
+    assert thin.beams * len(thin.pitch) <= 200
+    assert (min(thin.pitch), max(thin.pitch)) == (-0.5, 0.5)
+    assert TILTING.thinned(27) is TILTING
+    assert len(whole.thinned(1).pitch) == 1
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("tilting: {beams: 3, aperture_deg: 90, pitch_deg: []}", r"tilting\.pitch_deg is \[\]"),
+    ("tilting: {beams: 3, aperture_deg: 90, pitch_deg: [100]}", "is 100 degrees; give -90 to 90"),
+    ("tilting: {beams: 3, aperture_deg: 400, pitch_deg: [0]}", "aperture is 400 degrees"),
+    ("tilting: {beams: 0, aperture_deg: 90, pitch_deg: [0]}", "beams"),
+    ("tilting: {beams: 3, aperture_deg: 90, pitch_deg: [0], roll_deg: 3}", "roll_deg"),
+])  # fmt: skip
+def test_bad_tilting_lasers(text: str, said: str) -> None:
+    sensor = "{max_range: 5, std: 0.02, resolution: 0.01}"
+    with pytest.raises(InputError, match=said):
+        RangeScanner.from_yaml_text(f"parts:\n  - sensor: {sensor}\n    {text}\n")
 
 
 def test_layers_and_pixels() -> None:
@@ -183,7 +244,8 @@ SENSOR = "parts: [{sensor: {max_range: 5, std: 0.02, resolution: 0.01, aperture_
     (0, "mounts: [[0, 0, 0, 1, x]]", "x"),
     (30, "planar: {beams: 3, aperture_deg: 10, pitch_deg: 10}", "cones are cast level"),
     (0, "planar: {beams: 3, aperture_deg: 10}, layers: {columns: 1, aperture_deg: 0}",
-     "planar and layers; give exactly one of planar, ring, mounts, layers, camera"),
+     "planar and layers; give exactly one of planar, ring, mounts, layers, "
+     "tilting, camera"),
 ])  # fmt: skip
 def test_bad_files_are_refused(aperture: float, layout: str, fault: str) -> None:
     with pytest.raises(InputError, match=fault):

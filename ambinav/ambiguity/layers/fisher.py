@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.registry import Layer
-from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns
+from ambinav.ambiguity.space_information import BEAMS_AT_ONCE, space_information
 from ambinav.config import as_number
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -46,8 +46,7 @@ from ambinav.threads import run_rows
 
 Floats = NDArray[np.float64]
 
-# Beams whose lines are held at a time, 88 bytes each with their copies, and poses.
-BEAMS_AT_ONCE = 1_000_000
+# Poses that are worked out at a time.
 POSES_AT_ONCE = 100_000
 
 
@@ -140,22 +139,12 @@ def _in_space(
     context: LayerContext, place: float, turn: float, tau: float
 ) -> dict[str, NDArray[np.float32]]:
     """`fisher` in a building in space: with the derivatives that the ambiguity of poses reads."""
-    scanner, (x, y) = context.full_scanner, context.points
-    table = BeamTable.of(scanner, context.map_std, context.model.outlier_share)
-    found = np.empty((3, len(x), len(context.headings)))
-    count = max(BEAMS_AT_ONCE // len(table.limit), 1)
-    for h, heading in enumerate(context.headings.tolist()):
-        for first in range(0, len(x), count):
-            part = slice(first, first + count)
-            data = np.zeros((len(x[part]), 5, len(table.limit)), dtype=np.float32)
-            beam_returns(context.environment, scanner, table, x[part], y[part], heading, data)
-            data = data[:, :, : table.beams].astype(np.float64)
-            # What is about to come into range tells nothing yet.
-            tells = (data[:, 0] < table.limit[: table.beams]) & (data[:, 4] < BLIND / 2)
-            weight = np.where(tells, 0.5 / data[:, 4], 0.0)
-            gradient = data[:, 1:4]
-            information: Floats = np.matmul(gradient * weight[:, None], gradient.transpose(0, 2, 1))
-            found[:, part, h] = marginal_radii(information / tau, place, turn)
+    found = np.empty((3, len(context.points[0]), len(context.headings)))
+    for h in range(len(context.headings)):
+        information = space_information(
+            context.environment, context.full_scanner, context.poses(h), context.map_std
+        )
+        found[:, :, h] = marginal_radii(information / tau, place, turn)
     major, minor, direction = (context.spread(values) for values in found)
     return {"fisher": major, "fisher_minor": minor, "fisher_direction": direction}
 

@@ -14,6 +14,7 @@ from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.layers.registry import chosen_layers
 from ambinav.design.scanners.costs import Cost, Costs
 from ambinav.design.scanners.fronts import Front
+from ambinav.design.scanners.mounting import HEIGHT, mounted_in
 from ambinav.design.scanners.route_figures import (
     ErrorModel,
     RouteFigures,
@@ -173,6 +174,7 @@ def compare_scanners(
     rng: np.random.Generator | None = None,
     model: ErrorModel | None = None,
     costs: Costs | None = None,
+    height: float = HEIGHT,
     store: bool | MapStore = True,
     progress: Report | None = None,
 ) -> ScannerTable:
@@ -197,6 +199,7 @@ def compare_scanners(
         rng: Draws their ends; None: a generator of seed 0.
         model: Odometry and localizer of the expected error; None: the defaults.
         costs: Price and power, by name.
+        height: At which scanners are mounted that say none, in a building in space, metres.
         store: As in `build_map`.
         progress: Called with the share done.
 
@@ -204,12 +207,13 @@ def compare_scanners(
         InputError: an argument cannot be used, two different scanners have one name, or no
             scanner can be used, with the reason of the first.
     """
-    chosen = distinct(scanners)
+    chosen, remarks = mounted_in(environment, distinct(scanners), height)
     names = (layers,) if isinstance(layers, str) else tuple(layers)
     chosen_layers(names, None)
     if pairs < 0:
         raise InputError(f"pairs: {pairs} is negative; give 0 or more.")
-    remarks = () if costs is None else costs.remarks(scanner.name for scanner in chosen)
+    if costs is not None:
+        remarks += costs.remarks(scanner.name for scanner in chosen)
     model = model or ErrorModel()
     report = progress or (lambda share: None)
     if robot_radius is None:

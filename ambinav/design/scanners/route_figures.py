@@ -16,12 +16,14 @@ from typing import Final
 
 import numpy as np
 
+from ambinav.ambiguity.space_information import space_information
 from ambinav.drive.noise import OdometryNoise
 from ambinav.errors import InputError
 from ambinav.geometry.collision.checker import CollisionChecker
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.footprint import Footprint
-from ambinav.localization.ekf import ExtendedKalmanFilter
+from ambinav.localization.ekf import ExtendedKalmanFilter, covariances_along
+from ambinav.localization.information import as_map_std
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.routes.bad_floor import BadFloor
 from ambinav.routes.evaluate import evaluate_route
@@ -154,8 +156,14 @@ def expected_errors(
     # No place twice: where two motions meet, or the robot turns on the spot, it scans once.
     moved = np.diff(along, prepend=-1.0) > 0.0
     thinned = scanner.thinned(max(model.beams, len(scanner.parts)))
-    ekf = ExtendedKalmanFilter(environment, thinned, noise.modelled, map_std=map_std)
-    found = ekf.predicted_covariances(dense[moved], np.diag(np.square(model.start_std)))
+    start = np.diag(np.square(model.start_std))
+    if environment.space is None:
+        ekf = ExtendedKalmanFilter(environment, thinned, noise.modelled, map_std=map_std)
+        found = ekf.predicted_covariances(dense[moved], start)
+    else:
+        deviation = as_map_std(environment, map_std)
+        scans = space_information(environment, thinned, dense[moved], deviation)
+        found = covariances_along(dense[moved], start, scans, noise.modelled)
     return np.sqrt(found[:, 0, 0] + found[:, 1, 1]), along[moved]
 
 

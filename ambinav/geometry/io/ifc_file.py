@@ -8,15 +8,16 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import ifcopenshell
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError, InputWarning
 from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.ifc_parts import Parts, elements_of, meshes, parts_at
+from ambinav.geometry.io.ifc_parts import HEADROOM, Parts, elements_of, meshes, parts_at
 from ambinav.geometry.io.ifc_storeys import WHOLE, Storey, base_of, chosen_storey, storeys_of
 from ambinav.geometry.io.plan_levels import chosen_level
 from ambinav.geometry.io.section_floor import (
@@ -43,6 +44,26 @@ _VOID: Final = 5.0
 _ROUGH: Final = 1e-4
 # Slabs that cover less of the floor than this share are not all of what robots drive on.
 _COVERED: Final = 0.5
+
+
+class StoreyPlan(NamedTuple):
+    """A storey that was read.
+
+    Attributes:
+        environment: Its plan.
+        section: What the plan is made of.
+        slab: The upper sides of its slabs, seen from above, metres.
+        model: The file.
+        storey: Which storey it is.
+        next_floor: Elevation of the storey above it, metres; inf: it is the highest.
+    """
+
+    environment: Environment
+    section: PlanSection
+    slab: BaseGeometry
+    model: Any
+    storey: Storey
+    next_floor: float
 
 
 def load_ifc(
@@ -72,6 +93,15 @@ def load_ifc(
         InputError: the file cannot be read, has no walls at the height, there are several storeys
             and none is chosen, or an option has a value of no use.
     """
+    return read_storey(
+        path, level, height=height, doors=doors, glass=glass, furniture=furniture
+    ).environment
+
+
+def read_storey(
+    path: Path, level: str | int | None, *, height: float, doors: str, glass: str, furniture: bool
+) -> StoreyPlan:
+    """As `load_ifc`, with what it is made of."""
     check_choice(f"{path}", "doors", doors, DOORS)
     check_choice(f"{path}", "glass", glass, GLASS)
     if not 0.0 < height <= HIGHEST:
@@ -80,7 +110,7 @@ def load_ifc(
             f"{HIGHEST:g}."
         )
     model = _opened(path)
-    with _reading(path):
+    with reading(path):
         storeys = storeys_of(model)
     if not model.by_type("IfcWall") and not model.by_type("IfcCurtainWall"):
         raise InputError(
@@ -91,7 +121,7 @@ def load_ifc(
     else:
         chosen_level(f"{path}", [WHOLE], level)
         storey = Storey(WHOLE, _base(path, model), None)
-    with _reading(path):
+    with reading(path):
         elements = elements_of(model, storey, height, furniture)
         parts = parts_at(model, elements, storey.elevation, height)
     if not (parts.of("wall") or parts.lines.get("wall") or parts.panes.get("window")):
@@ -109,16 +139,20 @@ def load_ifc(
             f"{path}: {parts.shapeless} of {len(elements)} elements have no sound body and are "
             "left out."
         )
-        warnings.warn(note, InputWarning, stacklevel=4)
+        warnings.warn(note, InputWarning, stacklevel=5)
         notes.append(note)
-    return environment_of(
-        _section(parts, doors == "closed"),
+    slab = closed(shapely.union_all(parts.floor, grid_size=_ROUGH), _REVEAL)
+    cut = _section(parts, slab, doors == "closed")
+    environment = environment_of(
+        cut,
         path.stem if len(storeys) < 2 else f"{path.stem} {storey.name}",
         clear_glass=glass == "clear",
         source=path,
         checksum=hashlib.sha256(f"{sha256(path)} {options}".encode()).hexdigest(),
         notes=notes,
     )
+    above = [one.elevation for one in storeys if one.elevation >= storey.elevation + HEADROOM]
+    return StoreyPlan(environment, cut, slab, model, storey, min(above, default=math.inf))
 
 
 def _opened(path: Path) -> Any:
@@ -137,7 +171,7 @@ def _opened(path: Path) -> Any:
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
+def reading(path: Path) -> Iterator[None]:
     """Refuse a damaged file, whose entities lack what the schema demands.
 
     Raises:
@@ -157,7 +191,7 @@ def _reading(path: Path) -> Iterator[None]:
 def _base(path: Path, model: Any) -> float:
     """The floor of a building without storeys."""
     walls = [wall for wall in model.by_type("IfcWall") if wall.Representation]
-    with _reading(path):
+    with reading(path):
         lows = [float(vertices[:, 2].min()) for _, vertices, _, _ in meshes(model, walls)]
     base = base_of(lows)
     if math.isnan(base):
@@ -165,7 +199,12 @@ def _base(path: Path, model: Any) -> float:
     return base
 
 
-def _section(parts: Parts, doors_closed: bool) -> PlanSection:
+def carries(slab: BaseGeometry, within: BaseGeometry) -> bool:
+    """Whether slabs are what robots drive on, and not some of it alone."""
+    return bool(shapely.intersection(slab, within).area > _COVERED * within.area)
+
+
+def _section(parts: Parts, slab: BaseGeometry, doors_closed: bool) -> PlanSection:
     """What bounds the floor, and where it is."""
     left_out = {"space", "opening"} if doors_closed else {"space", "opening", "door", "leaf"}
     solids = parts.of(*sorted(parts.areas.keys() - left_out))
@@ -176,7 +215,6 @@ def _section(parts: Parts, doors_closed: bool) -> PlanSection:
     around = [*solids, *glass, *parts.of("opening", "door")]
     outline = filled(closed(shapely.union_all(around), _REVEAL))
     spaces = shapely.union_all(parts.of("space"))
-    slab = closed(shapely.union_all(parts.floor, grid_size=_ROUGH), _REVEAL)
     if slab.is_empty:
         within = outline if spaces.is_empty else spaces
     else:
@@ -184,7 +222,7 @@ def _section(parts: Parts, doors_closed: bool) -> PlanSection:
         if not spaces.is_empty:
             within = shapely.union(spaces, shapely.intersection(within, outline))
     barred = list(parts.barred)
-    if shapely.intersection(slab, within).area > _COVERED * within.area:
+    if carries(slab, within):
         barred.append(opened(shapely.difference(within, slab), _HOLE))
     return PlanSection(
         solids=solids,

@@ -50,10 +50,10 @@ _GLASS: Final = re.compile(r"glas|glaz|cristal|crystal|vitr|verre|vetro|vidrio",
 CLEAR: Final = 0.3
 """Materials that let through more than this share of light are glass."""
 # Metres. A slab's surface within this below and above a storey's elevation is its floor.
-_BELOW: Final = 0.4
+BELOW: Final = 0.4
 _ABOVE: Final = 0.1
 # Metres. Below a stair that is higher than this, robots pass.
-_HEADROOM: Final = 2.0
+HEADROOM: Final = 2.0
 
 
 @dataclass
@@ -89,6 +89,12 @@ def role_of(element: Any) -> str | None:
     return next((role for name, role in ROLES.items() if element.is_a(name)), "solid")
 
 
+def part_role(element: Any) -> str:
+    """The role of an element with a body: "leaf" for a door in an opening, not "door"."""
+    role = role_of(element) or "solid"
+    return "leaf" if role == "door" and element.FillsVoids else role
+
+
 def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> list[Any]:
     """The elements that stand in a storey: its own, and what reaches into it from others.
 
@@ -109,7 +115,7 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
         elif role not in _OF_ONE_STOREY:
             foreign.append(element)
     # Bodies without their openings are made in a hundredth of the time.
-    low, high = storey.elevation - _BELOW, storey.elevation + height
+    low, high = storey.elevation - BELOW, storey.elevation + height
     for element, vertices, _, _ in meshes(model, foreign, voids=False):
         z = vertices[:, 2]
         if z.size and z.min() <= high and z.max() >= low:
@@ -162,21 +168,17 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
     """
     parts = Parts(shapeless=len(elements))
     for element, vertices, faces, glass in meshes(model, elements):
-        role = role_of(element) or "solid"
-        if role == "door" and element.FillsVoids:
-            role = "leaf"
         if not len(faces):
             continue
+        role = part_role(element)
         parts.shapeless -= 1
         if role in ("slab", "proxy"):
-            parts.floor += _surface(vertices, faces, floor - _BELOW, floor + _ABOVE, upper=True)
+            parts.floor += _surface(vertices, faces, floor - BELOW, floor + _ABOVE, upper=True)
         if role == "stair":
-            parts.barred += _surface(vertices, faces, floor + _ABOVE, floor + _HEADROOM)
-        if role == "window" and not glass.any():
-            glass[:] = True
-        for body in _bodies(vertices, faces):
-            area, lines = section(vertices, faces[body], floor + height)
-            if glass[body].mean() > 0.5 and role != "space":
+            parts.barred += _surface(vertices, faces, floor + _ABOVE, floor + HEADROOM)
+        for body, is_pane in bodies_of(role, vertices, faces, glass):
+            area, lines = section(vertices, body, floor + height)
+            if is_pane:
                 panes = [*_polygons(area), *_nonempty(lines)]
                 parts.panes.setdefault(role, []).extend(panes)
                 continue
@@ -184,6 +186,19 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
             parts.areas.setdefault(role, []).extend(_polygons(area))
             parts.lines.setdefault(role, []).extend(_nonempty(lines))
     return parts
+
+
+def bodies_of(
+    role: str,
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    glass: NDArray[np.bool_],
+) -> Iterator[tuple[NDArray[np.int64], bool]]:
+    """The faces of each body of an element, shape (F, 3), and whether it is a pane of glass."""
+    if role == "window" and not glass.any():
+        glass = np.ones(len(faces), dtype=np.bool_)
+    for body in _bodies(vertices, faces):
+        yield faces[body], role != "space" and bool(glass[body].mean() > 0.5)
 
 
 def _is_glass(material: Any) -> bool:

@@ -21,6 +21,7 @@ def load_environment(
     glass: str | None = None,
     furniture: bool | None = None,
     layers: Mapping[str, str] | None = None,
+    in_space: bool | None = None,
 ) -> Environment:
     """Read an environment: map_server YAML, GeoJSON, WKT, IFC, DXF, or what plug-ins read.
 
@@ -43,6 +44,8 @@ def load_environment(
         furniture: Whether furniture is there (IFC and DXF; yes if None).
         layers: What is on the layers of a DXF by their names, where those do not say it
             (`dxf_layers`).
+        in_space: Whether the rays of scanners are cast in three dimensions, against walls, slabs
+            and furniture between the heights that the file gives them (IFC only; no if None).
 
     Raises:
         InputError: the file cannot be used; the message says why.
@@ -58,4 +61,5 @@ def load_environment(
         glass=glass,
         furniture=furniture,
         layers=layers,
+        in_space=in_space,
     )

@@ -114,11 +114,14 @@ def _read_ifc(
     doors: str = "open",
     glass: str = "solid",
     furniture: bool = True,
+    in_space: bool = False,
 ) -> Environment:
     _need(path, "ifcopenshell")
     from ambinav.geometry.io.ifc_file import load_ifc
+    from ambinav.geometry.io.ifc_space import load_ifc_in_space
 
-    return load_ifc(path, level=level, height=height, doors=doors, glass=glass, furniture=furniture)
+    load = load_ifc_in_space if in_space else load_ifc
+    return load(path, level=level, height=height, doors=doors, glass=glass, furniture=furniture)
 
 
 def _read_dxf(

@@ -72,7 +72,7 @@ def check_rays(scene: Scene, height: NDArray[np.float64], elevation: NDArray[np.
             raise InputError(
                 f"{scene.name}: it is a plan, and the scanner looks up and down (a beam has an "
                 f"elevation of {math.degrees(elevation[steep[0]]):.3g} degrees); give the building "
-                "a height: `--extrude M` of `ambinav map` and `audit`, in Python "
+                "heights: `--extrude M`, or `--in-space` for those of an .ifc file, in Python "
                 "environment.in_space(extruded(environment, height))."
             )
     elif len(height) and not height.min() > 0.0:

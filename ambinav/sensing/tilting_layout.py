@@ -1,0 +1,100 @@
+"""How the beams of a planar laser lie that tilts while it scans: a fan at each of some pitches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ambinav.config import as_count, as_degrees, as_number
+from ambinav.errors import InputError
+from ambinav.sensing.mounting import (
+    CENTRE,
+    TURN,
+    Mount,
+    as_elevation,
+    as_mount,
+    as_turn,
+    directed,
+    fan_angles,
+    plain_mount,
+    plain_tilt,
+    thinned_fan,
+)
+from ambinav.sensing.space_layout import Floats, InSpace, kept_rows
+
+
+@dataclass(frozen=True)
+class Tilting(InSpace):
+    """A planar laser on a tilting unit: one panorama is a fan at each pitch, from one point.
+
+    The robot stands still meanwhile. The beams are numbered fan after fan. The axis of the tilt
+    goes through the sensor, along its y axis: beams to the side stay level, whatever the pitch.
+
+    Attributes:
+        beams: Number of beams of a fan, spread evenly as those of `Planar` are.
+        aperture: Angle from the first to the last beam, radians; 2 pi is the full circle.
+        pitch: Of the fans, radians, positive looks down (REP 103).
+        mount: x, y in metres and yaw in radians in the robot frame.
+        z: Metres above the floor.
+    """
+
+    beams: int
+    aperture: float
+    pitch: tuple[float, ...]
+    mount: Mount = CENTRE
+    z: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the fields; raises `InputError`."""
+        object.__setattr__(self, "beams", as_count(self.beams, "beams"))
+        object.__setattr__(self, "aperture", as_turn(self.aperture))
+        given = tuple(as_elevation(one, f"pitch[{i}]") for i, one in enumerate(self.pitch))
+        if not given:
+            raise InputError("pitch is empty; list that of each fan.")
+        object.__setattr__(self, "pitch", given)
+        object.__setattr__(self, "mount", as_mount(self.mount))
+        object.__setattr__(self, "z", as_number(self.z, "z"))
+
+    @property
+    def full_circle(self) -> bool:
+        """Whether the beams of a fan go all around."""
+        return self.aperture > TURN - 1e-9
+
+    @property
+    def vertical_aperture(self) -> float:
+        """Angle from the lowest to the highest fan, radians."""
+        return max(self.pitch) - min(self.pitch)
+
+    def beams_in_space(self) -> tuple[Floats, Floats]:
+        """x, y, azimuth of each beam, shape (B, 3), and z, elevation, (B, 2)."""
+        angle, flat = fan_angles(self.beams, self.aperture), np.zeros(self.beams)
+        fans = [directed(angle, flat, self.mount, self.z, pitch, 0.0) for pitch in self.pitch]
+        across, up = zip(*fans, strict=True)
+        return np.concatenate(across), np.concatenate(up)
+
+    def moved(self, dx: float, dy: float, dz: float = 0.0) -> Tilting:
+        """Return the same so many metres further along x, y and z."""
+        x, y, yaw = self.mount
+        return replace(self, mount=(x + dx, y + dy, yaw), z=self.z + dz)
+
+    def thinned(self, most: int) -> Tilting:
+        """Return at most `most` beams: of the fans some, lowest and highest among them.
+
+        So many of them that their spacing is about that of the beams.
+        """
+        if self.beams * len(self.pitch) <= most:
+            return self
+        kept = kept_rows(self.pitch, self.aperture, most)
+        beams, aperture = thinned_fan(self.beams, self.aperture, most // len(kept))
+        return replace(self, beams=beams, aperture=aperture, pitch=kept)
+
+    def to_plain(self) -> dict[str, object]:
+        """Return the YAML form."""
+        plain: dict[str, object] = {
+            "beams": self.beams,
+            "aperture_deg": as_degrees(self.aperture),
+            "pitch_deg": [as_degrees(angle) for angle in self.pitch],
+            "mount": plain_mount(self.mount),
+        }
+        return {"tilting": plain | plain_tilt(self.z, 0.0, 0.0)}
