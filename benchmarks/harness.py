@@ -42,6 +42,8 @@ ENVIRONMENTS = {
     "stata_basement": "maps/stata_basement.yaml",
     "navrep_markclutter": "maps/navrep_markclutter.yaml",
     "institute": "plans/institute.ifc",
+    "duplex": "plans/duplex.ifc",
+    "barcelona_pavilion": "plans/barcelona_pavilion.ifc",
 }
 BUNDLED = ("demo",)
 SOURCES = ("ambinav", "planners", "envs", "benchmarks")
