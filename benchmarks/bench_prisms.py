@@ -1,11 +1,12 @@
-"""Rays of a VLP-16 through buildings of prisms against Embree, measured in the same run.
+"""Rays of 3D scanners through buildings of prisms against Embree, measured in the same run.
 
 Scans from random poses in furnished offices (walls with doors and windows, beams, tables on legs,
-shelves), level and tilted. Embree casts the same rays, through `embreex` and one after the other,
-against the triangles of the same surfaces; its directions are made before the clock starts, while
-`Prisms.cast_scans` works out its own within it. One thread against one is measured in processor
-time, since other work on the machine would count else. Two threads are measured against two
-processes of `Mesh`, which holds the interpreter's lock otherwise, by the clock on the wall.
+shelves): of a VLP-16, level and tilted, and of the pattern of a Mid-360. Embree casts the same
+rays, through `embreex` and one after the other, against the triangles of the same surfaces; its
+directions are made before the clock starts, while `Prisms.cast_scans` works out its own within it.
+One thread against one is measured in processor time, since other work on the machine would count
+else. Two threads are measured against two processes of `Mesh`, which holds the interpreter's lock
+otherwise, by the clock on the wall.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from embreex.rtcore_scene import EmbreeScene
 from harness import add_out, interleave, report, table
 from numpy.typing import NDArray
-from prism_mesh import embree_scene, office, poses, triangles, vlp16
+from prism_mesh import embree_scene, mid360, office, poses, triangles, vlp16
 
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.raycasting.prisms import Prisms
@@ -128,7 +129,11 @@ def measure(
     level = vlp16()
     fast: list[tuple[object, ...]] = []
     apart: list[tuple[object, ...]] = []
-    for title, rays in (("level", level), ("tilted", level.mounted(0, 0, 0, 0, TILT, 0.05))):
+    for title, rays in (
+        ("level", level),
+        ("tilted", level.mounted(0, 0, 0, 0, TILT, 0.05)),
+        ("Mid-360", mid360()),
+    ):
         found = rates(prisms, scene, rays, at, max_range, repeats)
         fast += [(name, title, *row) for row in found]
         apart.append((name, title, *differences(prisms, scene, rays, at, max_range)))
@@ -158,9 +163,10 @@ def main() -> None:
     differ += ("`Prisms` off float64 (m)", "Embree off float64 (m)")
     body = "\n\n".join(
         [
-            f"VLP-16, 16 x 360 rays from {args.poses} poses, range {args.range:g} m, "
-            f"{args.repeats} interleaved rounds; one against one in processor time, two against "
-            "two by the clock.",
+            "VLP-16, 16 x 360 rays, level and tilted, and the sampled rays of a Mid-360, "
+            f"{len(mid360().azimuth)}, no two of one azimuth, from {args.poses} poses, range "
+            f"{args.range:g} m, {args.repeats} interleaved rounds; one against one in processor "
+            "time, two against two by the clock.",
             table(HEADER, fast, words=3),
             "How ranges differ. The last two columns: of the rays that differ by more than "
             f"{LIMITS[1]:g} m (200 at the most), how far each is at worst from every triangle "

@@ -13,6 +13,7 @@ from shapely import affinity
 
 from ambinav.geometry.raycasting.prisms import Prisms, Solid
 from ambinav.geometry.raycasting.space import SpaceRays
+from ambinav.sensing.scanner import RangeScanner
 
 # How far the floor's and the ceiling's triangles reach beyond the walls, metres.
 BEYOND = 100.0
@@ -108,3 +109,11 @@ def vlp16(beams: int = 360, height: float = 0.5) -> SpaceRays:
     """The rays of a level VLP-16."""
     azimuth = -math.pi + 2.0 * math.pi * np.arange(beams) / beams
     return SpaceRays.layers(LAYERS, azimuth, height)
+
+
+def mid360(height: float = 0.5) -> SpaceRays:
+    """The sampled rays of a level Mid-360."""
+    rays = RangeScanner.from_preset("livox-mid-360").rays(in_space=True)
+    origin = np.zeros((len(rays.angle), 3))
+    origin[:, 2] = height
+    return SpaceRays(origin, rays.angle, rays.elevation)

@@ -94,6 +94,32 @@ def test_a_scan_is_its_rays_one_by_one(tilt: tuple[float, float]) -> None:
 
 @settings(max_examples=25)
 @given(
+    seed=st.integers(0, 1000),
+    count=st.integers(1, 400),
+    sensors=st.integers(1, 3),
+    spread=st.sampled_from([0.05, 1.0, 4.0]),
+)
+def test_rays_of_many_azimuths_walk_together_as_alone(
+    seed: int, count: int, sensors: int, spread: float
+) -> None:
+    prisms = prisms_of(*hall())
+    rng = np.random.default_rng(seed)
+    azimuth = rng.uniform(-spread, spread, count) + rng.choice([0.0, np.pi / 4, np.pi / 2, 9.0])
+    mount = rng.uniform((-0.5, -0.5, 0.2), (0.5, 0.5, 2.5), (sensors, 3))
+    rays = SpaceRays(
+        mount[rng.integers(sensors, size=count)], azimuth, rng.uniform(-1.5, 1.5, count)
+    )
+    # Many start beside all walls, in front of them and behind.
+    x, y, theta = rng.uniform((-8, -8, -4), (28, 28, 4), (20, 3)).T
+    distance, surface, _ = prisms.cast_scans(x, y, theta, rays, REACH)
+    expected, of = prisms.cast(*rays.at(x, y, theta), REACH)
+    free = ~np.isnan(distance)
+    assert np.abs(np.minimum(distance, REACH) - expected)[free].max(initial=0.0) < 1e-5
+    assert (surface == of)[free].mean() > 0.999
+
+
+@settings(max_examples=25)
+@given(
     blocks=st.lists(
         st.tuples(
             st.integers(0, 8), st.integers(0, 8), st.integers(1, 3), st.integers(1, 3),

@@ -3,7 +3,8 @@
 Seen from above, rays of one origin and one azimuth are one ray: it walks the cells of the 2D grid
 once, and at each wall that it crosses the heights of all of them are compared with the wall's. The
 horizontal faces of a prism are looked up in the cells too, by the height at which a ray is within
-the cell: so a table top counts whatever stands on it or under it.
+the cell: so a table top counts whatever stands on it or under it. Rays of several azimuths walk
+together in `prism_wedge`.
 """
 
 from __future__ import annotations
@@ -19,34 +20,6 @@ from ambinav.kernels import kernel
 
 # Surfaces are this much wider than drawn, metres: no ray slips through where two of them meet.
 SLACK = 1e-9
-# Cosine of the elevation from which on a ray counts as upright: it then stays above one point.
-UPRIGHT = 1e-9
-
-
-class Columns(NamedTuple):
-    """R rays in the robot's frame, in C columns: rays of one origin and azimuth.
-
-    Attributes:
-        origin: float64, shape (C, 3), metres.
-        cosine: Of the azimuth, shape (C,).
-        sine: Of the azimuth, shape (C,).
-        start: int64, shape (C + 1,): column c holds the entries start[c] to start[c + 1] - 1.
-        ray: int64, shape (R,): which ray each entry is.
-        flat: Cosine of each entry's elevation, shape (R,); below `UPRIGHT` alone in its column.
-        rise: Sine of its elevation, shape (R,).
-        slope: Rise over flat, shape (R,), ascending within a column.
-        per_slope: One over it; inf for 0.
-    """
-
-    origin: NDArray[np.float64]
-    cosine: NDArray[np.float64]
-    sine: NDArray[np.float64]
-    start: NDArray[np.int64]
-    ray: NDArray[np.int64]
-    flat: NDArray[np.float64]
-    rise: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    per_slope: NDArray[np.float64]
 
 
 class PrismArrays(NamedTuple):
@@ -107,7 +80,7 @@ def _over(piece, j, x, y, slack):
     )
 
 
-@kernel
+@kernel(_nrt=False)
 def within_solid(px, py, pz, scene):
     """Whether a point lies in a solid, or beyond the floor or the ceiling, or nowhere: nan."""
     if pz < scene.floor or pz > scene.ceiling or not math.isfinite(px + py):
@@ -120,8 +93,8 @@ def within_solid(px, py, pz, scene):
     return False
 
 
-@kernel
-def _planes(pz, slope, per_slope, best, hit, scene):
+@kernel(_nrt=False)
+def meet_planes(pz, slope, per_slope, best, hit, scene):
     """End the rays at the floor and at the ceiling."""
     floor = scene.normal.shape[0] - 2
     below, above = scene.floor - pz, scene.ceiling - pz
@@ -134,8 +107,8 @@ def _planes(pz, slope, per_slope, best, hit, scene):
         hit[i] = (floor if down else floor + 1) if ends else -1
 
 
-@kernel
-def _upright(px, py, pz, rise, reach, scene):
+@kernel(_nrt=False)
+def cast_upright(px, py, pz, rise, reach, scene):
     """Distance of an upright ray, and the surface that it meets."""
     best, hit = reach, -1
     floor = scene.normal.shape[0] - 2
@@ -151,8 +124,21 @@ def _upright(px, py, pz, rise, reach, scene):
     return best, hit
 
 
-@kernel
-def _faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
+@kernel(inline="always")
+def _first_from(slope, low):
+    """Index of the first of ascending slopes that is not less than `low`."""
+    first, beyond = 0, slope.size
+    while first < beyond:
+        middle = (first + beyond) // 2
+        if slope[middle] < low:
+            first = middle + 1
+        else:
+            beyond = middle
+    return first
+
+
+@kernel(_nrt=False)
+def meet_faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
     """End the rays at the horizontal faces that they meet within cell k; whether any does."""
     met = False
     face = scene.face
@@ -165,18 +151,21 @@ def _faces(k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, s
         low, high = min(one, other), max(one, other)
         if high < lowest or low > highest:
             continue
-        for i in range(slope.size):
-            if (slope[i] >= low) & (slope[i] <= high):
-                s = above * per_slope[i]
-                if (s >= 0.0) & (s < best[i]) and _over(face, j, px + s * ux, py + s * uy, -SLACK):
-                    best[i] = s
-                    hit[i] = scene.face_surface[j]
-                    met = True
+        for i in range(_first_from(slope, low), slope.size):
+            if slope[i] > high:
+                break
+            s = above * per_slope[i]
+            if (s >= 0.0) & (s < best[i]) and _over(
+                face, j, px + s * ux[i], py + s * uy[i], -SLACK
+            ):
+                best[i] = s
+                hit[i] = scene.face_surface[j]
+                met = True
     return met
 
 
 @kernel(inline="always")
-def _length(s, hit, pz, flat, rise, scene):
+def length_along(s, hit, pz, flat, rise, scene):
     """Metres along a ray that goes s metres in the plane, up to surface `hit`."""
     if hit >= scene.walls:
         return (scene.level[hit - scene.walls] - pz) / rise
@@ -184,48 +173,50 @@ def _length(s, hit, pz, flat, rise, scene):
 
 
 @kernel(inline="always")
-def _farthest(best):
+def farthest(best):
+    """How far the ray goes that goes farthest."""
     far = best[0]
     for i in range(1, best.size):
-        far = max(far, best[i])
+        far = best[i] if best[i] > far else far
     return far
 
 
-@kernel
+@kernel(_nrt=False)
 def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
-    """Walk the cells along (ux, uy) until all rays of a column have ended.
+    """Walk the cells along a direction until all n rays of a column have ended.
 
     Args:
         px: Origin, metres.
         py: Origin.
         pz: Origin.
-        ux: Unit vector in the plane.
-        uy: Unit vector in the plane.
+        ux: Unit vector of each ray in the plane, shape (n,), here all the same.
+        uy: Likewise.
         slope: Metres that each ray rises in a metre of the plane, ascending, shape (n,).
         per_slope: One over it, inf for 0.
         best: How far each looks, metres in the plane, shape (n,); written: how far it goes.
         hit: Written: the surface that it meets, -1 for none.
         scene: `PrismArrays`.
     """
-    _planes(pz, slope, per_slope, best, hit, scene)
+    meet_planes(pz, slope, per_slope, best, hit, scene)
     start, line, height, face_start = scene.start, scene.line, scene.height, scene.face_start
     rows, columns, cell = scene.rows, scene.columns, scene.cell
     inverse = 1.0 / cell
-    far = _farthest(best)
+    vx, vy = ux[0], uy[0]
+    far = farthest(best)
     begun = 0.0
     gx, gy = (px - scene.x0) * inverse, (py - scene.y0) * inverse
     if not ((gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows)):
         # As `cast_from_outside`: into the grid's margin, which holds nothing.
-        ahead_x = -gx if ux > 0 else gx - columns
-        ahead_y = -gy if uy > 0 else gy - rows
-        steps = max(ahead_x / max(abs(ux), 1e-12), ahead_y / max(abs(uy), 1e-12), 0.0) + 1e-3
-        gx, gy = gx + ux * steps, gy + uy * steps
+        ahead_x = -gx if vx > 0 else gx - columns
+        ahead_y = -gy if vy > 0 else gy - rows
+        steps = max(ahead_x / max(abs(vx), 1e-12), ahead_y / max(abs(vy), 1e-12), 0.0) + 1e-3
+        gx, gy = gx + vx * steps, gy + vy * steps
         begun = steps * cell
         if begun >= far or not ((gx >= 0.0) & (gy >= 0.0) & (gx < columns) & (gy < rows)):
             return
     column, row = int(gx), int(gy)
-    step_x, step_y = cell / max(abs(ux), 1e-12), cell / max(abs(uy), 1e-12)
-    right, up = ux > 0, uy > 0
+    step_x, step_y = cell / max(abs(vx), 1e-12), cell / max(abs(vy), 1e-12)
+    right, up = vx > 0, vy > 0
     to_x = begun + (column + 1 - gx if right else gx - column) * step_x
     to_y = begun + (row + 1 - gy if up else gy - row) * step_y
     end_x = to_x + (columns - 1 - column if right else column) * step_x
@@ -244,9 +235,9 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
                 continue
             wx, wy = line[j, 0] - px, line[j, 1] - py
             ex, ey = line[j, 2], line[j, 3]
-            per_cross = 1.0 / (ux * ey - uy * ex)
+            per_cross = 1.0 / (vx * ey - vy * ex)
             s = (wx * ey - wy * ex) * per_cross
-            share = (wx * uy - wy * ux) * per_cross
+            share = (wx * vy - wy * vx) * per_cross
             if (share >= -END) & (share <= 1.0 + END) & (s >= 0.0) & (s < far):
                 low, high = height[j, 0] - pz, height[j, 1] - pz
                 wall = scene.item[j]
@@ -258,11 +249,11 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
                     hit[i] = wall if ends else hit[i]
                     met |= ends
                 if met:
-                    far = _farthest(best)
-        if face_start[k + 1] > face_start[k] and _faces(
+                    far = farthest(best)
+        if face_start[k + 1] > face_start[k] and meet_faces(
             k, entered, leave, px, py, pz, ux, uy, slope, per_slope, best, hit, scene
         ):
-            far = _farthest(best)
+            far = farthest(best)
         if leave >= far or leave >= end:
             break
         sideways = to_x < to_y
@@ -270,118 +261,3 @@ def cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
         to_x += step_x if sideways else 0.0
         to_y += 0.0 if sideways else step_y
         entered = leave
-
-
-@kernel
-def longest_of(columns):
-    """How many rays the longest column has, at least 1."""
-    longest = 1
-    for c in range(columns.cosine.size):
-        longest = max(longest, columns.start[c + 1] - columns.start[c])
-    return longest
-
-
-@kernel(inline="always")
-def same_origin(origin, c):
-    """Whether column c starts where the one before it does."""
-    return (
-        (origin[c, 0] == origin[c - 1, 0])
-        & (origin[c, 1] == origin[c - 1, 1])
-        & (origin[c, 2] == origin[c - 1, 2])
-    )
-
-
-@kernel
-def column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit):
-    """Distances of the n rays of column c, which start in nothing solid.
-
-    Args:
-        c: Which column.
-        px: Origin, metres, map frame.
-        py: Origin.
-        ux: Direction of the column in the plane, unit vector, map frame.
-        uy: Likewise.
-        columns: See `Columns`.
-        scene: See `PrismArrays`.
-        reach: How far to look, metres.
-        best: Written, shape (n,), metres; inf where nothing is met.
-        hit: Written, shape (n,): the surface that is met, -1 for none.
-    """
-    low, high = columns.start[c], columns.start[c + 1]
-    pz, upright = columns.origin[c, 2], columns.flat[low] < UPRIGHT
-    if upright:
-        best[0], hit[0] = _upright(px, py, pz, columns.rise[low], reach, scene)
-    else:
-        for i in range(low, high):
-            best[i - low] = reach * columns.flat[i]
-        slope, per_slope = columns.slope[low:high], columns.per_slope[low:high]
-        cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
-    for i in range(low, high):
-        k = hit[i - low]
-        if k < 0:
-            best[i - low] = math.inf
-        elif not upright:
-            best[i - low] = _length(best[i - low], k, pz, columns.flat[i], columns.rise[i], scene)
-
-
-@kernel(inline="always")
-def incidence_at(vx, vy, vz, normal, k):
-    """Angle between a ray, a unit vector, and the normal of surface k, radians in [0, pi/2]."""
-    nx, ny, nz = normal[k, 0], normal[k, 1], normal[k, 2]
-    facing = abs(vx * nx + vy * ny + vz * nz)
-    cx, cy, cz = vy * nz - vz * ny, vz * nx - vx * nz, vx * ny - vy * nx
-    return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), facing)
-
-
-@kernel
-def scan_columns(begin, end, x, y, theta, columns, scene, reach, distance, surface, incidence):
-    """Scans at poses `begin` to `end` - 1; see `Prisms.cast_scans`."""
-    longest = longest_of(columns)
-    best_of, hit_of = np.empty(longest), np.empty(longest, dtype=np.int64)
-    inside = False
-    for p in range(begin, end):
-        co, si = math.cos(theta[p]), math.sin(theta[p])
-        for c in range(columns.cosine.size):
-            ox, oy, pz = columns.origin[c, 0], columns.origin[c, 1], columns.origin[c, 2]
-            px, py = x[p] + co * ox - si * oy, y[p] + si * ox + co * oy
-            low, high = columns.start[c], columns.start[c + 1]
-            ux = co * columns.cosine[c] - si * columns.sine[c]
-            uy = si * columns.cosine[c] + co * columns.sine[c]
-            if c == 0 or not same_origin(columns.origin, c):
-                inside = within_solid(px, py, pz, scene)
-            best, hit = best_of[: high - low], hit_of[: high - low]
-            if inside:
-                best[:], hit[:] = math.nan, -1
-            else:
-                column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit)
-            for i in range(low, high):
-                r, k = columns.ray[i], hit[i - low]
-                surface[p, r], distance[p, r] = k, best[i - low]
-                if incidence.size > 0:
-                    flat = columns.flat[i]
-                    incidence[p, r] = math.nan
-                    if k >= 0:
-                        incidence[p, r] = incidence_at(
-                            ux * flat, uy * flat, columns.rise[i], scene.normal, k
-                        )
-
-
-@kernel
-def cast_single(begin, end, origin, direction, scene, reach, distance, surface):
-    """Rays `begin` to `end` - 1, unit vectors; see `Prisms.cast`."""
-    slope, per_slope, best = np.empty(1), np.empty(1), np.empty(1)
-    hit = np.empty(1, dtype=np.int64)
-    for r in range(begin, end):
-        px, py, pz = origin[r, 0], origin[r, 1], origin[r, 2]
-        flat, rise = math.hypot(direction[r, 0], direction[r, 1]), direction[r, 2]
-        if flat < UPRIGHT:
-            distance[r], surface[r] = _upright(px, py, pz, rise, reach, scene)
-            continue
-        slope[0], best[0] = rise / flat, reach * flat
-        per_slope[0] = 1.0 / slope[0]
-        ux, uy = direction[r, 0] / flat, direction[r, 1] / flat
-        cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
-        surface[r] = hit[0]
-        distance[r] = reach
-        if hit[0] >= 0:
-            distance[r] = _length(best[0], hit[0], pz, flat, rise, scene)

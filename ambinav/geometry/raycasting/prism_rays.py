@@ -8,15 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.geometry.raycasting.prism_kernel import (
-    Columns,
-    PrismArrays,
-    column_ranges,
+from ambinav.geometry.raycasting.prism_kernel import PrismArrays, within_solid
+from ambinav.geometry.raycasting.prism_scans import (
     incidence_at,
     longest_of,
+    packet_ranges,
     same_origin,
-    within_solid,
+    turn_packet,
 )
+from ambinav.geometry.raycasting.ray_packets import Packets
 from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
 
@@ -31,7 +31,7 @@ class PrismRays(NamedTuple):
     """All that `cast_prism_rays` reads; made by `Prisms.rays`.
 
     Attributes:
-        columns: The R rays; heights count from z = 0 of the building.
+        packets: The R rays; heights count from z = 0 of the building.
         scene: The building.
         reach: How far to look, metres.
         bounded: Whether rays may start in `plan` alone.
@@ -40,7 +40,7 @@ class PrismRays(NamedTuple):
             every angle does.
     """
 
-    columns: Columns
+    packets: Packets
     scene: PrismArrays
     reach: float
     bounded: bool
@@ -63,23 +63,22 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
             where the ray starts in what is solid or beside the plan.
         hit: Written, int32, shape (R,): surfaces, -1 for none.
         beam: Which beam each ray is of, shape (R,); read with `reading` alone.
-        reading: Of each beam; columns whose beams all have no finite one are not cast, and meet
+        reading: Of each beam; packets whose beams all have no finite one are not cast, and meet
             nothing. None: all are cast.
     """
-    columns, scene = rays.columns, rays.scene
+    packets, scene = rays.packets, rays.scene
     x0, y0, cell, grid_rows, grid_columns, start, item, triangle = rays.plan
     co, si = math.cos(theta), math.sin(theta)
-    longest = longest_of(columns)
-    best_of, hit_of = np.empty(longest), np.empty(longest, dtype=np.int64)
+    longest = longest_of(packets)
+    best, met = np.empty(longest), np.empty(longest, dtype=np.int64)
+    vx, vy = np.empty(longest), np.empty(longest)
     inside = False
-    for c in range(columns.cosine.size):
-        ox, oy = columns.origin[c, 0], columns.origin[c, 1]
+    for c in range(packets.column.size):
+        ox, oy = packets.origin[c, 0], packets.origin[c, 1]
         px, py = x + co * ox - si * oy, y + si * ox + co * oy
-        vx = co * columns.cosine[c] - si * columns.sine[c]
-        vy = si * columns.cosine[c] + co * columns.sine[c]
-        low, high = columns.start[c], columns.start[c + 1]
-        if c == 0 or not same_origin(columns.origin, c):
-            inside = within_solid(px, py, columns.origin[c, 2], scene)
+        low, high = packets.start[c], packets.start[c + 1]
+        if c == 0 or not same_origin(packets.origin, c):
+            inside = within_solid(px, py, packets.origin[c, 2], scene)
             if rays.bounded and not inside:
                 inside = locate(
                     px, py, x0, y0, cell, grid_rows, grid_columns, start, item, triangle
@@ -88,18 +87,18 @@ def cast_prism_rays(x, y, theta, rays, ux, uy, distance, hit, beam=None, reading
         if reading is not None:
             some = False
             for i in range(low, high):
-                some |= math.isfinite(reading[beam[columns.ray[i]]])
+                some |= math.isfinite(reading[beam[packets.ray[i]]])
             wanted = wanted and some
-        best, met = best_of[: high - low], hit_of[: high - low]
+        turn_packet(c, co, si, packets, vx, vy)
         if wanted:
-            column_ranges(c, px, py, vx, vy, columns, scene, rays.reach, best, met)
+            packet_ranges(c, px, py, vx, vy, packets, scene, rays.reach, best, met)
         else:
             best[:], met[:] = math.nan if inside else math.inf, -1
         for i in range(low, high):
-            r, k, flat = columns.ray[i], met[i - low], columns.flat[i]
-            ux[r], uy[r] = vx * flat, vy * flat
+            r, k, flat = packets.ray[i], met[i - low], packets.flat[i]
+            ux[r], uy[r] = vx[i - low] * flat, vy[i - low] * flat
             distance[r], hit[r] = best[i - low], k
             if k >= 0 and rays.incidence[r] < math.inf:
-                oblique = incidence_at(ux[r], uy[r], columns.rise[i], scene.normal, k)
+                oblique = incidence_at(ux[r], uy[r], packets.rise[i], scene.normal, k)
                 if oblique > rays.incidence[r]:
                     distance[r], hit[r] = math.inf, -1

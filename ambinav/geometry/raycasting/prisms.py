@@ -15,15 +15,10 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError
 from ambinav.geometry.raycasting.grid import SegmentGrid
 from ambinav.geometry.raycasting.prism_faces import Pieces
-from ambinav.geometry.raycasting.prism_kernel import (
-    SLACK,
-    UPRIGHT,
-    Columns,
-    PrismArrays,
-    cast_single,
-    scan_columns,
-)
+from ambinav.geometry.raycasting.prism_kernel import SLACK, PrismArrays
 from ambinav.geometry.raycasting.prism_rays import NOWHERE, PrismRays
+from ambinav.geometry.raycasting.prism_scans import cast_single, scan_packets
+from ambinav.geometry.raycasting.ray_packets import packets_of
 from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.segments import WALL, Segments, edges_of
@@ -229,9 +224,9 @@ class Prisms:
         distance = np.empty(shape, dtype=np.float32)
         surface = np.empty(shape, dtype=np.int32)
         oblique = np.empty(shape if incidence else (0, 0), dtype=np.float32)
-        columns = columns_of(rays)
+        packets = packets_of(rays)
         run_rows(
-            scan_columns, len(x), x, y, theta, columns, self.arrays, float(max_range), distance,
+            scan_packets, len(x), x, y, theta, packets, self.arrays, float(max_range), distance,
             surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
         )  # fmt: skip
         if self._plan is not None:
@@ -250,7 +245,7 @@ class Prisms:
         """
         plan = NOWHERE if self._plan is None else self._plan.index
         return PrismRays(
-            columns_of(rays), self.arrays, float(max_range), self._plan is not None, plan,
+            packets_of(rays), self.arrays, float(max_range), self._plan is not None, plan,
             max_incidence,
         )  # fmt: skip
 
@@ -277,28 +272,6 @@ class Prisms:
             distance[beside], surface[beside] = np.nan, -1
             if oblique.size:
                 oblique[beside] = np.nan
-
-
-def columns_of(rays: SpaceRays) -> Columns:
-    """The rays, sorted into columns: those of exactly one origin and azimuth, lowest first."""
-    flat, rise = np.cos(rays.elevation), np.sin(rays.elevation)
-    upright = np.where(flat < UPRIGHT, np.arange(len(flat)) + 1.0, 0.0)
-    key = np.column_stack([rays.origin, rays.azimuth, upright])
-    _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    order = np.lexsort((rays.elevation, which))
-    slope = (rise / np.where(upright > 0.0, 1.0, flat))[order]
-    per_slope = np.divide(1.0, slope, out=np.full(len(slope), np.inf), where=slope != 0.0)
-    return Columns(
-        np.ascontiguousarray(rays.origin[first]),
-        np.cos(rays.azimuth[first]),
-        np.sin(rays.azimuth[first]),
-        np.searchsorted(which[order], np.arange(len(first) + 1)),
-        order,
-        np.where(upright > 0.0, 0.0, flat)[order],
-        rise[order],
-        slope,
-        per_slope,
-    )
 
 
 def _check(
