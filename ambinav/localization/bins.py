@@ -45,7 +45,7 @@ def place_of(key, keys):
     return k
 
 
-@kernel
+@kernel(_nrt=False)
 def kld_count(bins, error, quantile, least, most):
     """How many particles so many occupied bins need.
 
@@ -61,7 +61,7 @@ def kld_count(bins, error, quantile, least, most):
     return int(min(max(wanted, least), most))
 
 
-@kernel
+@kernel(_nrt=False)
 def fill_bins(particles, count, keys, entry):
     """Sort particles into bins.
 
@@ -86,7 +86,7 @@ def fill_bins(particles, count, keys, entry):
     return bins
 
 
-@kernel
+@kernel(_nrt=False)
 def label_clusters(bins, keys, entry, label, stack):
     """Join neighbouring bins (3 x 3 x 3) to clusters, as AMCL does.
 
@@ -127,7 +127,7 @@ def label_clusters(bins, keys, entry, label, stack):
     return clusters
 
 
-@kernel
+@kernel(_nrt=False)
 def estimate(particles, count, whole, keys, entry, label, stack, sums, mean, cov):
     """Mean pose of the heaviest cluster, and how all particles lie about it.
 

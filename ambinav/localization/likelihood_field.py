@@ -158,7 +158,7 @@ def hit_at(u, v, hits, smooth):
     return float(hits[int(v), int(u)])
 
 
-@kernel
+@kernel(_nrt=False)
 def field_factors(
     particles, count, end, floor, used, z_hit, hits, x0, y0, inverse, smooth, log, power, scratch,
     channel=None, fits=None,
@@ -219,7 +219,7 @@ def field_factors(
     return apply_factors(particles, count, scratch, log)
 
 
-@kernel
+@kernel(_nrt=False)
 def apply_factors(particles, count, factors, log):
     """Multiply weights by factors, or by the exponentials of their logarithms less the largest.
 

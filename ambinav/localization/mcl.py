@@ -241,7 +241,7 @@ def start_run_globally(r, model, state):
     begin(r, model, state)
 
 
-@kernel
+@kernel(_nrt=False)
 def begin(r, model, state):
     """Forget what run r has seen; its particles are new."""
     state.number[r] = model.most
@@ -252,7 +252,7 @@ def begin(r, model, state):
     )
 
 
-@kernel
+@kernel(_nrt=False)
 def update_estimate(r, bins, model, state):
     """Work out run r's estimate from its particles, which are sorted into bins already."""
     estimate(
@@ -391,7 +391,7 @@ def update_run(r, x, y, theta, ranges, model, cast, state, channel=None, intensi
     return True
 
 
-@kernel
+@kernel(_nrt=False)
 def renew(r, model, state):
     """Resample run r, some of it anew if the likelihood has fallen; how many bins it fills.
 

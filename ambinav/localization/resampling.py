@@ -40,7 +40,7 @@ def first_above(value, cumulated, count):
     return low
 
 
-@kernel
+@kernel(_nrt=False)
 def random_pose(areas, corner, state):
     """A pose anywhere in the free space, all positions and headings alike.
 
@@ -60,7 +60,7 @@ def random_pose(areas, corner, state):
     return x, y, (2.0 * uniform(state) - 1.0) * math.pi
 
 
-@kernel
+@kernel(_nrt=False)
 def comb_count(particles, cumulated, count, error, quantile, least, most, shift, keys):
     """KLD's count for the bins that an even comb of `most` teeth meets; fills `keys`."""
     keys[:] = -1
@@ -81,7 +81,7 @@ def comb_count(particles, cumulated, count, error, quantile, least, most, shift,
     return kld_count(bins, error, quantile, least, most)
 
 
-@kernel
+@kernel(_nrt=False)
 def resample(
     particles, count, out, method, share, error, quantile, least, most, areas, corner, state,
     cumulated, keys, entry,
