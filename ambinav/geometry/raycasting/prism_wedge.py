@@ -42,17 +42,7 @@ def _meet_wall(wx, wy, ex, ey, low, high, wall, ux, uy, slope, best, hit):
 def cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene):
     """Walk the strips of cells across a packet's way until all of its n rays have ended.
 
-    Args:
-        px: Origin, metres.
-        py: Origin.
-        pz: Origin.
-        ux: Unit vector of each ray in the plane, shape (n,); all within a right angle.
-        uy: Likewise.
-        slope: Metres that each ray rises in a metre of the plane, ascending, shape (n,).
-        per_slope: One over it, inf for 0.
-        best: How far each looks, metres in the plane, shape (n,); written: how far it goes.
-        hit: Written: the surface that it meets, -1 for none.
-        scene: `PrismArrays`.
+    Args: as `cast_column`'s, but the directions differ, by less than a right angle.
     """
     meet_planes(pz, slope, per_slope, best, hit, scene)
     start, line, height, face_start = scene.start, scene.line, scene.height, scene.face_start
