@@ -8,8 +8,8 @@ The criterion, written before the first run:
   differs: 60 beams level at 0.3 m; the patterns of a Livox Mid-360 and of a Velodyne VLP-16.
 - Localizers, on the office as it is: `rays`, Monte Carlo localization with the ray model and 60
   beams whatever the scanner, and `kalman`, which takes in all beams (not of the VLP-16: 5760).
-- Odometry of 9 degrees and 12 cm in a metre, and twice as bad; the localizer knows it. {runs} seeds,
-  the same for all scanners. Told are the rate of lost robots (error above 0.5 m or 30 degrees for
+- Odometry of 9 degrees and 12 cm in a metre, and twice as bad; the localizer knows it. {runs}
+  seeds, the same for all scanners. Told are the rate of lost robots (error above 0.5 m or 30 degrees for
   over a second) and the 95 % error of the position; differences to the planar laser with intervals
   of 95 % by resampling seeds. Nothing has changed since the map was made, so that rates are lower
   than a robot's in a building that is lived in.
