@@ -9,10 +9,10 @@ The criterion, written before the first run:
 - Localizers, on the office as it is: `rays`, Monte Carlo localization with the ray model and 60
   beams whatever the scanner, and `kalman`, which takes in all beams (not of the VLP-16: 5760).
 - Odometry of 9 degrees and 12 cm in a metre, and twice as bad; the localizer knows it. {runs}
-  seeds, the same for all scanners. Told are the rate of lost robots (error above 0.5 m or 30 degrees for
-  over a second) and the 95 % error of the position; differences to the planar laser with intervals
-  of 95 % by resampling seeds. Nothing has changed since the map was made, so that rates are lower
-  than a robot's in a building that is lived in.
+  seeds, the same for all scanners. Told are the rate of lost robots (error above 0.5 m or 30
+  degrees for over a second) and the 95 % error of the position; differences to the planar laser
+  with intervals of 95 % by resampling seeds. Nothing has changed since the map was made, so that
+  rates are lower than a robot's in a building that is lived in.
 
 A try with 4 seeds went before, with odometry of 18 degrees in a metre, twice and four times as bad:
 of the last two nearly all robots were lost with every scanner.
@@ -125,8 +125,8 @@ def body(args: argparse.Namespace) -> str:
         ))  # fmt: skip
     names = dict.fromkeys(row["localizer"] for row in kept)
     header = (
-        "localizer", "odometry errs in a metre by", "scanner", "runs", "lost", "points to planar (95 %)",
-        "95 % error, m", "collided",
+        "localizer", "odometry errs in a metre by", "scanner", "runs", "lost",
+        "points to planar (95 %)", "95 % error, m", "collided",
     )  # fmt: skip
     return "\n\n".join([
         str(__doc__).split("\n\n", 1)[1].strip().format(runs=args.runs),
