@@ -46,15 +46,14 @@ from ambinav.service.service import AmbiguityService
 from ambinav_planners import RoutePlanner
 
 SENSOR = RangeSensor(max_range=3.5, std=0.03, resolution=0.001)
-PLANAR = "planar, 60 beams"
+PLANAR = {f"planar, {beams} beams": beams for beams in (60, 480)}
 Row = dict[str, Any]
 
 
 def scanners() -> dict[str, RangeScanner]:
     """One sensor, looking this way and that."""
     found = {
-        f"planar, {beams} beams": RangeScanner.planar(SENSOR, beams, math.tau, z=0.3)
-        for beams in (60, 480)
+        name: RangeScanner.planar(SENSOR, beams, math.tau, z=0.3) for name, beams in PLANAR.items()
     }
     for name in ("livox-mid-360", "velodyne-vlp-16"):
         layout = RangeScanner.from_preset(name).parts[0].layout
@@ -83,7 +82,7 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
     """What became of the robots: a row for each scanner, localizer and odometry not yet there."""
     office = load_environment(environment_path("institute"), level=LEVEL, in_space=True)
     done = {(row["scanner"], row["localizer"], row["odometry"]) for row in kept}
-    service = AmbiguityService(build_map(office, scanners()[PLANAR], 0.1))
+    service = AmbiguityService(build_map(office, scanners()["planar, 60 beams"], 0.1))
     planner = RoutePlanner(service, footprint=ROBOT.radius + 0.05)
     start, goal = ROUTES["corridors"]
     route = planner.plan(start, goal, weight=0.0)
@@ -113,24 +112,24 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
 def body(args: argparse.Namespace) -> str:
     """The report's table."""
     kept = kept_rows(args.folder / "rows.jsonl")
-    planar = {(row["localizer"], row["odometry"]): row for row in kept if row["scanner"] == PLANAR}
     rng = np.random.default_rng(args.seed)
     lines = []
     for row in sorted(kept, key=lambda one: (one["localizer"], one["odometry"])):
-        beside = planar[row["localizer"], row["odometry"]]
-        change = 100.0 * (np.array(row["lost"]) - np.array(beside["lost"]))
-        drawn = change[rng.integers(len(change), size=(10_000, len(change)))].mean(axis=1)
-        low, high = np.quantile(drawn, (0.025, 0.975))
+        beside = {
+            one["scanner"]: one
+            for one in kept
+            if all(one[key] == row[key] for key in ("localizer", "odometry"))
+        }
         lines.append((
-            row["localizer"], ODOMETRIES[row["odometry"]], row["scanner"], len(change),
+            row["localizer"], ODOMETRIES[row["odometry"]], row["scanner"], len(row["lost"]),
             f"{np.mean(row['lost']):.0%}",
-            "" if row is beside else f"{change.mean():+.0f} ({low:+.0f} to {high:+.0f})",
+            *(points(row, beside[planar], rng) for planar in PLANAR),
             f"{np.median(row['position_p95']):.3f}", f"{np.mean(row['collided']):.0%}",
         ))  # fmt: skip
     names = dict.fromkeys(row["localizer"] for row in kept)
     header = (
         "localizer", "odometry errs in a metre by", "scanner", "runs", "lost",
-        "points to planar (95 %)", "95 % error, m", "collided",
+        *(f"points to {planar} (95 %)" for planar in PLANAR), "95 % error, m", "collided",
     )  # fmt: skip
     return "\n\n".join([
         str(__doc__).split("\n\n", 1)[1].strip().format(runs=args.runs),
@@ -138,6 +137,16 @@ def body(args: argparse.Namespace) -> str:
         "\n".join(f"- `{name}`: {WHAT[name]}" for name in names),
         table(header, lines, words=3),
     ])  # fmt: skip
+
+
+def points(row: Row, beside: Row, rng: np.random.Generator) -> str:
+    """By how many points robots are lost more often, with its interval; none to itself."""
+    if row is beside:
+        return ""
+    change = 100.0 * (np.array(row["lost"]) - np.array(beside["lost"]))
+    drawn = change[rng.integers(len(change), size=(10_000, len(change)))].mean(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return f"{change.mean():+.0f} ({low:+.0f} to {high:+.0f})"
 
 
 if __name__ == "__main__":
