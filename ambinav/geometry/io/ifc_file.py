@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -17,7 +17,14 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError, InputWarning
 from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.io.ifc_parts import HEADROOM, Parts, elements_of, meshes, parts_at
+from ambinav.geometry.io.ifc_parts import (
+    HEADROOM,
+    ElementMesh,
+    Parts,
+    elements_of,
+    meshes,
+    parts_at,
+)
 from ambinav.geometry.io.ifc_storeys import WHOLE, Storey, base_of, chosen_storey, storeys_of
 from ambinav.geometry.io.plan_levels import chosen_level
 from ambinav.geometry.io.section_floor import (
@@ -56,6 +63,7 @@ class StoreyPlan(NamedTuple):
         model: The file.
         storey: Which storey it is.
         next_floor: Elevation of the storey above it, metres; inf: it is the highest.
+        meshes: Of the elements that the plan was cut of.
     """
 
     environment: Environment
@@ -64,6 +72,7 @@ class StoreyPlan(NamedTuple):
     model: Any
     storey: Storey
     next_floor: float
+    meshes: Sequence[ElementMesh]
 
 
 def load_ifc(
@@ -152,7 +161,8 @@ def read_storey(
         notes=notes,
     )
     above = [one.elevation for one in storeys if one.elevation >= storey.elevation + HEADROOM]
-    return StoreyPlan(environment, cut, slab, model, storey, min(above, default=math.inf))
+    next_floor = min(above, default=math.inf)
+    return StoreyPlan(environment, cut, slab, model, storey, next_floor, parts.meshes)
 
 
 def _opened(path: Path) -> Any:

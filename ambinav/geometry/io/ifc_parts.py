@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import ifcopenshell.geom
 import numpy as np
@@ -56,6 +56,22 @@ _ABOVE: Final = 0.1
 HEADROOM: Final = 2.0
 
 
+class ElementMesh(NamedTuple):
+    """Triangles of an element in the world's frame, curves to a millimetre.
+
+    Attributes:
+        element: Of the file.
+        vertices: Corners, shape (V, 3), metres.
+        faces: Shape (F, 3).
+        glass: Which faces are of glass, shape (F,).
+    """
+
+    element: Any
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    glass: NDArray[np.bool_]
+
+
 @dataclass
 class Parts:
     """What the plane meets; metres, world frame.
@@ -68,6 +84,7 @@ class Parts:
             above.
         barred: Stairs above the floor, seen from above.
         shapeless: Elements whose body cannot be made.
+        meshes: Of the elements that were cut.
     """
 
     areas: dict[str, list[BaseGeometry]] = field(default_factory=dict)
@@ -76,6 +93,7 @@ class Parts:
     floor: list[BaseGeometry] = field(default_factory=list)
     barred: list[BaseGeometry] = field(default_factory=list)
     shapeless: int = 0
+    meshes: list[ElementMesh] = field(default_factory=list)
 
     def of(self, *roles: str) -> list[BaseGeometry]:
         """The polygons of roles."""
@@ -123,19 +141,13 @@ def elements_of(model: Any, storey: Storey, height: float, furniture: bool) -> l
     return found
 
 
-def meshes(
-    model: Any, elements: Sequence[Any], *, voids: bool = True
-) -> Iterator[tuple[Any, NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_]]]:
-    """Triangles of elements in the world's frame, curves to a millimetre.
+def meshes(model: Any, elements: Sequence[Any], *, voids: bool = True) -> Iterator[ElementMesh]:
+    """The triangles of elements, those that have a body.
 
     Args:
         model: The file.
         elements: Of it.
         voids: Whether openings are cut out of walls and slabs.
-
-    Yields:
-        The element, its corners, shape (V, 3), metres, its faces, shape (F, 3), and which of
-        them are of glass, shape (F,).
     """
     maker: Any = ifcopenshell.geom  # whose types are partly unknown
     settings = maker.settings()
@@ -152,7 +164,8 @@ def meshes(
         clear = np.array([_is_glass(material) for material in mesh.materials], dtype=np.bool_)
         material = np.array(mesh.material_ids, dtype=np.int64)
         glass = np.append(clear, False)[material] if len(material) else np.zeros(len(faces), bool)
-        yield model.by_id(shape.id), vertices, faces, np.asarray(glass, dtype=np.bool_)
+        glass = np.asarray(glass, dtype=np.bool_)
+        yield ElementMesh(model.by_id(shape.id), vertices, faces, glass)
         if not iterator.next():
             return
 
@@ -167,11 +180,13 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
         height: Of the plane above it, metres.
     """
     parts = Parts(shapeless=len(elements))
-    for element, vertices, faces, glass in meshes(model, elements):
+    for one in meshes(model, elements):
+        element, vertices, faces, glass = one
         if not len(faces):
             continue
         role = part_role(element)
         parts.shapeless -= 1
+        parts.meshes.append(one)
         if role in ("slab", "proxy"):
             parts.floor += _surface(vertices, faces, floor - BELOW, floor + _ABOVE, upper=True)
         if role == "stair":

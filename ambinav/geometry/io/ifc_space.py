@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -121,7 +122,11 @@ def _bodies(
         for element in elements_of(plan.model, plan.storey, found.high - floor, furniture)
         if part_role(element) not in left_out
     ]
-    for element, vertices, faces, glass in meshes(plan.model, elements):
+    wanted = {element.id() for element in elements}
+    made = [one for one in plan.meshes if one.element.id() in wanted]
+    others = wanted.difference(one.element.id() for one in made)
+    more = meshes(plan.model, [element for element in elements if element.id() in others])
+    for element, vertices, faces, glass in chain(made, more):
         if not len(faces):
             continue
         exact = closed = True
