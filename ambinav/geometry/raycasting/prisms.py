@@ -14,15 +14,9 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.raycasting.grid import SegmentGrid
+from ambinav.geometry.raycasting.prism_columns import cast_columns, columns_of
 from ambinav.geometry.raycasting.prism_faces import Pieces
-from ambinav.geometry.raycasting.prism_kernel import (
-    SLACK,
-    UPRIGHT,
-    Columns,
-    PrismArrays,
-    cast_single,
-    scan_columns,
-)
+from ambinav.geometry.raycasting.prism_kernel import SLACK, PrismArrays, cast_single
 from ambinav.geometry.raycasting.prism_rays import NOWHERE, PrismRays
 from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.raycasting.triangulation import Triangulation
@@ -30,8 +24,6 @@ from ambinav.geometry.segments import WALL, Segments, edges_of
 from ambinav.provenance import digest_of
 from ambinav.threads import run_rows
 
-# Fewer rays are not worth waking a thread for.
-LEAST_RAYS = 2048
 # Edge of a cell, metres: flat between 0.4 and 1 (benchmarks/bench_prisms.py).
 CELL = 0.6
 # An outline of less area counts as none, square metres.
@@ -224,19 +216,9 @@ class Prisms:
         incidence: bool = True,
     ) -> Scans:
         """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
-        x, y, theta = (np.ascontiguousarray(part, dtype=np.float64) for part in (x, y, theta))
-        shape = len(x), len(rays.azimuth)
-        distance = np.empty(shape, dtype=np.float32)
-        surface = np.empty(shape, dtype=np.int32)
-        oblique = np.empty(shape if incidence else (0, 0), dtype=np.float32)
-        columns = columns_of(rays)
-        run_rows(
-            scan_columns, len(x), x, y, theta, columns, self.arrays, float(max_range), distance,
-            surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
-        )  # fmt: skip
-        if self._plan is not None:
-            self._leave_out(self._plan, x, y, theta, rays, (distance, surface, oblique))
-        return distance, surface, oblique
+        return cast_columns(
+            self.arrays, self.plan, x, y, theta, rays, max_range, incidence=incidence
+        )
 
     def rays(
         self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
@@ -248,57 +230,16 @@ class Prisms:
             max_range: How far to look, metres.
             max_incidence: See `PrismRays.incidence`, shape (R,).
         """
-        plan = NOWHERE if self._plan is None else self._plan.index
+        plan = NOWHERE if self.plan is None else self.plan.index
         return PrismRays(
-            columns_of(rays), self.arrays, float(max_range), self._plan is not None, plan,
+            columns_of(rays), self.arrays, float(max_range), self.plan is not None, plan,
             max_incidence,
         )  # fmt: skip
 
     @cached_property
-    def _plan(self) -> Triangulation | None:
+    def plan(self) -> Triangulation | None:
+        """Where rays of scans may start; None: anywhere."""
         return None if self.free is None else Triangulation.build(self.free, np.empty((0, 4)))
-
-    @staticmethod
-    def _leave_out(
-        plan: Triangulation,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
-        rays: SpaceRays,
-        scans: Scans,
-    ) -> None:
-        """Make those rays nan that start beside the plan."""
-        distance, surface, oblique = scans
-        c, s = np.cos(theta), np.sin(theta)
-        mounts, which = np.unique(rays.origin[:, :2], axis=0, return_inverse=True)
-        for k, (mx, my) in enumerate(mounts):
-            rows = np.flatnonzero(~plan.contains(x + c * mx - s * my, y + s * mx + c * my))
-            beside = np.ix_(rows, np.flatnonzero(which == k))
-            distance[beside], surface[beside] = np.nan, -1
-            if oblique.size:
-                oblique[beside] = np.nan
-
-
-def columns_of(rays: SpaceRays) -> Columns:
-    """The rays, sorted into columns: those of exactly one origin and azimuth, lowest first."""
-    flat, rise = np.cos(rays.elevation), np.sin(rays.elevation)
-    upright = np.where(flat < UPRIGHT, np.arange(len(flat)) + 1.0, 0.0)
-    key = np.column_stack([rays.origin, rays.azimuth, upright])
-    _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    order = np.lexsort((rays.elevation, which))
-    slope = (rise / np.where(upright > 0.0, 1.0, flat))[order]
-    per_slope = np.divide(1.0, slope, out=np.full(len(slope), np.inf), where=slope != 0.0)
-    return Columns(
-        np.ascontiguousarray(rays.origin[first]),
-        np.cos(rays.azimuth[first]),
-        np.sin(rays.azimuth[first]),
-        np.searchsorted(which[order], np.arange(len(first) + 1)),
-        order,
-        np.where(upright > 0.0, 0.0, flat)[order],
-        rise[order],
-        slope,
-        per_slope,
-    )
 
 
 def _check(
