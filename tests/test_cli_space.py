@@ -59,6 +59,20 @@ def test_a_level_scanner_in_an_extruded_plan_gets_the_map_of_the_plan(runner: Cl
     assert np.nanmax(np.abs(flat - solid)) < 0.02
 
 
+@pytest.mark.slow
+def test_a_mesh_and_a_plan_with_a_height_in_tiles(runner: CliRunner, room: Path) -> None:
+    high = [*PLANAR, "--scanner-height", "0.3"]
+    for building, space in ((room, ["--floor", "0"]), (BUILDING, ["--extrude", "2.5"])):
+        coarse = [*high, *space, "--spacing", "0.45"]
+        tiles = ["--tile", "6.3", "--workers", "0"]
+        found = []
+        for options, output in (([], "whole.zarr"), (tiles, "tiles.zarr")):
+            done = runner.invoke(app, ["map", str(building), *coarse, *options, "-o", output])
+            assert done.exit_code == 0, done.output
+            found.append(AmbiguityMap.open(output).dataset.assign_attrs(created=""))
+        assert found[0].identical(found[1])
+
+
 def test_a_mesh(runner: CliRunner, room: Path) -> None:
     high = [*PLANAR, "--scanner-height", "0.3", "--floor", "0"]
     result = runner.invoke(app, ["map", str(room), *high, "-o", "room.zarr", "--json"])
@@ -139,7 +153,6 @@ def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Pat
     ([*PLANAR, "--floor", "0"], "--floor: "),
     ([*PLANAR, "--robot-height", "1"], "is no mesh"),
     ([*LIDAR, "--extrude", "2.5", "--layers", "gfm"], "gfm: it looks up and down"),
-    ([*LIDAR, "--extrude", "2.5", "--tile", "9"], "a map in tiles is known for plans alone"),
 ])  # fmt: skip
 def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) -> None:
     result = runner.invoke(app, ["map", str(BUILDING), *options, "-o", "a.zarr"])

@@ -10,7 +10,7 @@ import typer
 
 from ambinav.cli import options
 from ambinav.cli.evaluate import arguments_of
-from ambinav.cli.map_options import BuildingOptions
+from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import TRAINED, need
 from ambinav.cli.running import check_writable, progress_bars, reporting, resumable
 from ambinav.errors import InputError
@@ -156,7 +156,7 @@ def benchmark(
     """
     with reporting():
         driven.check()
-        building.check(driven.map_file)
+        check_with_map(driven.map_file, building)
         options.check_pictures(pictures)
         common = arguments_of(values or [])
         check_writable(output)

@@ -12,6 +12,7 @@ from ambinav.cli import options
 from ambinav.cli.gate import DiffGate
 from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.running import Progress, above_zero, check_writable, progress_bars, reporting
+from ambinav.cli.space_options import SpaceOptions
 from ambinav.errors import InputError
 from ambinav.mistaken import STORE, kind_of_path
 
@@ -50,6 +51,7 @@ def diff(
     ] = None,
     building: BuildingOptions,
     making: MapOptions,
+    space: SpaceOptions,
     robot: ReachOptions,
     wall_tolerance: Annotated[
         float | None,
@@ -76,6 +78,7 @@ def diff(
     """
     with reporting():
         making.check()
+        space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
         above_zero(wall_tolerance, "--wall-tolerance", "0.1")
         options.check_pictures(pictures)
@@ -90,13 +93,13 @@ def diff(
         scanners = scanner, scanner_b or scanner
         _check_scanners((first, second), scanners, scanner_b)
         if _is_map(first) and _is_map(second):
-            _refuse_building_options(building, making)
+            _refuse_building_options(building, making, space)
         from ambinav.diff.difference import difference
         from ambinav.diff.document import document
 
         with progress_bars(as_json) as bars:
             amaps = [
-                _open(path, named, building, making, bars(f"map {letter}"))
+                _open(path, named, building, making, space, bars(f"map {letter}"))
                 for path, named, letter in zip((first, second), scanners, "AB", strict=True)
             ]
         reach = _reach(amaps[0], robot), _reach(amaps[1], robot)
@@ -142,7 +145,7 @@ def _check_scanners(
         )
 
 
-def _refuse_building_options(*groups: BuildingOptions | MapOptions) -> None:
+def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOptions) -> None:
     """Refuse options on how a map is made where both are made already.
 
     Raises:
@@ -164,6 +167,7 @@ def _open(
     scanner: str | None,
     building: BuildingOptions,
     making: MapOptions,
+    space: SpaceOptions,
     progress: Progress,
 ) -> AmbiguityMap:
     """Read a map, or make that of a building.
@@ -175,7 +179,7 @@ def _open(
 
     if scanner is None or _is_map(path):
         return AmbiguityMap.open(path)
-    environment, chosen = making.load(path, scanner, building)
+    environment, chosen = making.load(path, scanner, building, space)
     made = making.build(environment, chosen, progress)
     made.source = str(path)
     return made

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ambinav.cli import options
-from ambinav.cli.map_options import BuildingOptions
+from ambinav.cli.map_options import BuildingOptions, check_with_map
 from ambinav.cli.packages import ENVIRONMENTS, need
 from ambinav.cli.running import check_writable, progress_bars, reporting
+from ambinav.cli.space_options import HeightOptions
 from ambinav.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def evaluate(
         ),
     ],
     building: BuildingOptions,
+    space: HeightOptions,
     values: Annotated[
         list[str] | None,
         typer.Argument(
@@ -105,7 +107,8 @@ def evaluate(
             raise InputError(f"--seed: {seed} is negative; give 0 or more.")
         if suite is not None and map_file is not None:
             raise InputError("--suite and --map are both given; give one of the two.")
-        building.check(map_file)
+        check_with_map(map_file, building, space)
+        space.check()
         changed = arguments_of(values or [])
         if output is not None:
             check_writable(output / "evaluation.json")
@@ -117,8 +120,8 @@ def evaluate(
             changed["suite"] = suite
         if map_file is not None:
             changed["map"] = map_file
-            if building != BuildingOptions():
-                changed["map"] = building.load(map_file)
+            if (building, space) != (BuildingOptions(), HeightOptions()):
+                changed["map"] = space.load(map_file, None, **building.reading())
         with progress_bars(as_json) as bars:
             found = evaluate_policy(
                 policy,

@@ -15,7 +15,7 @@ from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.ambiguity.build import MapSettings
-    from ambinav.cli.space_options import SpaceOptions
+    from ambinav.cli.space_options import HeightOptions, SpaceOptions
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
     from ambinav.sensing.scanner import RangeScanner
@@ -124,15 +124,15 @@ class BuildingOptions:
         ),
     ] = None
 
-    def load(self, map_file: Path, in_space: bool = False) -> Environment:
-        """Load a building, an .ifc file in three dimensions where that is wanted.
+    def load(self, map_file: Path) -> Environment:
+        """Load a building as a plan.
 
         Raises:
             InputError: it cannot be used.
         """
         from ambinav.geometry.io.load import load_environment
 
-        return load_environment(map_file, **self.reading(), in_space=in_space or None)
+        return load_environment(map_file, **self.reading())
 
     def reading(self) -> dict[str, Any]:
         """The keyword arguments of `load_environment`.
@@ -156,14 +156,16 @@ class BuildingOptions:
             "layers": layers or None,
         }
 
-    def check(self, map_file: object) -> None:
-        """Check that they come with a building, where that is an option too.
 
-        Raises:
-            InputError: they come without.
-        """
-        for field in fields(self):
-            value = getattr(self, field.name)
+def check_with_map(map_file: object, *groups: BuildingOptions | HeightOptions) -> None:
+    """Check that options on a building come with one, where that is an option too.
+
+    Raises:
+        InputError: they come without.
+    """
+    for group in groups:
+        for field in fields(group):
+            value = getattr(group, field.name)
             if value != field.default and not map_file:
                 raise InputError(
                     f"--{field.name.replace('_', '-')}: {value!r} says something of a plan; give "
@@ -250,13 +252,10 @@ class MapOptions:
             raise InputError(
                 f"{map_file}: this is a scanner preset, not a building; give it with --scanner."
             )
-        environment = None
-        if space is not None:
-            environment = space.mesh(map_file, chosen, building.unit, robot_radius)
-        if environment is None:
-            environment = building.load(map_file, space is not None and space.in_space)
-            if space is not None:
-                environment = space.extruded(environment)
+        if space is None:
+            environment = building.load(map_file)
+        else:
+            environment = space.load(map_file, chosen, robot_radius, **building.reading())
         xmin, ymin, xmax, ymax = environment.bounds
         if self.spacing > max(xmax - xmin, ymax - ymin):
             raise InputError(

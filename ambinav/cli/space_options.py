@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -13,17 +15,21 @@ from ambinav.errors import InputError
 
 if TYPE_CHECKING:
     from ambinav.geometry.environment import Environment
-    from ambinav.geometry.mesh.mesh import Mesh
+    from ambinav.sensing.building_file import SpaceSettings
     from ambinav.sensing.scanner import RangeScanner
 
-OCTOMAP: Final = ".bt"
-PROCESSES: Final = 2
-"""Embree holds the interpreter's lock."""
+EXAMPLES = {"extrude": "2.5", "scanner_height": "0.3", "robot_height": "1.2"}
+"""Options in metres above zero, each with a good value."""
+
+
+def option(name: str) -> str:
+    """The option of a field."""
+    return f"--{name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpaceOptions:
-    """What makes a building three-dimensional, and how high the scanner is in it."""
+class HeightOptions:
+    """What makes the building of a plan or of an .ifc file three-dimensional."""
 
     PANEL: ClassVar[str] = "Space"
 
@@ -43,6 +49,60 @@ class SpaceOptions:
             help="Take an .ifc building with its heights: slabs, lintels, parapets, furniture.",
         ),
     ] = False
+
+    def check(self) -> None:
+        """Check what can be checked before the building is read.
+
+        Raises:
+            InputError: an option has a value that cannot be used.
+        """
+        for field in fields(self):
+            if field.name in EXAMPLES:
+                above_zero(getattr(self, field.name), option(field.name), EXAMPLES[field.name])
+        with self._naming_options():
+            self.settings()
+
+    def settings(self) -> SpaceSettings:
+        """The same without the scanner's height.
+
+        Raises:
+            InputError: a value is of no use.
+        """
+        from ambinav.sensing.building_file import SpaceSettings
+
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        given.pop("scanner_height", None)
+        return SpaceSettings(**given)
+
+    def load(
+        self, path: Path, scanner: RangeScanner | None, robot_radius: float = 0.0, **reading: Any
+    ) -> Environment:
+        """Read a building, see `SpaceSettings.load`.
+
+        Raises:
+            InputError: it cannot be used, or an option does not suit it.
+        """
+        with self._naming_options():
+            return self.settings().load(path, scanner, robot_radius, **reading)
+
+    @contextlib.contextmanager
+    def _naming_options(self) -> Iterator[None]:
+        """Call fields by their options in messages."""
+        try:
+            yield
+        except InputError as error:
+            name, _, rest = str(error).partition(": ")
+            if name not in [field.name for field in fields(self)]:
+                raise
+            raise InputError(f"{option(name)}: {rest}") from error
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceOptions(HeightOptions):
+    """What makes any building three-dimensional, and how high the scanner is in it."""
+
+    PANEL: ClassVar[str] = "Space"
+
     scanner_height: Annotated[
         float | None,
         typer.Option(
@@ -80,85 +140,6 @@ class SpaceOptions:
         ),
     ] = None
 
-    def check(self) -> None:
-        """Check what can be checked before the building is read.
-
-        Raises:
-            InputError: an option has a value that cannot be used.
-        """
-        above_zero(self.extrude, "--extrude", "2.5")
-        above_zero(self.scanner_height, "--scanner-height", "0.3")
-        above_zero(self.robot_height, "--robot-height", "1.2")
-        if self.in_space and self.extrude is not None:
-            raise InputError(
-                "--extrude: with --in-space the building has the heights of its file; leave one of "
-                "the two out."
-            )
-
     def mounted(self, scanner: RangeScanner) -> RangeScanner:
         """The scanner at its height."""
         return scanner if self.scanner_height is None else scanner.raised(self.scanner_height)
-
-    def mesh(
-        self, map_file: Path, scanner: RangeScanner, unit: str | None, robot_radius: float
-    ) -> Environment | None:
-        """The floor of a mesh, with the mesh; None where the file is no mesh.
-
-        Args:
-            map_file: The file.
-            scanner: At its height.
-            unit: What its numbers are in, as `read_mesh` takes it.
-            robot_radius: Metres; 0: the scanner's, or 0.2 where it has none.
-
-        Raises:
-            InputError: it cannot be used, or an option does not suit it.
-        """
-        from ambinav.geometry.mesh.read import SUFFIXES, read_mesh
-
-        suffix = map_file.suffix.lower()
-        if suffix not in (*SUFFIXES, OCTOMAP):
-            return None
-        if self.extrude is not None or self.in_space:
-            raise InputError(
-                f"--{'in-space' if self.in_space else 'extrude'}: {map_file} has three dimensions "
-                "already; leave the option out."
-            )
-        from ambinav.geometry.mesh.floor import floor_environment
-        from ambinav.geometry.mesh.octomap import read_octomap
-        from ambinav.sensing.robot_radius import robot_radius as own
-
-        found: Mesh
-        if suffix == OCTOMAP:
-            found = read_octomap(map_file, processes=PROCESSES)
-        else:
-            found = read_mesh(map_file, unit=unit, up=self.up, processes=PROCESSES)
-        height = self.robot_height
-        if height is None:
-            height = float(scanner.upright[:, 0].max())
-            if not height > 0.0:
-                raise InputError(
-                    f"{map_file}: it has three dimensions, and scanner {scanner.name!r} does not "
-                    "say how high it is mounted; give --scanner-height, e.g. 0.3."
-                )
-        return floor_environment(found, height, robot_radius or own(scanner), floor=self.floor)
-
-    def extruded(self, environment: Environment) -> Environment:
-        """A plan with the height that was given, if one was.
-
-        Raises:
-            InputError: an option for meshes alone was given.
-        """
-        for field in fields(self):
-            if (
-                field.name in ("robot_height", "floor", "up")
-                and getattr(self, field.name) is not None
-            ):
-                raise InputError(
-                    f"--{field.name.replace('_', '-')}: {environment.source or environment.name} "
-                    "is no mesh; leave the option out, or give --extrude for a plan's height."
-                )
-        if self.extrude is None:
-            return environment
-        from ambinav.geometry.extrude import extruded
-
-        return environment.in_space(extruded(environment, self.extrude))

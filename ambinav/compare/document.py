@@ -275,7 +275,9 @@ def _interval(interval: Interval) -> IntervalPart:
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
     """All that the figures depend on, defaults written out."""
+    third = {name: value for name, value in asdict(scenario.space).items() if value}
     return {
+        **({"space": third} if third else {}),
         "map": scenario.map.model_dump(),
         "robot": asdict(scenario.robot),
         "planning": scenario.planning.model_dump(),

@@ -15,7 +15,7 @@ from ambinav.compare.scenario_schema import (
     PairPart,
     PlanningPart,
 )
-from ambinav.config import ConfigModel, nearest, of_mapping
+from ambinav.config import Positive, nearest, of_mapping
 from ambinav.drive.localizer_spec import ChosenLocalizer, chosen_localizer
 from ambinav.drive.noise import OdometryNoise
 from ambinav.drive.parameters import FollowerParameters
@@ -23,30 +23,19 @@ from ambinav.drive.people import People
 from ambinav.drive.robot import Robot
 from ambinav.errors import InputError
 from ambinav.export.registry import EXPORTERS
+from ambinav.sensing.building_file import BuildingPart
 
 ALL_PAIRS: Final = "all pairs"
 """What the rows over all pairs are called."""
 
 
-class PlanPart(ConfigModel):
-    """How a plan of a building is read; see `load_environment`."""
-
-    height: float | None = None
-    doors: str | None = None
-    glass: str | None = None
-    furniture: bool | None = None
-    layers: dict[str, str] | None = None
-
-
-class Scenario(ConfigModel):
+class Scenario(BuildingPart):
     """All of a scenario file; docs/compare.md tells every key."""
 
     name: str = Field(min_length=1)
     environment: str
-    level: str | int | None = None
-    unit: str | None = None
-    plan: PlanPart = PlanPart()
     scanner: str | dict[str, Any]
+    scanner_height: Positive | None = None
     map: MapPart = MapPart()
     robot: Annotated[InstanceOf[Robot], of_mapping(Robot)] = Robot()
     follower: Annotated[InstanceOf[FollowerParameters], of_mapping(FollowerParameters)] = (

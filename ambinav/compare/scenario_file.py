@@ -15,9 +15,14 @@ from ambinav.compare.scenario import Scenario
 from ambinav.config import checked, parse_yaml, read_text
 from ambinav.drive.localizer_spec import suited
 from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.mistaken import SCENARIO, kind_of, kind_of_path, refuse
 
 _KEYS = {
+    "`--extrude M`": "space: extrude",
+    "`--in-space`": "space: in_space",
+    "`--scanner-height M` of `ambinav map` and `audit`": "scanner_height",
+    "--scanner-height": "scanner_height",
     "--level NAME": "level",
     "--level": "level",
     "--unit": "unit",
@@ -81,9 +86,8 @@ def load_scenario(
     note = scenario.chosen_localizer.note(scanner)
     if note is not None:
         warnings.warn(f"{path}: {note}", InputWarning, stacklevel=2)
-    return ScenarioBundle(
-        scenario, path.parent, _environment(scenario, path), scanner, force, trust
-    )
+    environment = _environment(scenario, path, scanner)
+    return ScenarioBundle(scenario, path.parent, environment, scanner, force, trust)
 
 
 def parse_scenario(
@@ -107,9 +111,7 @@ def parse_scenario(
     return checked(Scenario, whole, where)
 
 
-def _environment(scenario: Scenario, path: Path) -> Environment:
-    from ambinav.geometry.io.load import load_environment
-
+def _environment(scenario: Scenario, path: Path, scanner: RangeScanner) -> Environment:
     building = path.parent / scenario.environment
     if not building.exists():
         raise InputError(
@@ -117,11 +119,12 @@ def _environment(scenario: Scenario, path: Path) -> Environment:
             "scenario."
         )
     try:
-        return load_environment(
-            building, level=scenario.level, unit=scenario.unit, **scenario.plan.model_dump()
-        )
+        environment = scenario.load(building, scanner, scenario.robot.radius)
+        height, elevation = scanner.upright.T
+        check_rays(environment, height, elevation)
     except InputError as error:
         raise InputError(f"{path}: environment: {_keys_for(str(error))}") from error
+    return environment
 
 
 def _keys_for(message: str) -> str:
@@ -132,6 +135,13 @@ def _keys_for(message: str) -> str:
 
 
 def _scanner(scenario: Scenario, path: Path) -> RangeScanner:
+    """The scanner, at its height."""
+    chosen = _named_scanner(scenario, path)
+    height = scenario.scanner_height
+    return chosen if height is None else chosen.raised(height)
+
+
+def _named_scanner(scenario: Scenario, path: Path) -> RangeScanner:
     from ambinav.sensing.presets import preset_names
     from ambinav.sensing.scanner import RangeScanner
 

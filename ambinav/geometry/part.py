@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.border_cover import meeting
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.raycasting.triangulation import Triangulation
 from ambinav.geometry.segments import FRONTIER, Segments
 
@@ -27,7 +26,9 @@ Floats = NDArray[np.float64]
 
 
 class EnvironmentPart(Environment):
-    """What rays, clearances and footprints near a box read of a building.
+    """What rays, clearances and footprints near a box read of a building: of its floor.
+
+    What rays meet in space is added by `in_space`.
 
     Its rim, where kept triangles border on others, is a frontier and lies outside of the box. Its
     `free` is no more than a box around it: what is free, the triangles tell. All else that an
@@ -117,11 +118,7 @@ class PartCutter:
         Args:
             environment: The building.
             footprints: Whether it is asked of parts where a body fits.
-
-        Raises:
-            InputError: it is a building in space.
         """
-        plane_only(environment, "a map in tiles")
         corners = environment.triangulation.corner.reshape(-1, 3, 2)
         apart = footprints and environment.drivable is not None
         return cls(

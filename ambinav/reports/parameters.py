@@ -30,6 +30,13 @@ MAP: Final = {
 """Of a map: unit and sentence by name."""
 
 _TABLES: Final[dict[str, dict[str, tuple[str, str]]]] = {
+    "space": {
+        "extrude": ("m", "Height of the walls of a plan, between a floor and a ceiling."),
+        "in_space": ("", "Whether the building has the heights of its file."),
+        "robot_height": ("m", "Of the robot; what is lower than that stands in its way."),
+        "floor": ("m", "z of the floor of a mesh."),
+        "up": ("", "Which axis of a mesh is up."),
+    },
     "map": MAP,
     "robot": {
         "radius": ("m", "Of the disc that the robot covers."),

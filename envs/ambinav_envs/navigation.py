@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -145,7 +146,8 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
     | Argument            | Default        | Description                                          |
     |---------------------|----------------|------------------------------------------------------|
     | `suite`             | "procedural"   | hall, corridor, office, warehouse, loop, procedural  |
-    | `map`               | `None`         | an environment file, or an environment, instead      |
+    | `map`               | `None`         | an environment file, or an environment, instead; or  |
+    |                     |                | {"file": "a.yaml", "space": {"extrude": 2.5}}        |
     | `buildings`         | `None`         | how many of the suite are drawn from; `None`: any,   |
     |                     |                | a new one each episode; the ids of the suites say 64 |
     | `first_building`    | 0              | number of the first of them                          |
@@ -184,7 +186,7 @@ class NavigationEnv(SpecOfSimulation, gym.Env[Observation, Any]):
         self,
         suite: str | None = None,
         *,
-        map: str | Path | Environment | None = None,
+        map: str | Path | Mapping[str, Any] | Environment | None = None,
         buildings: int | None = None,
         first_building: int = 0,
         render_mode: str | None = None,

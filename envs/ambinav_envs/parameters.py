@@ -65,6 +65,7 @@ class PlanarScanner:
         max_range: Metres.
         std: Deviation of a reading, metres.
         resolution: Metres.
+        height: Above the floor, metres, for buildings in space.
 
     Raises:
         InputError: a value makes no sense.
@@ -75,6 +76,7 @@ class PlanarScanner:
     max_range: Positive = 4.0
     std: Positive = 0.03
     resolution: Positive = 0.01
+    height: NonNegative = 0.0
 
     def __post_init__(self) -> None:
         """Check every field and bring it to its type."""
@@ -84,7 +86,7 @@ class PlanarScanner:
     def scanner(self) -> RangeScanner:
         """The scanner."""
         sensor = RangeSensor(max_range=self.max_range, std=self.std, resolution=self.resolution)
-        return RangeScanner.planar(sensor, self.beams, self.aperture)
+        return RangeScanner.planar(sensor, self.beams, self.aperture).raised(self.height)
 
 
 def default_scanner() -> RangeScanner:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ambinav.ambiguity.layers.registry import on_request
+from ambinav.config import checked
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.suites import suite as named
 from ambinav_envs.buildings.suites import suite_names
+from ambinav_envs.map_file import MapFile
 from ambinav_envs.parameters import NavigationParameters
 
 SUITE = "procedural"
@@ -19,7 +22,7 @@ SUITE = "procedural"
 
 def scenario(
     suite: str | None,
-    map: str | Path | Environment | None,
+    map: str | Path | Mapping[str, Any] | Environment | None,
     buildings: int | None,
     first_building: int,
     max_episode_steps: int | None,
@@ -29,7 +32,8 @@ def scenario(
 
     Args:
         suite: Name of a suite of buildings, whatever files there are.
-        map: An environment file, whatever suites there are, or an environment, instead.
+        map: An environment file, whatever suites there are, or an environment, instead; or the file
+            with how it is read, see `map_file.MapFile`.
         buildings: How many of the suite's buildings are drawn from; None: a new one every time.
         first_building: Number of the first of them.
         max_episode_steps: As the parameter `max_steps`, by the name that Gymnasium has for it;
@@ -43,13 +47,15 @@ def scenario(
         options = options | {"max_steps": max_episode_steps}
     parameters = NavigationParameters.of(options)
     source = BuildingSource(
-        _buildings_of(suite, map), parameters.scanner, parameters.robot.radius, count=buildings,
-        first=first_building, layers=on_request(parameters.cost_layer),
+        _buildings_of(suite, map, parameters), parameters.scanner, parameters.robot.radius,
+        count=buildings, first=first_building, layers=on_request(parameters.cost_layer),
     )  # fmt: skip
     return source, parameters
 
 
-def _buildings_of(suite: object, map: object) -> str | Path | Environment:
+def _buildings_of(
+    suite: object, map: object, parameters: NavigationParameters
+) -> str | Path | Environment:
     """The name of a suite, or a map."""
     if suite is not None and map is not None:
         raise InputError(
@@ -57,10 +63,13 @@ def _buildings_of(suite: object, map: object) -> str | Path | Environment:
             "one of the two, a map to the id ambinav/Navigation-v0."
         )
     if map is not None:
+        if isinstance(map, Mapping):
+            given = checked(MapFile, map, "map")
+            return given.load(given.file, parameters.scanner, parameters.robot.radius)
         if not isinstance(map, str | Path | Environment):
             raise InputError(
-                f"map is of the type {type(map).__name__}; give an environment file or an "
-                "Environment."
+                f"map is of the type {type(map).__name__}; give an environment file, a mapping "
+                "with the key file, or an Environment."
             )
         if isinstance(map, str) and map in suite_names():
             raise InputError(f"map is {map!r}, which is a suite; give suite={map!r}, or a file.")

@@ -70,7 +70,7 @@ class NavigationVectorEnv(SpecOfSimulation, VectorEnv[Observation, Any, NDArray[
         num_envs: int = 1,
         suite: str | None = None,
         *,
-        map: str | Path | Environment | None = None,
+        map: str | Path | Mapping[str, Any] | Environment | None = None,
         buildings: int | None = None,
         first_building: int = 0,
         render_mode: str | None = None,

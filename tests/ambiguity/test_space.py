@@ -16,7 +16,6 @@ from ambinav.ambiguity.model import independent_tau, thin
 from ambinav.ambiguity.returns import BLIND, BeamTable, beam_returns, panorama_returns
 from ambinav.ambiguity.standing import can_stand
 from ambinav.ambiguity.stored import map_key
-from ambinav.ambiguity.tiles.plan import TilePlan
 from ambinav.design.sweep.sweep import sweep
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -305,10 +304,8 @@ def test_what_is_known_of_plans_alone() -> None:
     plan = scenes.room(6.0, 4.0)
     env = tall(plan)
     amap = build_map(env, LASER, spacing=0.5, store=False)
-    settings = MapSettings.of(env, LASER, spacing=0.5)
     asked = {
         "an updated map": lambda: amap.update(plan),
-        "a map in tiles": lambda: TilePlan.of(env, settings, 2.0),
         "a sweep": lambda: sweep(env, LASER, ["beams=20:60:20"]),
         "an edited building": lambda: env.edited(remove=shapely.box(0, 0, 1, 1)),
         "a window of a building": lambda: env.window((0, 0, 1, 1)),

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ambinav.demo import BUILDING
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
@@ -70,3 +73,36 @@ def test_a_mesh_and_a_scanner_on_the_floor_are_refused() -> None:
         episode(furnished()[1], LASER)
     with pytest.raises(InputError, match="give the mount a height"):
         episode(tall(), LASER.raised(-0.4))
+
+
+def test_a_map_file_may_say_its_heights() -> None:
+    env = NavigationEnv(
+        map={"file": str(BUILDING), "space": {"extrude": 2.5}},
+        scanner={"beams": 12, "height": 0.4},
+        max_steps=2,
+    )
+    env.reset(seed=1)
+    found = env.unwrapped.simulation.source.get(0).environment
+    assert found.space is not None and found.space.ceiling == 2.5
+    for wrong, part in (
+        ({}, "map: the key 'file' is missing"),
+        ({"file": str(BUILDING), "extrude": 2}, "map: the key 'extrude' is unknown"),
+        ({"file": str(BUILDING), "space": {"extrude": -1}}, "map: space: extrude is -1; give"),
+    ):
+        with pytest.raises(InputError, match=part):
+            NavigationEnv(map=wrong)
+    with pytest.raises(InputError, match="give the mount a height"):
+        NavigationEnv(map={"file": str(BUILDING), "space": {"extrude": 2.0}}).reset(seed=1)
+
+
+def test_files_of_a_configuration_are_found_beside_it(tmp_path: Path) -> None:
+    shutil.copy(BUILDING, tmp_path / "demo.geojson")
+    path = tmp_path / "ppo.yaml"
+    path.write_text(
+        "steps: 64\nenvs: 2\nenvironment: {id: ambinav/Navigation-v0, scanner: {height: 0.3}, "
+        "map: {file: demo.geojson, space: {extrude: 2.5}}}\n"
+    )
+    pytest.importorskip("stable_baselines3")
+    from ambinav_envs.training.config_file import load_config
+
+    assert load_config(path).environment["map"]["file"] == str(tmp_path / "demo.geojson")

@@ -18,6 +18,7 @@ import xarray as xr
 from ambinav.ambiguity.build import MapSettings, reporter
 from ambinav.ambiguity.dataset import with_building
 from ambinav.ambiguity.stored import computing_digest
+from ambinav.ambiguity.tiles.access import check_access
 from ambinav.ambiguity.tiles.claim import claimed
 from ambinav.ambiguity.tiles.job import Tile
 from ambinav.ambiguity.tiles.plan import TilePlan
@@ -151,7 +152,7 @@ def check_place(
         InputError: the scheduler does not answer, or nothing can be written at the URL.
     """
     if "://" in output:
-        TileStore(output, 1, dict(storage_options or {})).check_access()
+        check_access(TileStore(output, 1, dict(storage_options or {})))
     if scheduler is not None:
         from ambinav.ambiguity.tiles.cluster import threads_of
 

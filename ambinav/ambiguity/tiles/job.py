@@ -20,6 +20,8 @@ from ambinav.ambiguity.returns import BEYOND, BeamTable
 from ambinav.ambiguity.standing import standing
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.part import EnvironmentPart
+from ambinav.geometry.raycasting.prism_part import PrismPart
+from ambinav.geometry.raycasting.space import SpaceCaster
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.schema import BACKDROP
 
@@ -61,12 +63,16 @@ class TileJob:
         origin: Row and column of the lattice's first point, in spacings from the map's origin.
         shape: Rows and columns of the lattice.
         reflectors: Whether there is a reflector anywhere in the building.
+        floor: z of the floor of a building in space, metres.
+        space: Of a building in space what rays meet, where it is not cut; see `TileInput.space`.
     """
 
     settings: MapSettings
     origin: tuple[int, int]
     shape: tuple[int, int]
     reflectors: bool
+    floor: float = 0.0
+    space: SpaceCaster | None = None
 
     @property
     def reach(self) -> int:
@@ -115,19 +121,22 @@ class TileInput:
     Attributes:
         tile: The tile.
         part: The building up to `TileJob.sight` around it; None: no floor is in it.
+        space: What rays meet there, of a building of prisms.
         solid: Mask of its cells that are solid, as bits (`numpy.packbits`).
         drawn: Whether those of them that are free are not solid (`Backdrop.solid`).
     """
 
     tile: Tile
     part: EnvironmentPart | None
+    space: PrismPart | None
     solid: NDArray[np.uint8]
     drawn: bool
 
     @property
     def nbytes(self) -> int:
         """Bytes that it takes to send it, about."""
-        return self.solid.nbytes + (0 if self.part is None else self.part.nbytes)
+        parts = (one for one in (self.part, self.space) if one is not None)
+        return self.solid.nbytes + sum(one.nbytes for one in parts)
 
 
 def tile_variables(
@@ -152,6 +161,8 @@ def tile_variables(
     backdrop = {BACKDROP: xr.DataArray(solid, dims=("y", "x"))}
     if part is None:
         return backdrop
+    space = given.space or job.space
+    env = part if space is None else part.in_space(space, job.floor)
     (low, high), (left, right), reach = tile.rows, tile.columns, job.reach
     rows = max(low - reach, 0), min(high + reach, job.shape[0])
     columns = max(left - reach, 0), min(right + reach, job.shape[1])
@@ -164,7 +175,7 @@ def tile_variables(
     )
     if not inside[own].any():
         return backdrop
-    around = Lattice(part, settings.spacing, x, y, inside)
+    around = Lattice(env, settings.spacing, x, y, inside)
     possible = standing(around, settings.mounted, settings.headings, settings.model.robot_radius)
     somewhere = np.asarray(possible.any(axis=1))
     around, possible = around.among(somewhere), possible[somewhere]
@@ -174,7 +185,7 @@ def tile_variables(
     chosen = np.zeros_like(around.free)
     chosen[own] = free
     found = job.poses.sums(around, possible, chosen[around.free], report)
-    lattice = Lattice(part, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
+    lattice = Lattice(env, settings.spacing, *job.axes(tile.rows, tile.columns)[:2], free)
     variables = pose_layers(lattice, settings.model, settings.theta, found)
     variables["clearance"] = clearance_layer(lattice)
     if given.drawn:
@@ -184,6 +195,6 @@ def tile_variables(
         solid,
     )  # fmt: skip
     if settings.layers:
-        amap = with_layers(AmbiguityMap(dataset), settings.layers, environment=part)
+        amap = with_layers(AmbiguityMap(dataset), settings.layers, environment=env)
         dataset = amap.dataset
     return {str(name): one for name, one in dataset.items() if one.dims[:2] == ("y", "x")}

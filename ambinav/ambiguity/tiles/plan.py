@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 import time
@@ -21,9 +22,12 @@ from ambinav.ambiguity.tiles.job import SLACK, Tile, TileInput, TileJob, tile_va
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.outside import Backdrop
 from ambinav.geometry.part import PartCutter
-from ambinav.geometry.raycasting.scans import plane_only
+from ambinav.geometry.raycasting.prism_part import part_of
+from ambinav.geometry.raycasting.prisms import Prisms
+from ambinav.geometry.raycasting.space import SpaceCaster
 from ambinav.provenance import digest_of
 
 MOST_CELLS: Final = 10**11
@@ -88,9 +92,8 @@ class TilePlan:
 
         Raises:
             InputError: the edge is less than a spacing or makes a tile that no memory holds, or a
-                layer is asked for that is made of the whole map; or the building is in space.
+                layer is asked for that is made of the whole map.
         """
-        plane_only(environment, "a map in tiles")
         spacing = settings.spacing
         if not (math.isfinite(tile) and tile >= spacing):
             raise InputError(
@@ -112,7 +115,10 @@ class TilePlan:
             )
         x, y = Lattice.axes(environment, spacing, MOST_CELLS)
         origin = round(float(y[0]) / spacing - 0.5), round(float(x[0]) / spacing - 0.5)
-        job = TileJob(settings, origin, (len(y), len(x)), environment.has_reflectors)
+        job = TileJob(
+            settings, origin, (len(y), len(x)), environment.has_reflectors, environment.floor,
+            _sent_whole(environment),
+        )  # fmt: skip
         return cls(environment, job, cells)
 
     @property
@@ -169,7 +175,7 @@ class TilePlan:
         solid = self._backdrop.over(x, y, self.job.settings.spacing)
         bits, drawn = np.packbits(solid), self.environment.occupancy is None
         if not self._cutter.meets((x[0], y[0], x[-1], y[-1])):
-            return TileInput(tile, None, bits, drawn)
+            return TileInput(tile, None, None, bits, drawn)
         # Nowhere in the tile the nearest wall is farther.
         middle = (x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2
         half = math.hypot(x[-1] - x[0], y[-1] - y[0]) / 2
@@ -178,7 +184,9 @@ class TilePlan:
             (x[0] - margin, y[0] - margin, x[-1] + margin, y[-1] + margin)
             for margin in (max(self.job.sight, clear), self.job.touch)
         )
-        return TileInput(tile, self._cutter.part(around, beside), bits, drawn)
+        space = self.environment.space
+        cut = part_of(space, around) if isinstance(space, Prisms) else None
+        return TileInput(tile, self._cutter.part(around, beside), cut, bits, drawn)
 
     @cached_property
     def sample(self) -> tuple[TileInput, dict[str, xr.DataArray]]:
@@ -255,3 +263,16 @@ class TilePlan:
     def _busy_tile(self, near: Tile) -> Tile:
         """The tile in which another one begins."""
         return self.tile(near.rows[0] // self.cells, near.columns[0] // self.cells)
+
+
+def _sent_whole(environment: Environment) -> SpaceCaster | None:
+    """What rays meet where each worker has all of it: a mesh, whose triangles Embree sorts.
+
+    Which of two that meet at an edge it names depends on all of them. Each worker casts by itself.
+    """
+    if environment.space is None or isinstance(environment.space, Prisms):
+        return None
+    whole = copy.copy(environment.space)
+    if isinstance(whole, Mesh):
+        whole.processes = 1
+    return whole

@@ -104,24 +104,6 @@ class TileStore:
 
     # -- template ----------------------------------------------------------------------------
 
-    def check_access(self) -> None:
-        """Write a probe to a URL, and remove it.
-
-        Raises:
-            InputError: that is not possible, for want of rights say.
-        """
-        try:
-            system, root = self.files
-            system.makedirs(root, exist_ok=True)
-            system.pipe_file(f"{root}/.ambinav-probe", b"probe")
-            system.rm_file(f"{root}/.ambinav-probe")
-        # Whatever a file system raises: each has errors of its own.
-        except Exception as error:
-            raise InputError(
-                f"{self.place}: nothing can be written there ({reason_of(error)}); check the "
-                "address and your rights, or choose another output."
-            ) from error
-
     def key(self) -> str | None:
         """The key of the map that is being made, or was made, there.
 

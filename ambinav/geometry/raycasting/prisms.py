@@ -14,10 +14,11 @@ from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.raycasting.grid import SegmentGrid
+from ambinav.geometry.raycasting.prism_cast import cast_packets
 from ambinav.geometry.raycasting.prism_faces import Pieces
 from ambinav.geometry.raycasting.prism_kernel import SLACK, PrismArrays
 from ambinav.geometry.raycasting.prism_rays import NOWHERE, PrismRays
-from ambinav.geometry.raycasting.prism_scans import cast_single, scan_packets
+from ambinav.geometry.raycasting.prism_scans import cast_single
 from ambinav.geometry.raycasting.ray_packets import packets_of
 from ambinav.geometry.raycasting.space import Scans, SpaceRays
 from ambinav.geometry.raycasting.triangulation import Triangulation
@@ -25,8 +26,6 @@ from ambinav.geometry.segments import WALL, Segments, edges_of
 from ambinav.provenance import digest_of
 from ambinav.threads import run_rows
 
-# Fewer rays are not worth waking a thread for.
-LEAST_RAYS = 2048
 # Edge of a cell, metres: flat between 0.4 and 1 (benchmarks/bench_prisms.py).
 CELL = 0.6
 # An outline of less area counts as none, square metres.
@@ -219,19 +218,9 @@ class Prisms:
         incidence: bool = True,
     ) -> Scans:
         """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
-        x, y, theta = (np.ascontiguousarray(part, dtype=np.float64) for part in (x, y, theta))
-        shape = len(x), len(rays.azimuth)
-        distance = np.empty(shape, dtype=np.float32)
-        surface = np.empty(shape, dtype=np.int32)
-        oblique = np.empty(shape if incidence else (0, 0), dtype=np.float32)
-        packets = packets_of(rays)
-        run_rows(
-            scan_packets, len(x), x, y, theta, packets, self.arrays, float(max_range), distance,
-            surface, oblique, least=1 + LEAST_RAYS // max(shape[1], 1),
-        )  # fmt: skip
-        if self._plan is not None:
-            self._leave_out(self._plan, x, y, theta, rays, (distance, surface, oblique))
-        return distance, surface, oblique
+        return cast_packets(
+            self.arrays, self.plan, x, y, theta, rays, max_range, incidence=incidence
+        )
 
     def rays(
         self, rays: SpaceRays, max_range: float, max_incidence: NDArray[np.float64]
@@ -243,35 +232,16 @@ class Prisms:
             max_range: How far to look, metres.
             max_incidence: See `PrismRays.incidence`, shape (R,).
         """
-        plan = NOWHERE if self._plan is None else self._plan.index
+        plan = NOWHERE if self.plan is None else self.plan.index
         return PrismRays(
-            packets_of(rays), self.arrays, float(max_range), self._plan is not None, plan,
+            packets_of(rays), self.arrays, float(max_range), self.plan is not None, plan,
             max_incidence,
         )  # fmt: skip
 
     @cached_property
-    def _plan(self) -> Triangulation | None:
+    def plan(self) -> Triangulation | None:
+        """Where rays of scans may start; None: anywhere."""
         return None if self.free is None else Triangulation.build(self.free, np.empty((0, 4)))
-
-    @staticmethod
-    def _leave_out(
-        plan: Triangulation,
-        x: NDArray[np.float64],
-        y: NDArray[np.float64],
-        theta: NDArray[np.float64],
-        rays: SpaceRays,
-        scans: Scans,
-    ) -> None:
-        """Make those rays nan that start beside the plan."""
-        distance, surface, oblique = scans
-        c, s = np.cos(theta), np.sin(theta)
-        mounts, which = np.unique(rays.origin[:, :2], axis=0, return_inverse=True)
-        for k, (mx, my) in enumerate(mounts):
-            rows = np.flatnonzero(~plan.contains(x + c * mx - s * my, y + s * mx + c * my))
-            beside = np.ix_(rows, np.flatnonzero(which == k))
-            distance[beside], surface[beside] = np.nan, -1
-            if oblique.size:
-                oblique[beside] = np.nan
 
 
 def _check(

@@ -22,7 +22,7 @@ from ambinav_envs.training.hyperparameters import hyperparameters_of
 
 MAY_CHANGE: Final = ("steps", "minutes")
 """Keys that may differ when a training is resumed."""
-_FILES = ("map", "scanner")
+_FILES = ("map", "scanner", "file")
 
 
 def load_config(
@@ -159,6 +159,8 @@ def _found(arguments: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     found = dict(arguments)
     for key in _FILES:
         name = found.get(key)
-        if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
+        if isinstance(name, Mapping):
+            found[key] = _found(name, folder)
+        elif isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
             found[key] = str((folder / name).resolve())
     return found

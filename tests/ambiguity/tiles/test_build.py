@@ -23,8 +23,8 @@ import zarr.storage
 from fsspec.implementations.memory import MemoryFileSystem
 
 import ambinav as an
-from ambinav.ambiguity.tiles import claim, cluster, workers
-from ambinav.ambiguity.tiles.build import FOLDER, TiledBuild, run_plan
+from ambinav.ambiguity.tiles import access, claim, cluster, workers
+from ambinav.ambiguity.tiles.build import FOLDER, TiledBuild, check_place, run_plan
 from ambinav.ambiguity.tiles.store import TileStore
 from ambinav.errors import InputError
 from tests.ambiguity.tiles.tile_cases import (
@@ -163,6 +163,16 @@ def test_a_full_disk_is_said_and_gone_on_from(
     assert content(tmp_path / "a.zarr") == content(reference)
 
 
+@pytest.mark.slow(minutes=1)
+@pytest.mark.parametrize("count", [1, 2, 16])
+def test_any_number_of_workers_writes_the_same_bytes(
+    reference: Path, tmp_path: Path, count: int
+) -> None:
+    done = built(tmp_path / "a.zarr", workers=count)
+    assert done.made == done.tiles >= 16
+    assert content(tmp_path / "a.zarr") == content(reference)
+
+
 @pytest.mark.slow(minutes=0.2)
 def test_killed_workers_are_replaced(reference: Path, tmp_path: Path) -> None:
     rng, killed = np.random.default_rng(), []
@@ -297,6 +307,32 @@ def test_a_bucket_without_rights_is_said_before_anything_is_computed() -> None:
     assert "sample" not in vars(made)
     with pytest.raises(InputError, match=r"nothing can be written there.*nosuch"):
         run_plan(made, "nosuch://maps/a.zarr", workers=0)
+
+
+class Pail(MemoryFileSystem):  # type: ignore[misc]
+    """A bucket that would be made with its folders, and whose server may say nothing."""
+
+    protocol = "pail"
+    silent = False
+
+    def makedirs(self, path: str, exist_ok: bool = False) -> None:
+        raise AssertionError("the bucket would be made")
+
+    def pipe_file(self, path: str, value: bytes, *args: Any, **options: Any) -> None:
+        if self.silent:
+            time.sleep(5.0)
+        super().pipe_file(path, value, *args, **options)
+
+
+def test_no_bucket_is_made_and_a_silent_server_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    fsspec.register_implementation("pail", Pail, clobber=True)
+    monkeypatch.setattr(access, "BUCKETS", {"pail"})
+    check_place("pail://maps/a.zarr", None)
+    assert access.PATIENCE <= 6.0
+    monkeypatch.setattr(access, "PATIENCE", 0.1)
+    monkeypatch.setattr(Pail, "silent", True)
+    with pytest.raises(InputError, match=r"nobody answers there within 0\.1 s; check the address"):
+        check_place("pail://maps/a.zarr", None)
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import pickle
 import time
 from pathlib import Path
 
@@ -15,33 +14,13 @@ from hypothesis import strategies as st
 
 import ambinav as an
 from ambinav.ambiguity.build import MapSettings
-from ambinav.ambiguity.tiles.job import tile_variables
 from ambinav.ambiguity.tiles.plan import TilePlan
 from ambinav.errors import InputError
 from ambinav.geometry.io.boundary import environment_from_grid
 from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.occupancy_grid import OccupancyGrid
-from tests.ambiguity.tiles.tile_cases import AROUND, CASES, demo, plan, whole
+from tests.ambiguity.tiles.tile_cases import AROUND, CASES, assert_tiles, demo, plan, whole
 from tests.geometry import scenes
-
-
-def assert_tiles(amap: an.AmbiguityMap, made: TilePlan, rng: np.random.Generator) -> None:
-    """All tiles, in some order, each made of nothing but what is sent, are those of the map."""
-    layers = {n: v.values for n, v in amap.dataset.items() if v.dims[:2] == ("y", "x")}
-    tiles = list(made.tiles())
-    assert sum(math.prod(tile.shape) for tile in tiles) == layers["free"].size
-    for k in rng.permutation(len(tiles)):
-        found = tile_variables(made.job, pickle.loads(pickle.dumps(made.input(tiles[k]))))
-        assert len(found) == 1 or set(found) == set(layers)
-        for name, values in layers.items():
-            expected = values[tiles[k].window]
-            if name in found:
-                assert found[name].dtype == expected.dtype
-                np.testing.assert_array_equal(found[name].values, expected, err_msg=name)
-            elif expected.dtype.kind == "f":
-                assert np.isnan(expected).all()
-        if len(found) == 1:
-            assert not layers["free"][tiles[k].window].any()
 
 
 @pytest.mark.slow(minutes=0.5)

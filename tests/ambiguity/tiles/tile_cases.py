@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import math
+import pickle
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 
 import ambinav as an
 from ambinav.ambiguity.build import MapSettings
+from ambinav.ambiguity.tiles.job import tile_variables
 from ambinav.ambiguity.tiles.plan import TilePlan
 
 DEMO = Path(an.__file__).parent / "demo" / "demo.geojson"
@@ -60,3 +62,22 @@ def assert_identical(one: an.AmbiguityMap, other: an.AmbiguityMap) -> None:
         assert (values.dims, values.dtype, values.attrs) == (found.dims, found.dtype, found.attrs)
         np.testing.assert_array_equal(values.values, found.values, err_msg=str(name))
     assert first.identical(second)
+
+
+def assert_tiles(amap: an.AmbiguityMap, made: TilePlan, rng: np.random.Generator) -> None:
+    """All tiles, in some order, each made of nothing but what is sent, are those of the map."""
+    layers = {n: v.values for n, v in amap.dataset.items() if v.dims[:2] == ("y", "x")}
+    tiles = list(made.tiles())
+    assert sum(math.prod(tile.shape) for tile in tiles) == layers["free"].size
+    for k in rng.permutation(len(tiles)):
+        found = tile_variables(made.job, pickle.loads(pickle.dumps(made.input(tiles[k]))))
+        assert len(found) == 1 or set(found) == set(layers)
+        for name, values in layers.items():
+            expected = values[tiles[k].window]
+            if name in found:
+                assert found[name].dtype == expected.dtype
+                np.testing.assert_array_equal(found[name].values, expected, err_msg=name)
+            elif expected.dtype.kind == "f":
+                assert np.isnan(expected).all()
+        if len(found) == 1:
+            assert not layers["free"][tiles[k].window].any()

@@ -1,0 +1,143 @@
+"""A building in three dimensions from its file: a plan with a height, an .ifc file, or a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import InstanceOf
+
+from ambinav.config import ConfigModel, Number, Positive, Switch, check_fields, of_mapping
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.extrude import extruded
+from ambinav.geometry.io.load import load_environment
+from ambinav.geometry.mesh.mesh import Mesh
+from ambinav.sensing.robot_radius import robot_radius as own_radius
+from ambinav.sensing.scanner import RangeScanner
+
+OCTOMAP: Final = ".bt"
+PROCESSES: Final = 2
+"""Embree holds the interpreter's lock."""
+OF_A_MESH: Final = ("robot_height", "floor", "up")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceSettings:
+    """What makes a building three-dimensional.
+
+    Attributes:
+        extrude: Height of the walls of a plan, metres, between a floor and a ceiling.
+        in_space: Take an .ifc building with its heights.
+        robot_height: Of the robot in a mesh, metres; None: of its highest sensor.
+        floor: z of the floor of a mesh, metres; None: its largest level surface.
+        up: Which axis of a mesh is up; None: z, of a .glb y.
+
+    Raises:
+        InputError: a value is of no use, or two exclude each other.
+    """
+
+    extrude: Positive | None = None
+    in_space: Switch = False
+    robot_height: Positive | None = None
+    floor: Number | None = None
+    up: Literal["x", "y", "z"] | None = None
+
+    def __post_init__(self) -> None:
+        """Check every field and bring it to its type."""
+        check_fields(self)
+        if self.in_space and self.extrude is not None:
+            raise InputError(
+                "extrude: with in_space the building has the heights of its file; leave one of "
+                "the two out."
+            )
+
+    def load(
+        self, path: Path, scanner: RangeScanner | None, robot_radius: float = 0.0, **reading: Any
+    ) -> Environment:
+        """Read a building.
+
+        Args:
+            path: Its file.
+            scanner: At its height; None: not known yet, and a mesh is refused.
+            robot_radius: Of a robot on the floor of a mesh, metres; 0: the scanner's, or 0.2.
+            reading: How the file is read otherwise, as in `load_environment`.
+
+        Raises:
+            InputError: the file cannot be used, or a setting does not suit it.
+        """
+        found = None if scanner is None else self._mesh(path, scanner, robot_radius, reading)
+        if found is not None:
+            return found
+        environment = load_environment(path, in_space=self.in_space or None, **reading)
+        for name in OF_A_MESH:
+            if getattr(self, name) is not None:
+                raise InputError(
+                    f"{name}: {path} is no mesh; leave it out, or give extrude for a plan's height."
+                )
+        if self.extrude is None:
+            return environment
+        return environment.in_space(extruded(environment, self.extrude))
+
+    def _mesh(
+        self, path: Path, scanner: RangeScanner, robot_radius: float, reading: dict[str, Any]
+    ) -> Environment | None:
+        """The floor of a mesh, with the mesh; None where the file is no mesh."""
+        from ambinav.geometry.mesh.read import SUFFIXES
+
+        suffix = path.suffix.lower()
+        if suffix not in (*SUFFIXES, OCTOMAP):
+            return None
+        if self.extrude is not None or self.in_space:
+            raise InputError(
+                f"{'in_space' if self.in_space else 'extrude'}: {path} has three dimensions "
+                "already; leave it out."
+            )
+        from ambinav.geometry.mesh.floor import floor_environment
+        from ambinav.geometry.mesh.octomap import read_octomap
+        from ambinav.geometry.mesh.read import read_mesh
+
+        found: Mesh
+        if suffix == OCTOMAP:
+            found = read_octomap(path, processes=PROCESSES)
+        else:
+            found = read_mesh(path, unit=reading.get("unit"), up=self.up, processes=PROCESSES)
+        height = self.robot_height
+        if height is None:
+            height = float(scanner.upright[:, 0].max())
+            if not height > 0.0:
+                raise InputError(
+                    f"{path}: it has three dimensions, and scanner {scanner.name!r} does not "
+                    "say how high it is mounted; give --scanner-height, e.g. 0.3."
+                )
+        radius = robot_radius or own_radius(scanner)
+        return floor_environment(found, height, radius, floor=self.floor)
+
+
+class PlanPart(ConfigModel):
+    """How a plan of a building is read; see `load_environment`."""
+
+    height: float | None = None
+    doors: str | None = None
+    glass: str | None = None
+    furniture: bool | None = None
+    layers: dict[str, str] | None = None
+
+
+class BuildingPart(ConfigModel):
+    """The keys of a file that say how that of a building is read."""
+
+    level: str | int | None = None
+    unit: str | None = None
+    plan: PlanPart = PlanPart()
+    space: Annotated[InstanceOf[SpaceSettings], of_mapping(SpaceSettings)] = SpaceSettings()
+
+    def load(self, path: Path, scanner: RangeScanner, robot_radius: float) -> Environment:
+        """Read the building, see `SpaceSettings.load`.
+
+        Raises:
+            InputError: the file cannot be used, or a key does not suit it.
+        """
+        reading = {"level": self.level, "unit": self.unit, **self.plan.model_dump()}
+        return self.space.load(path, scanner, robot_radius, **reading)
