@@ -292,11 +292,13 @@ def same_origin(origin, c):
 
 
 @kernel
-def column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit):
-    """Distances of the n rays of column c, which start in nothing solid.
+def column_ranges(c, low, high, px, py, ux, uy, columns, scene, reach, best, hit):
+    """Distances of n rays of column c, which start in nothing solid.
 
     Args:
         c: Which column.
+        low: The first of its entries that is cast.
+        high: One past the last of them.
         px: Origin, metres, map frame.
         py: Origin.
         ux: Direction of the column in the plane, unit vector, map frame.
@@ -307,7 +309,6 @@ def column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit):
         best: Written, shape (n,), metres; inf where nothing is met.
         hit: Written, shape (n,): the surface that is met, -1 for none.
     """
-    low, high = columns.start[c], columns.start[c + 1]
     pz, upright = columns.origin[c, 2], columns.flat[low] < UPRIGHT
     if upright:
         best[0], hit[0] = _upright(px, py, pz, columns.rise[low], reach, scene)
@@ -353,7 +354,7 @@ def scan_columns(begin, end, x, y, theta, columns, scene, reach, distance, surfa
             if inside:
                 best[:], hit[:] = math.nan, -1
             else:
-                column_ranges(c, px, py, ux, uy, columns, scene, reach, best, hit)
+                column_ranges(c, low, high, px, py, ux, uy, columns, scene, reach, best, hit)
             for i in range(low, high):
                 r, k = columns.ray[i], hit[i - low]
                 surface[p, r], distance[p, r] = k, best[i - low]

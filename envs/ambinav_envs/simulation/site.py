@@ -99,12 +99,11 @@ def _true_record(
 
 
 def _check(environment: Environment, parameters: NavigationParameters) -> None:
-    """Refuse in a building in space what cuts beams short, or takes them one after the other."""
+    """Refuse in a building in space what cuts beams short."""
     for name, asked in (
         ("people", parameters.people.count),
         ("obstacles", parameters.obstacles),
         ("closed_door", parameters.closed_door),
-        ("scan_time", parameters.scan_time),
     ):
         if asked:
             plane_only(environment, name)
