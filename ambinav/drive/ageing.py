@@ -107,7 +107,7 @@ def with_moved_furniture(
     things = _furniture(mapped, parts, rings)
     bodies, none = None, np.empty(0, dtype=np.intp)
     pieces = [Piece([thing], thing[1], thing[1], none) for thing in things]
-    if prisms is not None:
+    if prisms is not None and things:
         bodies = Bodies(prisms, mapped.floor, FURNITURE, TOUCHING)
         pieces = bodies.pieces(things)
     rings_of = [[k for k, _ in piece.things] for piece in pieces]

@@ -62,6 +62,12 @@ def test_furniture_of_an_extruded_plan_moves_as_in_the_plan() -> None:
     assert changed > 1000
 
 
+def test_no_furniture_is_no_change() -> None:
+    plan = an.environment_from_shapes([shapely.box(0, 0, 5, 5)])
+    bare = plan.in_space(extruded(plan, HEIGHT))
+    assert with_moved_furniture(bare, 0.5, np.random.default_rng(0), 0.5) is bare
+
+
 def office() -> Environment:
     """A table on four legs with a chair half under it, and a shelf on a wall; the plan at 0.3 m."""
     legs = [shapely.box(x, y, x + 0.05, y + 0.05) for x in (4.0, 5.35) for y in (3.0, 3.75)]

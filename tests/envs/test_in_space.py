@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ambinav.drive.clutter import with_obstacles
+from ambinav.drive.readings import Readings
 from ambinav.drive.world import unicycle
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
@@ -17,7 +19,9 @@ from ambinav.sensing import RangeScanner, RangeSensor
 from ambinav.sensing.layout import Part
 from ambinav.sensing.space_layout import Camera
 from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.simulation.space_scan import DOOR_HEIGHT
 from tests.envs.cases import room
+from tests.envs.test_tasks import polygon, two_doors
 from tests.geometry.furnished import furnished
 
 SENSOR = RangeSensor(max_range=5.0, std=0.03, resolution=0.001)
@@ -45,7 +49,15 @@ def episode(environment: Environment, scanner: RangeScanner, **options: Any) -> 
     return rows, worst
 
 
-@pytest.mark.parametrize("options", [{}, {"scan_time": 0.2}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"scan_time": 0.2},
+        {"people": 4, "obstacles": 5},
+        {"people": 4, "obstacles": 5, "scan_time": 0.2, "walls_std": 0.03, "furniture_std": 0.3},
+    ],
+)
 def test_a_level_scanner_sees_in_an_extruded_room_what_it_sees_in_the_plan(
     options: dict[str, Any],
 ) -> None:
@@ -110,10 +122,28 @@ def test_beams_of_a_scan_are_taken_from_where_the_robot_was_then(
     assert moved > 0.1 if moments > 1 else moved == 0.0
 
 
-@pytest.mark.parametrize("option", [{"people": 1}, {"obstacles": 2}, {"closed_door": 0.5}])
-def test_what_is_known_for_plans_alone_is_refused(option: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=f"{next(iter(option))} is known for plans alone"):
-        episode(tall(), LASER, **option)
+def test_rays_meet_boxes_people_and_doors_at_their_heights() -> None:
+    plan = two_doors()
+    building = plan.in_space(extruded(plan, 2.5))
+    scanner = RangeScanner.layered(EXACT, 24, np.radians([-30.0, -12.0, 0.0, 8.0]), z=1.2)
+    env = NavigationEnv(
+        map=building, scanner=scanner, localizer="perfect", window=False, closed_door=1.0,
+        longest=30.0, obstacles=4, people=3,
+    )  # fmt: skip
+    simulation, shaded = env.simulation, np.zeros(2, dtype=int)
+    for seed in range(10):
+        env.reset(seed=seed)
+        state = simulation.state[0]
+        assert state["door"] and state["boxes"] >= 1
+        door, *boxes = map(polygon, simulation.boxes[0, : state["boxes"]])
+        alone = with_obstacles(building, [door], height=DOOR_HEIGHT)
+        among = with_obstacles(alone, boxes)
+        pose = state["truth"][None]
+        bare, doors = (Readings(world, scanner).true_ranges(pose)[0] for world in (building, alone))
+        wanted = Readings(among, scanner).true_ranges(pose, simulation.people, 0.25)[0]
+        assert np.abs(simulation.readings[0] - wanted).max() < 2e-5
+        shaded += (doors < bare - 0.01).sum(), (wanted < doors - 0.01).sum()
+    assert (shaded > 10).all()
 
 
 def test_a_mesh_and_a_scanner_on_the_floor_are_refused() -> None:

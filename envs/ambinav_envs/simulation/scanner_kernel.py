@@ -31,6 +31,9 @@ class ScannerArrays(NamedTuple):
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
         moment: When each beam of a scan is taken, shape (B,): -1 is its begin, 0 its end.
+        height: Of each ray's start above the floor, in space (`RangeScanner.rays`), shape (R,),
+            metres.
+        rise: Sine of its elevation, shape (R,).
         sensor: Which sensor each beam is of, shape (B,).
         shift: Bias over the true range from 0 to the maximum, shape (S, TABLE), metres.
         std: Deviation likewise.
@@ -43,6 +46,8 @@ class ScannerArrays(NamedTuple):
     near: Floats
     far: Floats
     moment: Floats
+    height: Floats
+    rise: Floats
     sensor: NDArray[np.int64]
     shift: Floats
     std: Floats
@@ -52,7 +57,7 @@ class ScannerArrays(NamedTuple):
 
 def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
     """Lay out a scanner."""
-    which = scanner.sensor_of_beam
+    which, rays = scanner.sensor_of_beam, scanner.rays(in_space=True)
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
     run = np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1, [len(which)]]).astype(np.int64)
@@ -60,6 +65,8 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
         np.array([s.min_range for s in scanner.sensors])[which],
         np.array([s.max_range for s in scanner.sensors])[which],
         _moments(scanner, run),
+        rays.height,
+        np.sin(rays.elevation),
         np.array(which, dtype=np.int64),
         np.array([sensor.bias_at(d) for sensor, d in pairs]),
         np.array([sensor.std_at(d) for sensor, d in pairs]),
@@ -96,7 +103,7 @@ def _moments(scanner: RangeScanner, run: NDArray[np.int64]) -> Floats:
 @kernel(forceinline=True)
 def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
     """Read the scanner of robot i at its true pose, into row i of `Memory.readings`."""
-    if sense_in_space(cast.space, cast, scanner, state, settings, scratch):
+    if sense_in_space(cast.space, cast, scanner, state, settings, people, boxes, i, scratch):
         pass
     elif settings.scan_time > 0.0:
         sweep(cast, scanner, state, settings, people, boxes, i, scratch)
