@@ -9,9 +9,17 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from ambinav.drive.ageing_in_space import (
+    Bodies,
+    Piece,
+    bent_area,
+    bent_lines,
+    bent_prisms,
+    prisms_of,
+    translated,
+)
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.obstacle import Obstacle
-from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.geometry.segments import FRONTIER, Segments
 
 WAVES: Final = 32
@@ -34,6 +42,9 @@ Floats = NDArray[np.float64]
 def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -> Environment:
     """The building of which this map was made: every corner a little off, neighbours alike.
 
+    In a building of prisms all that stands at a place is off alike, at every height; floors,
+    ceilings and heights stay.
+
     Args:
         mapped: The map; it is left as it is.
         std: How far walls stand from where the map has them, standard deviation in x and in y and
@@ -41,9 +52,9 @@ def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -
         rng: The source of randomness; with another deviation the same waves are higher or lower.
 
     Raises:
-        InputError: no free space is left, or it is a building in space.
+        InputError: no free space is left, or the building is a mesh.
     """
-    plane_only(mapped, "an aged building")
+    prisms = prisms_of(mapped, "an aged building")
     turn = rng.uniform(0.0, math.pi, WAVES)
     length = rng.uniform(SHORTEST, LONGEST, WAVES)
     wave = 2.0 * math.pi / length * np.array([np.cos(turn), np.sin(turn)])
@@ -53,18 +64,16 @@ def with_aged_walls(mapped: Environment, std: float, rng: np.random.Generator) -
         waves = np.cos((points @ wave)[:, None, :] + phase)
         return np.asarray(points + std * math.sqrt(2.0 / WAVES) * waves.sum(axis=2))
 
-    lines = shapely.segmentize(shapely.linestrings(mapped.segments.xy.reshape(-1, 2, 2)), PIECE)
-    points, line = shapely.get_coordinates(lines, return_index=True)
-    points, within = moved(points), line[1:] == line[:-1]
-    walls = np.hstack([points[:-1], points[1:]])[within]
-    free = shapely.transform(shapely.segmentize(mapped.free, PIECE), moved)
-    return Environment(
-        Segments(walls, mapped.segments.kind[line[1:][within]]),
-        # Where walls touch, pieces may cross by a millimetre.
-        shapely.make_valid(free, method="structure", keep_collapsed=False),
+    walls, owner = bent_lines(mapped.segments.xy, moved, PIECE)
+    world = Environment(
+        Segments(walls, mapped.segments.kind[owner]),
+        bent_area(mapped.free, moved, PIECE),
         name=mapped.name,
         resolution=mapped.resolution,
     )
+    if prisms is None:
+        return world
+    return world.in_space(bent_prisms(prisms, moved, PIECE), mapped.floor)
 
 
 def with_moved_furniture(
@@ -76,38 +85,57 @@ def with_moved_furniture(
     narrower than `passage`, but for those that are narrower on the map. Where no such place is
     drawn it stays.
 
+    In a building of prisms the walls and solids of a piece move with it, a table with all of its
+    legs, if with what overhangs it is furniture still. What touches wider bodies at any height
+    stays.
+
     Args:
         mapped: The map; it is left as it is.
         std: Deviation of its shift in x and in y, metres.
         rng: The source of randomness.
         passage: Metres.
+
+    Raises:
+        InputError: the building is a mesh.
     """
+    prisms = prisms_of(mapped, "moved furniture")
     parts = shapely.get_parts(mapped.free)
     rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
     thin = shapely.linestrings(mapped.thin_walls.reshape(-1, 2, 2))
     lines = np.array([*rings, *thin], dtype=object)
     shapely.prepare(lines)
     things = _furniture(mapped, parts, rings)
+    bodies, none = None, np.empty(0, dtype=np.intp)
+    pieces = [Piece([thing], thing[1], thing[1], none) for thing in things]
+    if prisms is not None and things:
+        bodies = Bodies(prisms, mapped.floor, FURNITURE, TOUCHING)
+        pieces = bodies.pieces(things)
+    rings_of = [[k for k, _ in piece.things] for piece in pieces]
     gaps = [
-        min(passage, *shapely.distance(thing, np.delete(lines, k)).tolist()) for k, thing in things
+        min(passage, *shapely.distance(piece.on_plan, np.delete(lines, own)).tolist())
+        for piece, own in zip(pieces, rings_of, strict=True)
     ]
     gone, put = [], []
-    for (k, thing), gap in zip(things, gaps, strict=True):
-        place = None
+    for piece, own, gap in zip(pieces, rings_of, gaps, strict=True):
+        shift = None
         if gap > TOUCHING:
-            place = _elsewhere(thing, np.delete(lines, k), std, rng, gap)
-        if place is not None:
-            gone.append(thing)
-            put.append(place)
-            lines[k] = place.exterior
+            shift = _elsewhere(piece, np.delete(lines, own), bodies, std, rng, gap)
+        if shift is not None:
+            if bodies is not None:
+                bodies.move(piece, translated(piece.shape, shift), shift)
+            for k, thing in piece.things:
+                place = translated(thing, shift)
+                gone.append(thing)
+                put.append(place)
+                lines[k] = place.exterior
     if not put:
         return mapped
-    plane_only(mapped, "moved furniture")
     # What footprints may leave and the cells of a grid are of the map, not of the building.
     plain = Environment(
         mapped.segments, mapped.free, name=mapped.name, resolution=mapped.resolution
     )
-    return plain.edited([Obstacle(place) for place in put], shapely.union_all(gone))
+    world = plain.edited([Obstacle(place) for place in put], shapely.union_all(gone))
+    return world if bodies is None else world.in_space(bodies.moved(), mapped.floor)
 
 
 def _furniture(
@@ -130,21 +158,27 @@ def _furniture(
 
 
 def _elsewhere(
-    thing: shapely.Polygon,
+    piece: Piece,
     others: NDArray[np.object_],
+    bodies: Bodies | None,
     std: float,
     rng: np.random.Generator,
     gap: float,
-) -> shapely.Polygon | None:
-    """Draw a place for a thing, so far off the lines of all others; None: it stays."""
-    middle = thing.centroid
+) -> Floats | None:
+    """Draw a shift of a piece, so far off the lines of all others; None: it stays."""
+    middle = piece.on_plan.centroid
     for _ in range(TRIES):
-        dx, dy = rng.normal(0.0, std, 2)
-        place = shapely.transform(thing, lambda points, by=(dx, dy): points + by)
+        shift = rng.normal(0.0, std, 2)
+        dx, dy = shift.tolist()
+        place = translated(piece.on_plan, shift)
         way = shapely.LineString([(middle.x, middle.y), (middle.x + dx, middle.y + dy)])
         if (
             not shapely.dwithin(others, place, gap).any()
             and not shapely.intersects(others, way).any()
+            and not (
+                bodies is not None
+                and bodies.beside(piece, translated(piece.shape, shift), TOUCHING)
+            )
         ):
-            return place
+            return shift
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 import shapely
@@ -11,27 +12,41 @@ from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
+from ambinav.geometry.edit import polygons_of
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.mesh.standing import with_solids
 from ambinav.geometry.motion.steering import checked_poses
-from ambinav.geometry.raycasting.scans import plane_only
+from ambinav.geometry.raycasting.prisms import Solid
 from ambinav.geometry.segments import WALL, Segments
 
+OBSTACLE_HEIGHT: Final = 1.0
+"""Of what stands about in a building in space, metres: between a table (0.75 m) and a loaded pallet
+or trolley (1.2 m and more). Scanners of small robots look at it, those on a mast over it."""
 TRIES = 10_000
 # A piece of outline shorter than this, in metres, is left out: rounding at a wall.
 SHORTEST = 1e-6
 
 
-def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> Environment:
+def with_obstacles(
+    environment: Environment, obstacles: list[BaseGeometry], *, height: float = OBSTACLE_HEIGHT
+) -> Environment:
     """The environment with polygons standing in it; their outlines are walls.
+
+    In a building in space they are solids on the floor, over which rays may pass; a robot does not
+    get under or over them.
 
     Args:
         environment: The environment as mapped; it is left as it is.
         obstacles: Polygons in the map frame, metres. What of them lies outside of the free space
             changes nothing.
+        height: Of all of them, metres; read in a building in space alone.
 
     Raises:
-        InputError: an obstacle is no polygon, no free space is left, or it is a building in space.
+        InputError: an obstacle is no polygon, no free space is left, the height is not positive,
+            or the building in space is neither prisms nor a mesh.
     """
+    if not 0.0 < height < math.inf:
+        raise InputError(f"height is {height}; give that of the obstacles, above 0 m.")
     for i, shape in enumerate(obstacles):
         if shape.geom_type not in ("Polygon", "MultiPolygon") or not shape.is_valid:
             raise InputError(
@@ -40,7 +55,6 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
             )
     if not obstacles:
         return environment
-    plane_only(environment, "a building with obstacles")
     solid = shapely.union_all(obstacles)
     free = environment.free.difference(solid)
     outline = shapely.get_parts(shapely.line_merge(solid.boundary.intersection(environment.free)))
@@ -52,7 +66,7 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
     fresh = np.vstack([np.empty((0, 4)), *pieces])
     fresh = fresh[np.hypot(fresh[:, 2] - fresh[:, 0], fresh[:, 3] - fresh[:, 1]) > SHORTEST]
     old, drivable = environment.segments, environment.drivable
-    return Environment(
+    made = Environment(
         Segments(
             np.vstack([old.xy, fresh]),
             np.concatenate([old.kind, np.full(len(fresh), WALL, dtype=np.uint8)]),
@@ -66,6 +80,12 @@ def with_obstacles(environment: Environment, obstacles: list[BaseGeometry]) -> E
         extent=environment.extent,
         drivable=None if drivable is None else drivable.difference(solid),
     )
+    if environment.space is None:
+        return made
+    floor = environment.floor
+    on_floor = shapely.get_parts(polygons_of(solid.intersection(environment.free)))
+    standing = [Solid(part, floor, floor + height) for part in on_floor]
+    return made.in_space(with_solids(environment.space, standing), floor)
 
 
 def scattered_boxes(

@@ -1,10 +1,13 @@
-"""People who walk about: discs that block beams and get out of the robot's way."""
+"""People who walk about: they block beams and get out of the robot's way.
+
+In the plane a person is a disc, in a building in space a cylinder on the floor.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,8 @@ from ambinav.geometry.motion.steering import Steering
 from ambinav.kernels import kernel
 from ambinav.localization.random import uniform
 
+PERSON_HEIGHT: Final = 1.7
+"""Of a person in a building in space, metres: about the mean of adults. Rays pass over it."""
 # How often a place is drawn before a person has none.
 TRIES = 10_000
 # From this far on, from rim to rim in metres, people walk away from the robot.
@@ -41,7 +46,7 @@ class People:
 
     Attributes:
         count: How many.
-        radius: Of the disc that blocks beams, metres.
+        radius: Of the disc or cylinder that blocks beams, metres; see `PERSON_HEIGHT`.
         speed: Metres per second; 0: they stand.
 
     Raises:

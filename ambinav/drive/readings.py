@@ -7,8 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.drive.people import PERSON_HEIGHT
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import plane_only, scan_rays
+from ambinav.geometry.raycasting.scans import scan_rays
+from ambinav.geometry.raycasting.upright import cylinder_entry
 from ambinav.geometry.segments import REFLECTOR
 from ambinav.kernels import kernel
 from ambinav.localization.random import normals, uniform
@@ -78,11 +80,11 @@ class Readings:
         )  # fmt: skip
         echo = rays.echoes(distance, incidence)
         if people is not None and people.shape[1]:
-            plane_only(self.environment, "a drive among people")
-            _block(
-                poses, people, float(radius), rays.origin, rays.angle, rays.max_range, distance,
-                echo,
-            )  # fmt: skip
+            args = poses, people, float(radius), rays.origin, rays.angle, rays.max_range
+            if self.environment.space is None:
+                _block(*args, distance, echo)
+            else:
+                _block_in_space(*args, rays.height, rays.elevation, distance, echo)
         return echo, distance, segment
 
     def capture(
@@ -162,6 +164,30 @@ def _block(poses, people, radius, origin, angle, limit, distance, echo):
                     d = along - math.sqrt(inside)
                     if d < best:
                         best, met = d, True
+            if met:
+                echo[r, i] = best if best <= limit[i] else np.inf
+
+
+@kernel
+def _block_in_space(
+    poses, people, radius, origin, angle, limit, height, elevation, distance, echo
+):  # fmt: skip
+    """As `_block`, where people are cylinders and rays have heights and elevations."""
+    for r in range(len(poses)):
+        x, y, t = poses[r]
+        co, si = math.cos(t), math.sin(t)
+        for i in range(len(angle)):
+            px = x + co * origin[i, 0] - si * origin[i, 1]
+            py = y + si * origin[i, 0] + co * origin[i, 1]
+            flat, rise = math.cos(elevation[i]), math.sin(elevation[i])
+            ux, uy = flat * math.cos(t + angle[i]), flat * math.sin(t + angle[i])
+            best = np.float64(distance[r, i])
+            met = False
+            for k in range(people.shape[1]):
+                wx, wy = people[r, k, 0] - px, people[r, k, 1] - py
+                d = cylinder_entry(wx, wy, ux, uy, rise, height[i], radius, PERSON_HEIGHT)
+                if d < best:
+                    best, met = d, True
             if met:
                 echo[r, i] = best if best <= limit[i] else np.inf
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.fan import STACK, cast_fan, counter_clockwise
-from ambinav.geometry.raycasting.prism_rays import PrismRays, cast_prism_rays
+from ambinav.geometry.raycasting.prism_rays import PrismRays, cast_prism_rays, silence_oblique
 from ambinav.geometry.raycasting.scans import check_rays
 from ambinav.geometry.raycasting.triangulation import locate
 from ambinav.kernels import kernel
@@ -279,6 +279,7 @@ def _in_space(x, y, theta, space, work, beam=None, reading=None):
     if space is not None:
         ux, uy, distance, hit, _ = work
         cast_prism_rays(x, y, theta, space, ux, uy, distance, hit, beam, reading)
+        silence_oblique(space, ux, uy, distance, hit)
         return True
     return False
 

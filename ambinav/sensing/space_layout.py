@@ -44,6 +44,14 @@ class InSpace(ABC):
         """Return z and elevation of each beam, shape (B, 2), metres and radians."""
         return self.beams_in_space()[1]
 
+    def moments(self) -> Floats:
+        """When each beam of a scan is taken, shape (B,): -1 is its begin, 0 its end.
+
+        One after the other in equal steps, the last one at the end.
+        """
+        count = len(self.upright())
+        return np.arange(1 - count, 1) / count
+
 
 @dataclass(frozen=True)
 class Layers(InSpace):
@@ -111,6 +119,11 @@ class Layers(InSpace):
             count = len(elevation)
             azimuth, elevation = np.tile(azimuth, count), np.repeat(elevation, self.columns)
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
+
+    def moments(self) -> Floats:
+        """As of all; beams of one column are taken at once."""
+        columns = np.arange(1 - self.columns, 1) / self.columns
+        return columns if self.staggered else np.tile(columns, len(self.elevation))
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Layers:
         """Return the same so many metres further along x, y and z."""
@@ -203,6 +216,10 @@ class Camera(InSpace):
         u, v = np.tile(across, self.rows), np.repeat(up, self.columns)
         azimuth, elevation = np.arctan2(u, 1.0), np.arctan2(v, np.hypot(u, 1.0))
         return directed(azimuth, elevation, self.mount, self.z, self.pitch, self.roll)
+
+    def moments(self) -> Floats:
+        """As of all; a picture is taken at once, at the end."""
+        return np.zeros(self.columns * self.rows)
 
     def moved(self, dx: float, dy: float, dz: float = 0.0) -> Camera:
         """Return the same so many metres further along x, y and z."""

@@ -10,7 +10,8 @@ import pytest
 
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
-from ambinav.drive.people import People
+from ambinav.drive.people import PERSON_HEIGHT, People
+from ambinav.drive.readings import Readings
 from ambinav.drive.robot import Robot
 from ambinav.drive.world import REACHED
 from ambinav.errors import InputError
@@ -100,10 +101,48 @@ def test_what_no_building_in_space_takes_is_refused() -> None:
     for localizer in ("mcl", "ekf"):
         with pytest.raises(InputError, match=r"it is a mesh.*give prisms.*beam_table_resolution"):
             driven(mesh, LIDAR, localizer, runs=1, route=ACROSS)
-    with pytest.raises(InputError, match=r"a drive among people is known for plans alone"):
-        driven(prisms, LIDAR, "ekf", runs=1, route=ACROSS, people=People(1))
     with pytest.raises(InputError, match=r"give the mount a height"):
         driven(prisms, laser(), "mcl", runs=1, route=ACROSS)
+
+
+def test_people_are_met_in_an_extruded_building_as_in_its_plan() -> None:
+    env = tall()
+    flat, solid = (
+        driven(one, LASER, "mcl", runs=2, people=People(4, speed=0.5)) for one in (env.plan, env)
+    )
+    bare = driven(env.plan, LASER, "mcl", runs=2)
+    assert flat.ranges is not None and solid.ranges is not None and bare.ranges is not None
+    echo = np.isfinite(flat.ranges)
+    assert np.array_equal(echo, np.isfinite(solid.ranges))
+    assert np.abs(flat.ranges[echo] - solid.ranges[echo]).max() < 1e-4
+    assert np.allclose(flat.truth, solid.truth, rtol=0.0, atol=1e-6, equal_nan=True)
+    assert (flat.ranges[0, 0] < bare.ranges[0, 0] - 0.3).any()
+
+
+@pytest.mark.parametrize("mesh", [False, True])
+def test_rays_pass_over_people_and_end_on_their_heads(mesh: bool) -> None:
+    env = furnished()[mesh]
+    person = np.array([[[3.5, 3.0, 0.0]]])
+    pose = np.array([[1.0, 3.0, 0.0]])
+
+    def ahead(z: float, elevation: float) -> float:
+        up = [[z, elevation]]
+        scanner = RangeScanner.from_mounts(LIDAR.sensors, [[0.0, 0.0, 0.0]], upright=up)
+        return float(Readings(env, scanner).true_ranges(pose, person, 0.25)[0, 0])
+
+    assert PERSON_HEIGHT == 1.7
+    for z in (0.3, 1.69):
+        assert ahead(z, 0.0) == pytest.approx(2.25, abs=1e-5)
+    # Over the head to the wall, and down on it: 2.4 m ahead, 0.3 m below.
+    assert ahead(1.71, 0.0) == pytest.approx(5.0, abs=1e-5)
+    assert ahead(2.0, -math.atan2(0.3, 2.4)) == pytest.approx(math.hypot(0.3, 2.4), abs=1e-5)
+    # Steeply up in front of the person, to the ceiling; and from below it past nothing.
+    assert ahead(0.5, math.radians(60.0)) == pytest.approx(2.0 / math.sin(math.radians(60.0)), 1e-5)
+    up = math.atan2(1.0, 2.25)
+    assert ahead(0.6, up) == pytest.approx(math.hypot(1.0, 2.25), abs=1e-5)
+    # Who stands on the sensor is not seen: it looks at the cupboard.
+    person[0, 0, :2] = 1.1, 3.0
+    assert ahead(0.3, 0.0) == pytest.approx(3.6, abs=1e-5)
 
 
 def test_sonars_look_their_cones_up() -> None:

@@ -11,12 +11,20 @@ import numpy as np
 import pytest
 
 from ambinav.demo import BUILDING
+from ambinav.drive.clutter import with_obstacles
+from ambinav.drive.readings import Readings
+from ambinav.drive.world import unicycle
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
+from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.sensing import RangeScanner, RangeSensor
+from ambinav.sensing.layout import Part
+from ambinav.sensing.space_layout import Camera
 from ambinav_envs.navigation import NavigationEnv
+from ambinav_envs.simulation.space_scan import DOOR_HEIGHT
 from tests.envs.cases import room
+from tests.envs.test_tasks import polygon, two_doors
 from tests.geometry.furnished import furnished
 
 SENSOR = RangeSensor(max_range=5.0, std=0.03, resolution=0.001)
@@ -44,9 +52,20 @@ def episode(environment: Environment, scanner: RangeScanner, **options: Any) -> 
     return rows, worst
 
 
-def test_a_level_scanner_sees_in_an_extruded_room_what_it_sees_in_the_plan() -> None:
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"scan_time": 0.2},
+        {"people": 4, "obstacles": 5},
+        {"people": 4, "obstacles": 5, "scan_time": 0.2, "walls_std": 0.03, "furniture_std": 0.3},
+    ],
+)
+def test_a_level_scanner_sees_in_an_extruded_room_what_it_sees_in_the_plan(
+    options: dict[str, Any],
+) -> None:
     env = tall()
-    (flat, _), (solid, _) = (episode(one, LASER) for one in (env.plan, env))
+    (flat, _), (solid, _) = (episode(one, LASER, **options) for one in (env.plan, env))
     assert len(flat) == len(solid) > 5
     for mine, other in zip(flat, solid, strict=True):
         assert set(mine) == set(other)
@@ -60,12 +79,74 @@ def test_a_3d_scanner_is_localized(localizer: str) -> None:
     assert len(rows) > 5 and worst < 0.3
 
 
+EXACT = RangeSensor(max_range=20.0, std=0.0, resolution=1e-5, random_share=0.0)
+CAMERA = RangeScanner((Part(EXACT, Camera(6, 4, math.radians(80.0), math.radians(50.0), z=0.5)),))
+
+
 @pytest.mark.parametrize(
-    "option", [{"people": 1}, {"obstacles": 2}, {"closed_door": 0.5}, {"scan_time": 0.1}]
+    ("scanner", "moments"),
+    [
+        # Beams of one azimuth are taken at once, those of a picture all.
+        (RangeScanner.layered(EXACT, 24, np.radians([-15.0, 0.0, 10.0]), z=0.5), 24),
+        (CAMERA, 1),
+        (RangeScanner.planar(EXACT, 12, math.radians(200.0), z=0.9, pitch=0.2), 12),
+    ],
 )
-def test_what_is_known_for_plans_alone_is_refused(option: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=f"{next(iter(option))} is known for plans alone"):
-        episode(tall(), LASER, **option)
+def test_beams_of_a_scan_are_taken_from_where_the_robot_was_then(
+    scanner: RangeScanner, moments: int
+) -> None:
+    duration, building = 0.2, tall()
+    env = NavigationEnv(
+        map=building, scanner=scanner, scan_time=duration, localizer="perfect", window=False
+    )
+    env.reset(seed=4, options={"start": (9.0, 6.0, 0.5), "goal": (12.0, 6.0)})
+    space, across, up = building.space, scanner.mounts, scanner.upright
+    assert isinstance(space, Prisms) and not across[:, :2].any()
+    share = np.tile(np.arange(1 - moments, 1) / moments, scanner.beams // moments)
+    if moments == 1:
+        share = np.zeros(scanner.beams)
+    moved = 0.0
+    for _ in range(12):
+        env.step(np.array([0.2, 0.8]))
+        state = env.simulation.state[0]
+        was = np.array(
+            [unicycle(*state["truth"], *state["speeds"], duration * one) for one in share]
+        )
+        ranges = []
+        for poses in (was, np.tile(state["truth"], (scanner.beams, 1))):
+            azimuth, flat = poses[:, 2] + across[:, 2], np.cos(up[:, 1])
+            direction = np.column_stack(
+                [flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(up[:, 1])]
+            )
+            ranges.append(space.cast(np.column_stack([poses[:, :2], up[:, 0]]), direction, 20.0)[0])
+        off = np.abs(env.simulation.readings[0] - ranges[0])
+        assert off.max() < 2e-5, off
+        moved = max(moved, float(np.abs(ranges[0] - ranges[1]).max()))
+    assert moved > 0.1 if moments > 1 else moved == 0.0
+
+
+def test_rays_meet_boxes_people_and_doors_at_their_heights() -> None:
+    plan = two_doors()
+    building = plan.in_space(extruded(plan, 2.5))
+    scanner = RangeScanner.layered(EXACT, 24, np.radians([-30.0, -12.0, 0.0, 8.0]), z=1.2)
+    env = NavigationEnv(
+        map=building, scanner=scanner, localizer="perfect", window=False, closed_door=1.0,
+        longest=30.0, obstacles=4, people=3,
+    )  # fmt: skip
+    simulation, shaded = env.simulation, np.zeros(2, dtype=int)
+    for seed in range(10):
+        env.reset(seed=seed)
+        state = simulation.state[0]
+        assert state["door"] and state["boxes"] >= 1
+        door, *boxes = map(polygon, simulation.boxes[0, : state["boxes"]])
+        alone = with_obstacles(building, [door], height=DOOR_HEIGHT)
+        among = with_obstacles(alone, boxes)
+        pose = state["truth"][None]
+        bare, doors = (Readings(world, scanner).true_ranges(pose)[0] for world in (building, alone))
+        wanted = Readings(among, scanner).true_ranges(pose, simulation.people, 0.25)[0]
+        assert np.abs(simulation.readings[0] - wanted).max() < 2e-5
+        shaded += (doors < bare - 0.01).sum(), (wanted < doors - 0.01).sum()
+    assert (shaded > 10).all()
 
 
 def test_a_mesh_and_a_scanner_on_the_floor_are_refused() -> None:

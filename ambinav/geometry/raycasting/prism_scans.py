@@ -37,29 +37,31 @@ def same_origin(origin, c):
 
 
 @kernel(_nrt=False)
-def turn_packet(c, co, si, packets, ux, uy):
-    """Directions in the plane of the n rays of packet c, turned by a heading.
+def turn_packet(low, high, co, si, packets, ux, uy):
+    """Directions in the plane of n rays, turned by a heading.
 
     Args:
-        c: Which packet.
+        low: Entry of the first of them.
+        high: One past that of the last.
         co: Cosine of the heading.
         si: Sine of the heading.
         packets: See `Packets`.
         ux: The first n are written: x of unit vectors in the plane, map frame.
         uy: Likewise: y of them.
     """
-    low, high = packets.start[c], packets.start[c + 1]
     for i in range(low, high):
         cosine, sine = packets.cosine[i], packets.sine[i]
         ux[i - low], uy[i - low] = co * cosine - si * sine, si * cosine + co * sine
 
 
 @kernel(_nrt=False)
-def packet_ranges(c, px, py, ux, uy, packets, scene, reach, best, hit):
-    """Distances of the n rays of packet c, which start in nothing solid.
+def packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit):
+    """Distances of n rays of packet c, which start in nothing solid.
 
     Args:
         c: Which packet.
+        low: The first of its entries that is cast.
+        high: One past the last of them.
         px: Origin, metres, map frame.
         py: Origin.
         ux: See `turn_packet`.
@@ -70,7 +72,6 @@ def packet_ranges(c, px, py, ux, uy, packets, scene, reach, best, hit):
         best: The first n are written, metres; inf where nothing is met.
         hit: The first n are written: the surface that is met, -1 for none.
     """
-    low, high = packets.start[c], packets.start[c + 1]
     ux, uy, best, hit = ux[: high - low], uy[: high - low], best[: high - low], hit[: high - low]
     pz, upright = packets.origin[c, 2], packets.flat[low] < UPRIGHT
     if upright:
@@ -79,7 +80,7 @@ def packet_ranges(c, px, py, ux, uy, packets, scene, reach, best, hit):
         for i in range(low, high):
             best[i - low] = reach * packets.flat[i]
         slope, per_slope = packets.slope[low:high], packets.per_slope[low:high]
-        if packets.column[c]:
+        if packets.column[c] or high - low == 1:
             cast_column(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
         else:
             cast_wedge(px, py, pz, ux, uy, slope, per_slope, best, hit, scene)
@@ -125,11 +126,11 @@ def _scan(x, y, theta, packets, scene, reach, ux, uy, best, hit, distance, surfa
         low, high = packets.start[c], packets.start[c + 1]
         if c == 0 or not same_origin(packets.origin, c):
             inside = within_solid(px, py, pz, scene)
-        turn_packet(c, co, si, packets, ux, uy)
+        turn_packet(low, high, co, si, packets, ux, uy)
         if inside:
             best[:], hit[:] = math.nan, -1
         else:
-            packet_ranges(c, px, py, ux, uy, packets, scene, reach, best, hit)
+            packet_ranges(c, low, high, px, py, ux, uy, packets, scene, reach, best, hit)
         for i in range(low, high):
             r, k = packets.ray[i], hit[i - low]
             surface[r], distance[r] = k, best[i - low]

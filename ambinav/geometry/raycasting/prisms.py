@@ -70,6 +70,12 @@ class Prisms:
         free: Polygon or MultiPolygon of the plan; rays of scans that start beside it are nan. None:
             they may start anywhere but in a solid, under the floor and above the ceiling.
 
+    Attributes:
+        walls: The given ones, then the sides of the solids.
+        wall_z: Lowest and highest z of each, shape (W, 2), metres.
+        sheets: How many of the walls are given ones.
+        solids: As given, like the others; `floor` and `ceiling` -inf and inf for none.
+
     Raises:
         InputError: nothing stands in it, a number is not finite, or an interval is empty.
     """
@@ -94,6 +100,7 @@ class Prisms:
                 "one of each for every wall."
             )
         _check(ends, heights, solids, floor, ceiling)
+        count = len(ends)
         parts = [(ends, heights, kinds)]
         for solid in solids:
             sides = edges_of(solid.outline)
@@ -110,6 +117,7 @@ class Prisms:
             raise InputError("prisms: nothing stands in them; give a wall or a solid.")
         self.walls = Segments(ends[extended], kinds[extended])
         self.wall_z = np.ascontiguousarray(heights[extended])
+        self.sheets = int(extended[:count].sum())
         self.solids = tuple(solids)
         self.floor = -math.inf if floor is None else float(floor)
         self.ceiling = math.inf if ceiling is None else float(ceiling)
@@ -118,6 +126,19 @@ class Prisms:
     def __repr__(self) -> str:
         """Counts."""
         return f"Prisms({len(self.walls)} walls, {len(self.solids)} solids)"
+
+    def refilled(
+        self,
+        xy: ArrayLike,
+        z: ArrayLike,
+        kind: ArrayLike,
+        *,
+        solids: Sequence[Solid],
+        free: BaseGeometry | None,
+    ) -> Prisms:
+        """Other walls, solids and plan between the same floor and ceiling; see the class."""
+        floor, ceiling = (None if math.isinf(z) else z for z in (self.floor, self.ceiling))
+        return Prisms(xy, z, kind, solids=solids, floor=floor, ceiling=ceiling, free=free)
 
     @cached_property
     def checksum(self) -> str:

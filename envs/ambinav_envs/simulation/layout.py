@@ -87,6 +87,7 @@ STATE = record(
     lost=np.bool_,
     was_lost=np.bool_,
     boxes=_WHOLE,
+    door=np.bool_,
     distance=_REAL,
     shortest=_REAL,
     exposure=_REAL,
@@ -107,12 +108,13 @@ speeds are metres and radians per second. mean and covariance are the localizer'
 which may reach the robot later (`Memory.late`). slot is that of the goal in
 `cost_to_go.CostToGoTable`.
 far_steps counts the steps since which the error has been too large, boxes the unmapped boxes around
-the robot. distance is the cost to go from the true position (`Task.cost_to_go`), shortest the
-length of the shortest path at the start; exposure and travelled are sums so far. before, driven and
-collided are of the last step: the true pose before it, the distance driven, whether it touched
-anything. After kidnap_step steps (0: never) the robot is carried to kidnap_pose, from where the
-cost to go is kidnap_cost; slippery is the middle of the floor where its wheels slip. gain
-is what its speed and its turn rate are of what is commanded, on the mean of the episode.
+the robot, door whether the first of them is a closed door. distance is the cost to go from the true
+position (`Task.cost_to_go`), shortest the length of the shortest path at the start; exposure and
+travelled are sums so far. before, driven and collided are of the last step: the true pose before
+it, the distance driven, whether it touched anything. After kidnap_step steps (0: never) the robot
+is carried to kidnap_pose, from where the cost to go is kidnap_cost; slippery is the middle of the
+floor where its wheels slip. gain is what its speed and its turn rate are of what is commanded, on
+the mean of the episode.
 """
 
 LATE = record(mean=(_REAL, 3), covariance=(_REAL, (3, 3)))

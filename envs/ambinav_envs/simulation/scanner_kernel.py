@@ -16,8 +16,10 @@ from ambinav.localization.casting import cast_rays, nearest_echoes
 from ambinav.localization.information import TABLE
 from ambinav.localization.random import uniform, ziggurats
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.space_layout import InSpace
 from ambinav_envs.simulation.layout import SCANNER
 from ambinav_envs.simulation.obstacles import shade
+from ambinav_envs.simulation.space_scan import sense_in_space
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +30,10 @@ class ScannerArrays(NamedTuple):
     Attributes:
         near: Minimum range, shape (B,), metres.
         far: Maximum range, shape (B,), metres.
+        moment: When each beam of a scan is taken, shape (B,): -1 is its begin, 0 its end.
+        height: Of each ray's start above the floor, in space (`RangeScanner.rays`), shape (R,),
+            metres.
+        rise: Sine of its elevation, shape (R,).
         sensor: Which sensor each beam is of, shape (B,).
         shift: Bias over the true range from 0 to the maximum, shape (S, TABLE), metres.
         std: Deviation likewise.
@@ -39,6 +45,9 @@ class ScannerArrays(NamedTuple):
 
     near: Floats
     far: Floats
+    moment: Floats
+    height: Floats
+    rise: Floats
     sensor: NDArray[np.int64]
     shift: Floats
     std: Floats
@@ -48,16 +57,20 @@ class ScannerArrays(NamedTuple):
 
 def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
     """Lay out a scanner."""
-    which = scanner.sensor_of_beam
+    which, rays = scanner.sensor_of_beam, scanner.rays(in_space=True)
     ranges = [np.linspace(0.0, sensor.max_range, TABLE) for sensor in scanner.sensors]
     pairs = list(zip(scanner.sensors, ranges, strict=True))
+    run = np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1, [len(which)]]).astype(np.int64)
     return ScannerArrays(
         np.array([s.min_range for s in scanner.sensors])[which],
         np.array([s.max_range for s in scanner.sensors])[which],
+        _moments(scanner, run),
+        rays.height,
+        np.sin(rays.elevation),
         np.array(which, dtype=np.int64),
         np.array([sensor.bias_at(d) for sensor, d in pairs]),
         np.array([sensor.std_at(d) for sensor, d in pairs]),
-        np.concatenate([[0], np.flatnonzero(np.diff(which)) + 1, [len(which)]]).astype(np.int64),
+        run,
         np.array(
             [
                 (
@@ -75,10 +88,24 @@ def scanner_arrays(scanner: RangeScanner) -> ScannerArrays:
     )
 
 
+def _moments(scanner: RangeScanner, run: NDArray[np.int64]) -> Floats:
+    """`ScannerArrays.moment`: beams of a sensor follow each other, if its layout says nothing."""
+    moment = np.concatenate([np.arange(1 - count, 1) / count for count in np.diff(run)])
+    first = 0
+    for part in scanner.parts:
+        end = first + len(part.layout.upright())
+        if isinstance(part.layout, InSpace):
+            moment[first:end] = part.layout.moments()
+        first = end
+    return moment
+
+
 @kernel(forceinline=True)
 def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
     """Read the scanner of robot i at its true pose, into row i of `Memory.readings`."""
-    if settings.scan_time > 0.0:
+    if sense_in_space(cast.space, cast, scanner, state, settings, people, boxes, i, scratch):
+        pass
+    elif settings.scan_time > 0.0:
         sweep(cast, scanner, state, settings, people, boxes, i, scratch)
     else:
         x, y, theta = state.truth[0], state.truth[1], state.truth[2]
@@ -96,21 +123,15 @@ def sense(cast, scanner, state, settings, people, boxes, readings, i, scratch):
 def sweep(cast, scanner, state, settings, people, boxes, i, scratch):
     """As `cast_rays` and `shade`, each beam from where the robot was when that was taken.
 
-    The beams of a sensor are taken one after the other in equal steps, the last one now. On its way
-    the robot has driven as in the last step; people stand where they are now.
+    On its way the robot has driven as in the last step; people stand where they are now.
     """
     ux, uy, distance, hit, stack = scratch.cast
-    moment, speed, rate = scratch.noise, state.speeds[0], state.speeds[1]
-    for run in range(scanner.run.size - 1):
-        first, end = scanner.run[run], scanner.run[run + 1]
-        for b in range(first, end):
-            moment[b] = (b + 1 - end) / (end - first) * settings.scan_time
+    speed, rate = state.speeds[0], state.speeds[1]
     met, far = people.shape[1] > 0 or state.boxes > 0, scanner.far.max()
     for g in range(cast.origin.shape[0]):
         for j in range(cast.first[g], cast.first[g + 1]):
-            x, y, theta = unicycle(
-                state.truth[0], state.truth[1], state.truth[2], speed, rate, moment[cast.beam[j]]
-            )
+            ago = scanner.moment[cast.beam[j]] * settings.scan_time
+            x, y, theta = unicycle(state.truth[0], state.truth[1], state.truth[2], speed, rate, ago)
             co, si = math.cos(theta), math.sin(theta)
             px = x + co * cast.start[j, 0] - si * cast.start[j, 1]
             py = y + si * cast.start[j, 0] + co * cast.start[j, 1]

@@ -303,7 +303,7 @@ class Simulation:
         for name, value in zip(Upsets._fields, numbers, strict=False):
             self.state[name][i] = value
         if door is not None:
-            self.state["boxes"][i], self.boxes[i, 0] = 1, door
+            self.state["boxes"][i], self.boxes[i, 0], self.state["door"][i] = 1, door, True
 
     def _start(
         self, rows: NDArray[np.int64], tasks: Sequence[Task], streams: NDArray[np.uint64]

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
-from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.service.service import AmbiguityService
@@ -98,18 +97,6 @@ def _true_record(
     return record._replace(cast=cast, walls=Walls(table, bound), bounds=world.environment.bounds)
 
 
-def _check(environment: Environment, parameters: NavigationParameters) -> None:
-    """Refuse in a building in space what cuts beams short, or takes them one after the other."""
-    for name, asked in (
-        ("people", parameters.people.count),
-        ("obstacles", parameters.obstacles),
-        ("closed_door", parameters.closed_door),
-        ("scan_time", parameters.scan_time),
-    ):
-        if asked:
-            plane_only(environment, name)
-
-
 class Sites:
     """Buildings made ready, the latest ones kept.
 
@@ -130,11 +117,10 @@ class Sites:
         """The site of a building.
 
         Raises:
-            InputError: it is in space, and not all that is asked for is known there.
+            InputError: it is a mesh, or in space and the scanner's beams are cones.
         """
         site = self._sites.get(building.key)
         if site is None or site.building is not building:
-            _check(building.environment, self._parameters)
             cast = cast_tables(building.environment, self._parameters.scanner, self._beams)
             noise = self._noise_in(building.environment)
             site = Site(building, self._made, cast, self._scanner, noise, self._parameters)

@@ -1,0 +1,225 @@
+"""Aged walls and moved furniture of a building of prisms: what becomes of walls and solids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely.geometry.base import BaseGeometry
+
+from ambinav.errors import InputError
+from ambinav.geometry.environment import Environment
+from ambinav.geometry.raycasting.prisms import NO_AREA, Prisms
+
+# Metres above the floor. What ends below is driven and stood on.
+GROUND: Final = 0.03
+# Metres above the floor. What begins below is what the plan shows, not what hangs over it.
+STANDING: Final = 0.3
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Thing = tuple[int, shapely.Polygon]
+
+
+def prisms_of(environment: Environment, what: str) -> Prisms | None:
+    """What an environment is in space; None for a plan.
+
+    Args:
+        environment: The building.
+        what: What is asked of it: a noun in the singular.
+
+    Raises:
+        InputError: it is a mesh, or the map of a building that keeps the floor alone.
+    """
+    space = environment.space
+    if space is None or isinstance(space, Prisms):
+        return space
+    # Asked for its surfaces, a space that was not kept says so itself.
+    triangles = len(space.surface_kind)
+    raise InputError(
+        f"{environment.name}: it is a mesh of {triangles} triangles, and {what} is known for plans "
+        "and prisms alone; give its plan, in Python environment.plan."
+    )
+
+
+def bent_lines(
+    xy: Floats, moved: Callable[[Floats], Floats], piece: float
+) -> tuple[Floats, NDArray[np.intp]]:
+    """Lines, shape (N, 4), in pieces whose ends were moved, (M, 4), and the line of each, (M,)."""
+    lines = shapely.segmentize(shapely.linestrings(xy.reshape(-1, 2, 2)), piece)
+    points, line = shapely.get_coordinates(lines, return_index=True)
+    points, within = moved(points), line[1:] == line[:-1]
+    return np.hstack([points[:-1], points[1:]])[within], line[1:][within]
+
+
+def bent_area(shape: BaseGeometry, moved: Callable[[Floats], Floats], piece: float) -> BaseGeometry:
+    """An area whose border, in pieces, was moved."""
+    found = shapely.transform(shapely.segmentize(shape, piece), moved)
+    # Where walls touch, pieces may cross by a millimetre.
+    return shapely.make_valid(found, method="structure", keep_collapsed=False)
+
+
+def bent_prisms(prisms: Prisms, moved: Callable[[Floats], Floats], piece: float) -> Prisms:
+    """Prisms whose walls and outlines were moved; heights are as they were."""
+    given = slice(prisms.sheets)
+    rows, owner = bent_lines(prisms.walls.xy[given], moved, piece)
+    solids = [
+        replace(solid, outline=part)
+        for solid in prisms.solids
+        for part in shapely.get_parts(bent_area(solid.outline, moved, piece))
+        if part.area > NO_AREA
+    ]
+    return prisms.refilled(
+        rows, prisms.wall_z[given][owner], prisms.walls.kind[given][owner], solids=solids,
+        free=None if prisms.free is None else bent_area(prisms.free, moved, piece),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A piece of furniture: what moves as one.
+
+    Attributes:
+        things: Its outlines on the plan, with the numbers of their rings.
+        on_plan: What it covers on the plan.
+        shape: What it covers seen from above, what overhangs too.
+        bodies: Which bodies of `Bodies` are its own; none of a plan.
+        low: Its lowest z, metres,
+        high: and its highest.
+    """
+
+    things: list[Thing]
+    on_plan: BaseGeometry
+    shape: BaseGeometry
+    bodies: Ints
+    low: float = 0.0
+    high: float = 0.0
+
+
+class Bodies:
+    """Walls without thickness and solids of a building, as what furniture is made of.
+
+    Args:
+        prisms: The building.
+        floor: z of its floor, metres.
+        furniture: What is wider, metres, is none.
+        touching: What is nearer to something else, metres, belongs to it.
+    """
+
+    def __init__(self, prisms: Prisms, floor: float, furniture: float, touching: float) -> None:
+        self._prisms, self._furniture, self._touching = prisms, furniture, touching
+        sheets = shapely.linestrings(prisms.walls.xy[: prisms.sheets].reshape(-1, 2, 2))
+        of_solids = np.array([(s.bottom, s.top) for s in prisms.solids]).reshape(-1, 2)
+        self.outline = np.array([*sheets, *(s.outline for s in prisms.solids)], dtype=object)
+        self.low, self.high = np.concatenate([prisms.wall_z[: prisms.sheets], of_solids]).T
+        self._moves: list[tuple[Piece, BaseGeometry, Floats]] = []
+        self._gone: list[int] = []
+        self._standing = (self.low <= floor + STANDING) & (self.high > floor + GROUND)
+        self._above = self.high > floor + GROUND
+        self._tree = shapely.STRtree(self.outline)
+        narrow = self._above & (2.0 * shapely.minimum_bounding_radius(self.outline) <= furniture)
+        one, other = self._tree.query(self.outline, predicate="dwithin", distance=touching)
+        meet = np.minimum(self.high[one], self.high[other]) + touching >= np.maximum(
+            self.low[one], self.low[other]
+        )
+        meet &= self._above[one] & self._above[other] & narrow[one]
+        joined = meet & narrow[other]
+        count = len(self.outline)
+        links = coo_array((np.ones(joined.sum()), (one[joined], other[joined])), (count, count))
+        _, self._part = connected_components(links, directed=False)
+        # What touches something wide, a wall or a beam, belongs to the building.
+        fixed = np.unique(self._part[one[meet & ~narrow[other]]])
+        self._movable = narrow & ~np.isin(self._part, fixed)
+
+    def pieces(self, things: Sequence[Thing]) -> list[Piece]:
+        """The pieces of furniture whose outlines on the plan these are, by their first one.
+
+        Legs on which the same body rests are one piece. Left out is what no body stands in, what
+        belongs to something that stays, and what is too wide with all that overhangs.
+        """
+        outlines = [outline for _, outline in things]
+        thing, body = self._tree.query(outlines, predicate="dwithin", distance=self._touching)
+        some = self._standing[body]
+        thing, part = thing[some], self._part[body[some]]
+        count = len(things) + len(self.outline)
+        links = coo_array((np.ones(len(thing)), (thing, len(things) + part)), (count, count))
+        _, group = connected_components(links, directed=False)
+        found = []
+        for number in dict.fromkeys(group[: len(things)].tolist()):
+            mine = np.flatnonzero(group[: len(things)] == number)
+            parts = np.flatnonzero(group[len(things) :] == number)
+            bodies = np.flatnonzero(np.isin(self._part, parts) & self._above)
+            if not len(bodies) or not self._movable[bodies].all():
+                continue
+            own = [things[k] for k in mine.tolist()]
+            covered = self._covered([outline for _, outline in own], bodies)
+            if covered is not None:
+                low, high = self.low[bodies].min(), self.high[bodies].max()
+                found.append(Piece(own, *covered, bodies, float(low), float(high)))
+        return found
+
+    def _covered(
+        self, outlines: list[shapely.Polygon], bodies: Ints
+    ) -> tuple[BaseGeometry, BaseGeometry] | None:
+        """What a piece covers on the plan, and from above; None where it is no furniture."""
+        apart = shapely.STRtree(outlines).query(
+            outlines, predicate="dwithin", distance=self._touching
+        )
+        on_plan = outlines[0] if len(outlines) == 1 else shapely.union_all(outlines)
+        near = shapely.buffer(on_plan, self._touching)
+        over = self.outline[bodies][~shapely.covers(near, self.outline[bodies])]
+        shape = shapely.union_all([on_plan, *over]) if len(over) else on_plan
+        wide = 2.0 * shapely.minimum_bounding_radius(shape) > self._furniture
+        return None if wide or apart.shape[1] > len(outlines) else (on_plan, shape)
+
+    def beside(self, piece: Piece, shape: BaseGeometry, gap: float) -> bool:
+        """Whether a body at its heights is as near as this to a piece that covers a shape."""
+        near = self._tree.query(shape, predicate="dwithin", distance=gap)
+        near = near[(self.low[near] < piece.high) & (self.high[near] > piece.low)]
+        if (self._above[near] & ~np.isin(near, [*piece.bodies, *self._gone])).any():
+            return True
+        return any(
+            one.low < piece.high and one.high > piece.low and place.dwithin(shape, gap)
+            for one, place, _ in self._moves
+        )
+
+    def move(self, piece: Piece, place: BaseGeometry, shift: Floats) -> None:
+        """Note that a piece now covers a place, metres in x and in y from where it was."""
+        self._moves.append((piece, place, shift))
+        self._gone += piece.bodies.tolist()
+
+    def moved(self) -> Prisms:
+        """The building with the pieces where they are now."""
+        count, prisms, free = self._prisms.sheets, self._prisms, self._prisms.free
+        by = np.zeros((len(self.outline), 2))
+        holes = []
+        for piece, _, shift in self._moves:
+            by[piece.bodies] = shift
+            for _, outline in piece.things:
+                # A plan that goes on under the furniture is left as it is.
+                if free is not None and not free.contains(outline.representative_point()):
+                    holes.append((outline, translated(outline, shift)))
+        if free is not None and holes:
+            before, after = (shapely.union_all(part) for part in zip(*holes, strict=True))
+            free = free.union(before).difference(after)
+        return prisms.refilled(
+            prisms.walls.xy[:count] + np.tile(by[:count], 2),
+            prisms.wall_z[:count],
+            prisms.walls.kind[:count],
+            solids=[
+                replace(solid, outline=translated(solid.outline, shift)) if shift.any() else solid
+                for solid, shift in zip(prisms.solids, by[count:], strict=True)
+            ],
+            free=free,
+        )
+
+
+def translated(shape: BaseGeometry, shift: Floats) -> BaseGeometry:
+    """A shape moved by metres in x and in y."""
+    return shapely.transform(shape, lambda points: points + shift)
