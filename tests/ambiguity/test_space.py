@@ -314,8 +314,8 @@ def test_what_is_known_of_plans_alone() -> None:
     for what, ask in asked.items():
         with pytest.raises(InputError, match=f"{what}.*is known for plans alone.*plan"):
             ask()
-    with pytest.raises(InputError, match="gfm: the building is in space"):
-        build_map(env, LASER, layers="gfm")
+    with pytest.raises(InputError, match="wall_normals: the building is in space"):
+        build_map(env, LASER, layers="wall_normals")
     with pytest.raises(InputError, match="it is a plan, and the scanner looks up"):
         MonteCarloLocalizer(plan, LIDAR, rng=np.random.default_rng(0))
 
@@ -343,9 +343,11 @@ def test_stored_maps_are_told_apart_by_what_stands_in_space() -> None:
     assert None not in keys and len(keys) == 3
 
 
-def test_layers_that_work_in_space() -> None:
-    env, _ = furnished()
+@pytest.mark.parametrize("in_mesh", [False, True])
+def test_layers_that_work_in_space(in_mesh: bool) -> None:
+    env = furnished()[in_mesh]
     amap = build_map(env, LIDAR, spacing=0.5, max_beams=84, layers="all", store=False)
     assert {"position", "coastal_entropy", "clearance", "fisher"} <= set(amap.layers)
-    assert not {"perturbation", "gfm", "localizability", "wall_normals"} & set(amap.layers)
+    assert ("perturbation" in amap.layers) != in_mesh
+    assert not {"gfm", "localizability", "wall_normals"} & set(amap.layers)
     assert (amap.dataset["unknown"].values[amap.dataset["free"].values] < BLIND).all()

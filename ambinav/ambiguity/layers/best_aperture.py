@@ -120,4 +120,5 @@ LAYER = Layer(
         "best_aperture_around": ("level of the same sensor looking all around", "1"),
     },
     slow=True,
+    in_space=True,
 )

@@ -35,7 +35,7 @@ from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.registry import Layer
 from ambinav.config import as_number
 from ambinav.errors import InputError
-from ambinav.geometry.raycasting.fan import scan_plan
+from ambinav.geometry.raycasting.scans import scan_rays
 from ambinav.geometry.segments import FRONTIER
 from ambinav.kernels import kernel
 from ambinav.sensing.scanner import RangeScanner
@@ -69,23 +69,28 @@ def gfm(context: LayerContext, *, step: float = STEP) -> dict[str, NDArray[np.fl
     Raises:
         InputError: the step is not a positive number.
     """
-    views = [_view(context.scanner, float(heading)) for heading in context.headings]
+    in_space = context.environment.space is not None
+    views = [_view(context.scanner, float(heading), in_space) for heading in context.headings]
     counts = np.zeros((len(context.points[0]), len(views)), dtype=np.int64)
-    for limit in np.unique(np.concatenate([view[view > 0.0] for view in views])):
-        masks = rank_masks(context, float(limit), step)
+    kinds = np.unique(np.concatenate([view[view[:, 0] > 0.0] for view in views]), axis=0)
+    for limit, height in kinds.tolist():
+        masks = rank_masks(context, limit, step, height)
         for h, view in enumerate(views):
-            counts[:, h] += np.bitwise_count(masks & _mask(view == limit))
-    seen = np.array([np.count_nonzero(view) for view in views])
+            counts[:, h] += np.bitwise_count(masks & _mask((view == (limit, height)).all(axis=1)))
+    seen = np.array([np.count_nonzero(view[:, 0]) for view in views])
     return {"gfm": context.spread(counts / seen)}
 
 
-def rank_masks(context: LayerContext, max_range: float, step: float = STEP) -> NDArray[np.uint64]:
+def rank_masks(
+    context: LayerContext, max_range: float, step: float = STEP, height: float = 0.0
+) -> NDArray[np.uint64]:
     """The 64 directions of the map as bits, at each free cell.
 
     Args:
         context: What the map was made of; its scanner plays no part.
         max_range: How far a ray sees, metres.
         step: Distance to the poses that hit points are compared with, metres.
+        height: Of the rays above the floor of a building in space, metres.
 
     Returns:
         uint64, shape (P,): bit k is set if the ray in direction 2 pi k / 64 (map frame) has a hit
@@ -104,10 +109,10 @@ def rank_masks(context: LayerContext, max_range: float, step: float = STEP) -> N
     for low in range(0, len(x), BATCH):
         part = slice(low, low + BATCH)
         # A wall within a step counts even where it is out of the rays' range.
-        own, bare = _cast(context, x[part], y[part], max(max_range, step))
+        own, bare = _cast(context, x[part], y[part], max(max_range, step), height)
         beside = []
         for (i, j), rays in zip(AXES, TOWARDS, strict=True):
-            there, _ = _cast(context, x[part] + i * step, y[part] + j * step, max_range)
+            there, _ = _cast(context, x[part] + i * step, y[part] + j * step, max_range, height)
             there[~(bare[:, rays] > step)] = np.inf
             beside.append(there)
         own[own > max_range] = np.inf
@@ -119,19 +124,23 @@ def rank_masks(context: LayerContext, max_range: float, step: float = STEP) -> N
 
 
 def _cast(
-    context: LayerContext, x: NDArray[np.float64], y: NDArray[np.float64], reach: float
+    context: LayerContext,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    reach: float,
+    height: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Distance to the wall in each direction, inf without one, and to any segment; (N, 64) each.
 
     Both are inf or nan where (x, y) is outside the free space, and beyond `reach`.
     """
     angles = TURN * np.arange(DIRECTIONS, dtype=np.float64)
-    bare, segment, _ = scan_plan(
+    bare, segment, _ = scan_rays(
         context.environment, x, y, np.zeros(len(x)), np.zeros((DIRECTIONS, 2)), angles, reach,
-        incidence=False,
+        height=np.full(DIRECTIONS, height), elevation=np.zeros(DIRECTIONS), incidence=False,
     )  # fmt: skip
     # No segment is -1, the last of the list.
-    frontier = np.append(context.environment.segments.kind == FRONTIER, False)
+    frontier = np.append(context.environment.surface_kind == FRONTIER, False)
     return np.where(frontier[segment], np.float32(np.inf), bare), bare
 
 
@@ -157,14 +166,18 @@ def _mask(seen: NDArray[np.bool_]) -> np.uint64:
     return packed
 
 
-def _view(scanner: RangeScanner, heading: float) -> NDArray[np.float64]:
-    """How far the scanner sees in each direction of the map, metres; 0: not at all."""
+def _view(scanner: RangeScanner, heading: float, in_space: bool) -> NDArray[np.float64]:
+    """How far the scanner sees in each direction of the map, 0: not at all, and from what height.
+
+    Shape (64, 2), metres; in a plan heights mean nothing and are 0.
+    """
     sensors = [scanner.sensors[i] for i in scanner.sensor_of_beam]
     rays = np.array([sensor.aperture <= TURN for sensor in sensors])
     limit = np.array([sensor.max_range for sensor in sensors])[rays]
+    height = scanner.upright[rays, 0] if in_space else np.zeros(len(limit))
     yaw = np.mod(scanner.mounts[rays, 2], 2 * math.pi)
     order = np.argsort(yaw)
-    yaw, limit = yaw[order], limit[order]
+    yaw, limit, height = yaw[order], limit[order], height[order]
     gap = np.diff(yaw, append=yaw[0] + 2 * math.pi)
     # Within a fan a beam stands for half the angle to the next; where none is near, for a step.
     half = np.clip(np.minimum(gap, np.roll(gap, 1)) / 2.0, TURN / 2.0, TURN)
@@ -172,10 +185,15 @@ def _view(scanner: RangeScanner, heading: float) -> NDArray[np.float64]:
     apart = np.abs(np.mod(direction[:, np.newaxis] - yaw + math.pi, 2 * math.pi) - math.pi)
     nearest = apart.argmin(axis=1)
     within = apart[np.arange(DIRECTIONS), nearest] <= half[nearest] + 1e-9
-    return np.where(within, limit[nearest], 0.0)
+    return np.where(within[:, None], np.column_stack([limit, height])[nearest], 0.0)
 
 
 def _why_not(scanner: RangeScanner) -> str | None:
+    if not scanner.level:
+        return (
+            "it looks up and down, and hit points on floor, ceiling and tables move with the robot "
+            "in two directions though they tell nothing of where it is."
+        )
     narrowest = min(sensor.aperture for sensor in scanner.sensors)
     if narrowest <= TURN:
         return None
@@ -263,5 +281,6 @@ LAYER = Layer(
     worse="high",
     compute=gfm,
     reach=_reach,
+    in_space=True,
     why_not=_why_not,
 )

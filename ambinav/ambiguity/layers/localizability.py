@@ -237,4 +237,6 @@ LAYER = Layer(
         ),
     },
     high_is_good=("localizability_determinant",),
+    not_in_space="the layer's probabilistic grid is that of a plan; leave it out, or ask it of "
+    "environment.plan.",
 )

@@ -93,7 +93,8 @@ def perturbation(
         perturbation and perturbation_minor (metres) and perturbation_direction (radians).
 
     Raises:
-        InputError: a number is out of its range.
+        InputError: a number is out of its range; or the building is in space, and it is a mesh or
+            beams are cones (`cast_tables`).
     """
     size = context.radius / 2 if displacement is None else as_number(displacement, "displacement")
     if not size > 0.0:
@@ -138,7 +139,10 @@ def free_lengths(context: LayerContext, size: float) -> NDArray[np.float32]:
 
 def _farther(cast: CastTables) -> CastTables:
     """The same beams, followed `BEYOND` their maximum range."""
-    return cast._replace(limit=cast.limit + BEYOND, reach=cast.reach + BEYOND)
+    space = cast.space
+    if space is not None:
+        space = space._replace(reach=space.reach + BEYOND)
+    return cast._replace(limit=cast.limit + BEYOND, reach=cast.reach + BEYOND, space=space)
 
 
 @kernel
@@ -316,6 +320,8 @@ LAYER = Layer(
     source="own, after the idea of Chai et al. 2024, LF-3PM (IROS): docs/layers.md",
     worse="high",
     compute=perturbation,
+    in_space=True,
+    prisms_alone=True,
     companions={
         "perturbation_minor": ("error left of a small displacement, best direction", "m"),
         "perturbation_direction": ("axis of the worst error left of a small displacement", "rad"),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ambinav.config import nearest
 from ambinav.errors import InputError
+from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.maps import schema
 from ambinav.maps.core_layers import CORE_LAYERS, LayerRecord
 from ambinav.plugins import Registry
@@ -48,7 +49,10 @@ class Layer(LayerRecord):
         high_is_good: Companions that are high where a robot is well localized: no costs.
         slow: Left out of `ALL`; it has to be named.
         in_space: Whether it is known of buildings in space and of scanners that look up and down:
-            whether all that it casts goes through `LayerContext.returns` or `scans.scan_rays`.
+            whether all that it casts goes through `LayerContext.returns`, `scans.scan_rays` or
+            `cast_tables`.
+        not_in_space: What is said where it is not.
+        prisms_alone: Whether it is known in space of prisms and lasers alone (`cast_tables`).
         reach: From the context and the options, how far from a cell a change of the building may
             be and still change the layer there, metres, whatever stands between; what lies
             further off must not matter, nor cells beyond the map's radius. None: no limit is
@@ -61,6 +65,8 @@ class Layer(LayerRecord):
     high_is_good: tuple[str, ...] = ()
     slow: bool = False
     in_space: bool = False
+    not_in_space: str = "the layer is known for plans and level beams alone; leave it out."
+    prisms_alone: bool = False
     reach: Callable[..., float] | None = None
 
     def __post_init__(self) -> None:
@@ -172,7 +178,14 @@ def _reason(layer: Layer, scanner: RangeScanner, environment: Environment | None
     in_space = environment is not None and environment.space is not None
     if not layer.in_space and (in_space or not scanner.level):
         which = "the building is in space" if in_space else "it looks up and down"
-        return f"{which}, and the layer is known for plans and level beams alone; leave it out."
+        return f"{which}, and {layer.not_in_space}"
+    if environment is not None and in_space and layer.prisms_alone:
+        cones = any(sensor.aperture > 0.0 for sensor in scanner.sensors)
+        if cones or not isinstance(environment.space, Prisms):
+            return (
+                f"the building is {'in space' if cones else 'a mesh'}, and the layer is known "
+                "there of prisms and lasers alone; leave it out."
+            )
     with LAYERS.calling(layer.name):
         return layer.why_not(scanner)
 

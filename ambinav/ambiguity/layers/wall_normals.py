@@ -118,6 +118,8 @@ LAYER = Layer(
     worse="low",
     compute=wall_normals,
     why_not=_why_not,
+    not_in_space="the layer counts metres of the walls of a plan, seen or not, which walls with "
+    "heights are not; leave it out, or ask it of environment.plan.",
     high_is_good=("wall_normals_strong",),
     companions={
         "wall_normals_strong": ("walls in range, largest eigenvalue of their normals", "m"),
