@@ -1,7 +1,8 @@
-"""Options on a building in three dimensions: a plan with a height, an .ifc file, or a mesh."""
+"""Options on a building in three dimensions: a plan with a height, an .ifc file, mesh or scan."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final
@@ -75,8 +76,26 @@ class SpaceOptions:
         typer.Option(
             "--up",
             metavar="x|y|z",
-            help="Which axis of a mesh is up.",
+            help="Which axis of a mesh or a point cloud is up.",
             show_default="z, of a .glb y",
+        ),
+    ] = None
+    voxel: Annotated[
+        float | None,
+        typer.Option(
+            "--voxel",
+            metavar="M",
+            help="Edge of the voxels that are made of a point cloud.",
+            show_default="0.05",
+        ),
+    ] = None
+    voxel_points: Annotated[
+        int | None,
+        typer.Option(
+            "--voxel-points",
+            metavar="N",
+            help="Leave out voxels of a point cloud with fewer points: stray ones.",
+            show_default="1",
         ),
     ] = None
 
@@ -89,6 +108,8 @@ class SpaceOptions:
         above_zero(self.extrude, "--extrude", "2.5")
         above_zero(self.scanner_height, "--scanner-height", "0.3")
         above_zero(self.robot_height, "--robot-height", "1.2")
+        above_zero(self.voxel, "--voxel", "0.05")
+        above_zero(self.voxel_points, "--voxel-points", "2")
         if self.in_space and self.extrude is not None:
             raise InputError(
                 "--extrude: with --in-space the building has the heights of its file; leave one of "
@@ -102,7 +123,7 @@ class SpaceOptions:
     def mesh(
         self, map_file: Path, scanner: RangeScanner, unit: str | None, robot_radius: float
     ) -> Environment | None:
-        """The floor of a mesh, with the mesh; None where the file is no mesh.
+        """The floor of a mesh, with the mesh; None where the file is no mesh and no point cloud.
 
         Args:
             map_file: The file.
@@ -113,25 +134,26 @@ class SpaceOptions:
         Raises:
             InputError: it cannot be used, or an option does not suit it.
         """
-        from ambinav.geometry.mesh.read import SUFFIXES, read_mesh
+        from ambinav.geometry.io.readers import READERS
+        from ambinav.geometry.mesh.cloud import is_cloud
+        from ambinav.geometry.mesh.read import SUFFIXES
 
         suffix = map_file.suffix.lower()
-        if suffix not in (*SUFFIXES, OCTOMAP):
+        # What a plug-in reads is its own, of whatever suffix.
+        if suffix.removeprefix(".") in READERS.names():
+            return None
+        if not (cloud := is_cloud(map_file)) and suffix not in (*SUFFIXES, OCTOMAP):
             return None
         if self.extrude is not None or self.in_space:
             raise InputError(
                 f"--{'in-space' if self.in_space else 'extrude'}: {map_file} has three dimensions "
                 "already; leave the option out."
             )
+        if not cloud:
+            self._refuse(("voxel", "voxel_points"), f"{map_file} is no point cloud")
         from ambinav.geometry.mesh.floor import floor_environment
-        from ambinav.geometry.mesh.octomap import read_octomap
         from ambinav.sensing.robot_radius import robot_radius as own
 
-        found: Mesh
-        if suffix == OCTOMAP:
-            found = read_octomap(map_file, processes=PROCESSES)
-        else:
-            found = read_mesh(map_file, unit=unit, up=self.up, processes=PROCESSES)
         height = self.robot_height
         if height is None:
             height = float(scanner.upright[:, 0].max())
@@ -140,7 +162,29 @@ class SpaceOptions:
                     f"{map_file}: it has three dimensions, and scanner {scanner.name!r} does not "
                     "say how high it is mounted; give --scanner-height, e.g. 0.3."
                 )
+        found = self._read(map_file, cloud, unit)
         return floor_environment(found, height, robot_radius or own(scanner), floor=self.floor)
+
+    def _read(self, map_file: Path, cloud: bool, unit: str | None) -> Mesh:
+        """The triangles of a mesh, or those around the voxels of an OctoMap or a point cloud."""
+        from ambinav.geometry.mesh.cloud import VOXEL, read_cloud
+        from ambinav.geometry.mesh.octomap import read_octomap
+        from ambinav.geometry.mesh.read import read_mesh
+
+        if map_file.suffix.lower() == OCTOMAP:
+            return read_octomap(map_file, processes=PROCESSES)
+        if not cloud:
+            return read_mesh(map_file, unit=unit, up=self.up, processes=PROCESSES)
+        return read_cloud(
+            map_file, voxel=self.voxel or VOXEL, points=self.voxel_points or 1, unit=unit,
+            up=self.up, processes=PROCESSES,
+        )  # fmt: skip
+
+    def _refuse(self, names: Sequence[str], why: str) -> None:
+        """Refuse options that were given; raises `InputError`."""
+        for field in fields(self):
+            if field.name in names and getattr(self, field.name) is not None:
+                raise InputError(f"--{field.name.replace('_', '-')}: {why}; leave the option out.")
 
     def extruded(self, environment: Environment) -> Environment:
         """A plan with the height that was given, if one was.
@@ -148,15 +192,10 @@ class SpaceOptions:
         Raises:
             InputError: an option for meshes alone was given.
         """
-        for field in fields(self):
-            if (
-                field.name in ("robot_height", "floor", "up")
-                and getattr(self, field.name) is not None
-            ):
-                raise InputError(
-                    f"--{field.name.replace('_', '-')}: {environment.source or environment.name} "
-                    "is no mesh; leave the option out, or give --extrude for a plan's height."
-                )
+        where = environment.source or environment.name
+        self._refuse(("voxel", "voxel_points"), f"{where} is no point cloud")
+        names = ("robot_height", "floor", "up")
+        self._refuse(names, f"{where} is no mesh (for a plan's height there is --extrude)")
         if self.extrude is None:
             return environment
         from ambinav.geometry.extrude import extruded
