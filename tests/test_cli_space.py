@@ -80,6 +80,28 @@ def test_a_mesh(runner: CliRunner, room: Path) -> None:
     assert 20.0 < json.loads(result.stdout)["free_area_m2"] < 25.0
 
 
+@pytest.mark.parametrize("suffix", ["xyz", "txt", "ply"])
+def test_a_point_cloud(runner: CliRunner, tmp_path: Path, suffix: str) -> None:
+    rng, size = np.random.default_rng(1), np.array((6.0, 4.0, 2.5))
+    rows = rng.random((120_000, 3)) * size
+    # Each on one of the six sides.
+    axis = rng.integers(0, 3, len(rows))
+    rows[np.arange(len(rows)), axis] = size[axis] * rng.integers(0, 2, len(rows))
+    path = tmp_path / f"room.{suffix}"
+    if suffix == "ply":
+        head = "ply\nformat binary_little_endian 1.0\nelement vertex 120000\n"
+        head += "".join(f"property double {a}\n" for a in "xyz") + "end_header\n"
+        path.write_bytes(head.encode() + rows.tobytes())
+    else:
+        np.savetxt(path, rows, fmt="%.4f")
+    options = ["--scanner-height", "0.3", "--voxel", "0.1", "--voxel-points", "2"]
+    done = runner.invoke(app, ["map", str(path), *PLANAR, *options, "-o", "a.zarr", "--json"])
+    assert done.exit_code == 0, done.output
+    assert 20.0 < json.loads(done.stdout)["free_area_m2"] < 25.0
+    notes = AmbiguityMap.open("a.zarr").dataset.attrs["environment_notes"]
+    assert "120000 points in" in notes and "voxels of 0.1 m" in notes
+
+
 @pytest.mark.parametrize("preset", ["velodyne-vlp-16", "livox-mid-360"])
 def test_a_building_model_in_space(runner: CliRunner, house: Path, preset: str) -> None:
     options = [str(house), "--level", "Ground", "-s", preset, "--spacing", "0.5", "--no-store"]
@@ -152,6 +174,8 @@ def test_scanners_in_an_extruded_plan_and_in_a_mesh(runner: CliRunner, room: Pat
     ([*LIDAR, "--in-space", "--extrude", "2"], "leave one of the two out"),
     ([*PLANAR, "--floor", "0"], "--floor: "),
     ([*PLANAR, "--robot-height", "1"], "is no mesh"),
+    ([*PLANAR, "--voxel", "0.1"], "is no point cloud"),
+    ([*PLANAR, "--voxel", "0"], "--voxel: 0 is not above zero"),
     ([*LIDAR, "--extrude", "2.5", "--layers", "gfm"], "gfm: it looks up and down"),
 ])  # fmt: skip
 def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) -> None:
@@ -167,6 +191,7 @@ def test_refused_for_a_plan(runner: CliRunner, options: list[str], part: str) ->
     (["--scanner-height", "0.3", "--in-space"], "--in-space: "),
     (["--scanner-height", "0.3", "--up", "w"], "up is 'w'"),
     (["--scanner-height", "0.3", "--floor", "9"], "floor is 9"),
+    (["--scanner-height", "0.3", "--voxel-points", "2"], "is no point cloud"),
 ])  # fmt: skip
 def test_refused_for_a_mesh(runner: CliRunner, room: Path, options: list[str], part: str) -> None:
     result = runner.invoke(app, ["map", str(room), *PLANAR, *options, "-o", "a.zarr"])

@@ -1,4 +1,4 @@
-"""Options on a building in three dimensions: a plan with a height, an .ifc file, or a mesh."""
+"""Options on a building in three dimensions: a plan with a height, an .ifc file, a mesh."""
 
 from __future__ import annotations
 
@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from ambinav.sensing.building_file import SpaceSettings
     from ambinav.sensing.scanner import RangeScanner
 
-EXAMPLES = {"extrude": "2.5", "scanner_height": "0.3", "robot_height": "1.2"}
-"""Options in metres above zero, each with a good value."""
+EXAMPLES = {
+    "extrude": "2.5", "scanner_height": "0.3", "robot_height": "1.2", "voxel": "0.05",
+    "voxel_points": "2",
+}  # fmt: skip
+"""Options above zero, each with a good value."""
 
 
 def option(name: str) -> str:
@@ -135,8 +138,26 @@ class SpaceOptions(HeightOptions):
         typer.Option(
             "--up",
             metavar="x|y|z",
-            help="Which axis of a mesh is up.",
+            help="Which axis of a mesh or a point cloud is up.",
             show_default="z, of a .glb y",
+        ),
+    ] = None
+    voxel: Annotated[
+        float | None,
+        typer.Option(
+            "--voxel",
+            metavar="M",
+            help="Edge of the voxels that are made of a point cloud.",
+            show_default="0.05",
+        ),
+    ] = None
+    voxel_points: Annotated[
+        int | None,
+        typer.Option(
+            "--voxel-points",
+            metavar="N",
+            help="Leave out voxels of a point cloud with fewer points: stray ones.",
+            show_default="1",
         ),
     ] = None
 

@@ -1,18 +1,20 @@
-"""A building in three dimensions from its file: a plan with a height, an .ifc file, or a mesh."""
+"""A building in three dimensions from its file: a plan with a height, an .ifc file or a mesh."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import InstanceOf
 
-from ambinav.config import ConfigModel, Number, Positive, Switch, check_fields, of_mapping
+from ambinav.config import ConfigModel, Count, Number, Positive, Switch, check_fields, of_mapping
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
 from ambinav.geometry.io.load import load_environment
+from ambinav.geometry.io.readers import READERS
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.sensing.robot_radius import robot_radius as own_radius
 from ambinav.sensing.scanner import RangeScanner
@@ -21,6 +23,7 @@ OCTOMAP: Final = ".bt"
 PROCESSES: Final = 2
 """Embree holds the interpreter's lock."""
 OF_A_MESH: Final = ("robot_height", "floor", "up")
+OF_A_CLOUD: Final = ("voxel", "voxel_points")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +35,9 @@ class SpaceSettings:
         in_space: Take an .ifc building with its heights.
         robot_height: Of the robot in a mesh, metres; None: of its highest sensor.
         floor: z of the floor of a mesh, metres; None: its largest level surface.
-        up: Which axis of a mesh is up; None: z, of a .glb y.
+        up: Which axis of a mesh or a point cloud is up; None: z, of a .glb y.
+        voxel: Edge of the voxels that are made of a point cloud, metres; None: 0.05.
+        voxel_points: Leave out voxels with fewer points; None: 1.
 
     Raises:
         InputError: a value is of no use, or two exclude each other.
@@ -43,6 +48,8 @@ class SpaceSettings:
     robot_height: Positive | None = None
     floor: Number | None = None
     up: Literal["x", "y", "z"] | None = None
+    voxel: Positive | None = None
+    voxel_points: Count | None = None
 
     def __post_init__(self) -> None:
         """Check every field and bring it to its type."""
@@ -71,11 +78,10 @@ class SpaceSettings:
         if found is not None:
             return found
         environment = load_environment(path, in_space=self.in_space or None, **reading)
-        for name in OF_A_MESH:
-            if getattr(self, name) is not None:
-                raise InputError(
-                    f"{name}: {path} is no mesh; leave it out, or give extrude for a plan's height."
-                )
+        self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
+        self._refuse(
+            OF_A_MESH, f"{path} is no mesh; leave it out, or give extrude for a plan's height."
+        )
         if self.extrude is None:
             return environment
         return environment.in_space(extruded(environment, self.extrude))
@@ -83,26 +89,25 @@ class SpaceSettings:
     def _mesh(
         self, path: Path, scanner: RangeScanner, robot_radius: float, reading: dict[str, Any]
     ) -> Environment | None:
-        """The floor of a mesh, with the mesh; None where the file is no mesh."""
+        """The floor of a mesh, with the mesh; None where the file is no mesh and no point cloud."""
+        from ambinav.geometry.mesh.cloud import is_cloud
         from ambinav.geometry.mesh.read import SUFFIXES
 
         suffix = path.suffix.lower()
-        if suffix not in (*SUFFIXES, OCTOMAP):
+        # What a plug-in reads is its own, of whatever suffix.
+        if suffix.removeprefix(".") in READERS.names():
+            return None
+        if not (cloud := is_cloud(path)) and suffix not in (*SUFFIXES, OCTOMAP):
             return None
         if self.extrude is not None or self.in_space:
             raise InputError(
                 f"{'in_space' if self.in_space else 'extrude'}: {path} has three dimensions "
                 "already; leave it out."
             )
+        if not cloud:
+            self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
         from ambinav.geometry.mesh.floor import floor_environment
-        from ambinav.geometry.mesh.octomap import read_octomap
-        from ambinav.geometry.mesh.read import read_mesh
 
-        found: Mesh
-        if suffix == OCTOMAP:
-            found = read_octomap(path, processes=PROCESSES)
-        else:
-            found = read_mesh(path, unit=reading.get("unit"), up=self.up, processes=PROCESSES)
         height = self.robot_height
         if height is None:
             height = float(scanner.upright[:, 0].max())
@@ -111,8 +116,30 @@ class SpaceSettings:
                     f"{path}: it has three dimensions, and scanner {scanner.name!r} does not "
                     "say how high it is mounted; give --scanner-height, e.g. 0.3."
                 )
+        found = self._triangles(path, cloud, reading.get("unit"))
         radius = robot_radius or own_radius(scanner)
         return floor_environment(found, height, radius, floor=self.floor)
+
+    def _triangles(self, path: Path, cloud: bool, unit: str | None) -> Mesh:
+        """Those of a mesh, or those around the voxels of an OctoMap or a point cloud."""
+        from ambinav.geometry.mesh.cloud import VOXEL, read_cloud
+        from ambinav.geometry.mesh.octomap import read_octomap
+        from ambinav.geometry.mesh.read import read_mesh
+
+        if path.suffix.lower() == OCTOMAP:
+            return read_octomap(path, processes=PROCESSES)
+        if not cloud:
+            return read_mesh(path, unit=unit, up=self.up, processes=PROCESSES)
+        return read_cloud(
+            path, voxel=self.voxel or VOXEL, points=self.voxel_points or 1, unit=unit, up=self.up,
+            processes=PROCESSES,
+        )  # fmt: skip
+
+    def _refuse(self, names: Sequence[str], why: str) -> None:
+        """Refuse settings that were given; raises `InputError`."""
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(f"{name}: {why}")
 
 
 class PlanPart(ConfigModel):

@@ -38,6 +38,8 @@ _AS_LARGE: Final = 0.7
 # aws_small_house to 0.77.
 _SMALLEST: Final = 1.0
 _LEAST_SHARE: Final = 0.2
+# What is one layer of voxels higher than the floor, and no more, as a share of their edge.
+_ONE_LAYER: Final = 1.01
 # Cells around a mesh that hold nothing.
 _MARGIN: Final = 2
 
@@ -49,7 +51,9 @@ def find_floor(mesh: Mesh) -> float:
         InputError: there is none, or none that is large enough for one.
     """
     triangles = mesh.triangles
-    level = np.abs(mesh.surface_normal[:, 2]) >= _LEVEL
+    up = mesh.surface_normal[:, 2]
+    # Of which side a face is seen is known of voxels alone.
+    level = (up if mesh.voxel else np.abs(up)) >= _LEVEL
     a, b, c = (triangles[level][:, k] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
     z = (a + b + c)[:, 2] / 3.0
@@ -90,7 +94,7 @@ def floor_environment(
     radius: float,
     *,
     floor: float | None = None,
-    step: float = STEP,
+    step: float | None = None,
     cell: float = CELL,
 ) -> Environment:
     """The free space of a robot on a mesh's floor, with the mesh as what its scanner sees.
@@ -107,13 +111,16 @@ def floor_environment(
         height: Of the robot, metres.
         radius: Of the disc that covers it, metres.
         floor: z of the floor, metres; None: `find_floor`.
-        step: Height that the robot drives over, metres.
+        step: Height that the robot drives over, metres; None: 0.03, and of a scan's voxels what is
+            a layer higher than the floor.
         cell: Edge of a cell, metres.
 
     Raises:
         InputError: a length is out of its range, there is no floor, or nothing on it is free.
     """
     where = str(mesh.source or mesh.name)
+    if step is None:
+        step = max(STEP, mesh.voxel * _ONE_LAYER)
     for name, value, least in (
         ("height", height, step), ("radius", radius, 0.0), ("step", step, 0.0), ("cell", cell, 0.0),
     ):  # fmt: skip
@@ -143,7 +150,11 @@ def floor_environment(
         source=mesh.source,
         checksum=checksum,
         resolution=env.resolution,
-        notes=(*env.notes, f"{where}: floor at z = {z:.3f} m, robot {height:g} m high."),
+        notes=(
+            *env.notes,
+            *mesh.notes,
+            f"{where}: floor at z = {z:.3f} m, robot {height:g} m high.",
+        ),
         extent=env.extent,
         occupancy=env.occupancy,
         drivable=env.drivable,

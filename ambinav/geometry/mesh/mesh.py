@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -35,6 +36,9 @@ class Mesh:
         processes: Embree holds the interpreter's lock, so more than one core means more than one
             process. Neither their number nor the order of rays changes a bit. Used in a `with`
             statement, or by `close`, they end at once, else with the mesh.
+        notes: What was done to make it, a sentence each.
+        voxel: Edge of the voxels of a scan that these are the faces of, which look outward: its
+            noise puts one floor into two layers of them. 0: they are no such voxels.
 
     Raises:
         InputError: there is no triangle with an area, a number is not finite, an index names no
@@ -49,6 +53,8 @@ class Mesh:
         name: str = "mesh",
         source: Path | None = None,
         processes: int = 1,
+        notes: Sequence[str] = (),
+        voxel: float = 0.0,
     ) -> None:
         where = str(source) if source is not None else name
         points = np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3)
@@ -71,6 +77,8 @@ class Mesh:
         self.name = name
         self.source = source
         self.processes = processes
+        self.notes = tuple(notes)
+        self.voxel = voxel
         self._normal = cross[extended]
         self._normal /= np.linalg.norm(self._normal, axis=1, keepdims=True)
 

@@ -11,24 +11,13 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.mesh.mesh import Mesh
+from ambinav.geometry.mesh.voxels import voxel_mesh
 from ambinav.kernels import kernel
 
 _MAGIC: Final = b"# Octomap OcTree binary file"
 _DEPTH: Final = 16
 # What two bits say of a child (Hornung et al. 2013, OctoMap 1.9: `readBinaryNode`).
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
-# Corners of the face of a unit cube that looks along -x, -y, -z, x, y and z, counter-clockwise.
-_FACES: Final = np.array(
-    [
-        [(0, 0, 0), (0, 0, 1), (0, 1, 1), (0, 1, 0)],
-        [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)],
-        [(0, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 0)],
-        [(1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1)],
-        [(0, 1, 0), (0, 1, 1), (1, 1, 1), (1, 1, 0)],
-        [(0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)],
-    ]
-)
-_LOOKS: Final = np.array([(-1, 0, 0), (0, -1, 0), (0, 0, -1), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
 
 
 class Leaves(NamedTuple):
@@ -61,19 +50,8 @@ def read_octomap(path: str | Path, *, processes: int = 1) -> Mesh:
     voxels = _expanded(leaves.key[leaves.occupied], leaves.size[leaves.occupied])
     if not len(voxels):
         raise InputError(f"{path}: nothing in it is occupied; give a map of a building.")
-    width = 1 << (_DEPTH + 1)
-    code = np.sort((voxels[:, 0] * width + voxels[:, 1]) * width + voxels[:, 2])
-    quads = []
-    for look, face in zip(_LOOKS, _FACES, strict=True):
-        beside = voxels + look
-        wanted = (beside[:, 0] * width + beside[:, 1]) * width + beside[:, 2]
-        at = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
-        quads.append(voxels[code[at] != wanted][:, None] + face)
-    corner = np.concatenate(quads).reshape(-1, 3)
-    points, index = np.unique(corner, axis=0, return_inverse=True)
-    faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     middle = 1 << (_DEPTH - 1)
-    return Mesh((points - middle) * edge, faces, name=path.stem, source=path, processes=processes)
+    return voxel_mesh(voxels - middle, edge, name=path.stem, source=path, processes=processes)
 
 
 def read_leaves(path: Path) -> tuple[Leaves, float]:

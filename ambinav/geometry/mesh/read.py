@@ -9,18 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.io.plan_units import LARGEST, SMALLEST, UNITS, metres_in
+from ambinav.geometry.io.plan_units import metres_in
+from ambinav.geometry.mesh.frame import check_axis, check_size, check_upright, turned_up
 from ambinav.geometry.mesh.mesh import Mesh
 
 SUFFIXES: Final = (".glb", ".obj", ".ply", ".stl")
 """The suffixes of files that can be read."""
-AXES: Final = ("x", "y", "z")
-# No building is higher, metres: one drawn in centimetres is.
-HIGHEST: Final = 100.0
 # glTF says that it is in metres, and that y is up.
 _GLTF_UP: Final = "y"
-# A face is level to an axis if its normal is this near to it: the cosine of 5 degrees.
-_LEVEL: Final = 0.9962
 
 
 def read_mesh(
@@ -49,26 +45,25 @@ def read_mesh(
             f"{', '.join(SUFFIXES)}."
         )
     scale = metres_in(unit, str(path))
-    if up is not None and up not in AXES:
-        raise InputError(f"{path}: up is {up!r}; it must be x, y or z.")
+    check_axis(path, up)
     vertices, faces = _load(path)
     if not len(faces):
         raise InputError(
             f"{path}: there are {len(vertices)} points and no triangles in it; give a mesh of "
-            "surfaces."
+            "surfaces, or read points with read_cloud."
         )
     gltf = path.suffix.lower() == ".glb"
     mesh = Mesh(
-        _upright(vertices, up or (_GLTF_UP if gltf else "z")) * scale,
+        turned_up(vertices, up or (_GLTF_UP if gltf else "z")) * scale,
         faces,
         name=path.stem,
         source=path,
         processes=processes,
     )
     if unit is None:
-        _check_size(path, mesh)
+        check_size(path, "mesh", np.ptp(mesh.bounds, axis=0))
     if up is None and not gltf:
-        _check_upright(path, mesh)
+        check_upright(path, mesh)
     return mesh
 
 
@@ -103,35 +98,3 @@ def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             ]
         ),
     )
-
-
-def _upright(vertices: NDArray[np.float64], up: str) -> NDArray[np.float64]:
-    """Turned so that `up` becomes z; the other axes keep their cyclic order."""
-    shift = 2 - AXES.index(up)
-    return np.roll(vertices, shift, axis=1)
-
-
-def _check_size(path: Path, mesh: Mesh) -> None:
-    """Ask for the unit of what is no building in metres; raises `InputError`."""
-    size = np.ptp(mesh.bounds, axis=0)
-    text = " x ".join(f"{length:.4g}" for length in size)
-    ask = f"say with unit whether its numbers are {', '.join(UNITS)}."
-    if max(size[:2]) < SMALLEST:
-        raise InputError(f"{path}: the mesh is {text} m in all, and no robot drives in it; {ask}")
-    if max(size[:2]) > LARGEST or size[2] > HIGHEST:
-        raise InputError(f"{path}: the mesh is {text} m in all, more than a building has; {ask}")
-
-
-def _check_upright(path: Path, mesh: Mesh) -> None:
-    """Ask what is up where another axis has more level faces and less height than z."""
-    size = np.ptp(mesh.bounds, axis=0)
-    a, b, c = (mesh.triangles[:, k] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
-    level = [float(area[np.abs(mesh.surface_normal[:, k]) > _LEVEL].sum()) for k in range(3)]
-    for k in (1, 0):
-        if size[k] < size[2] and level[k] > level[2]:
-            raise InputError(
-                f"{path}: {AXES[k]} may be up in it (faces level to {AXES[k]} have "
-                f"{level[k]:.3g} m2, those level to z {level[2]:.3g} m2); say with up which axis "
-                "is, x, y or z."
-            )
