@@ -206,7 +206,8 @@ class NavigationParameters:
             robot, and walk through boxes; who is driven into a corner stands there, and to touch
             a person is no collision.
         obstacles: How many boxes stand about that the map does not have, at most (and at most
-            1000): those that find no room are left out.
+            1000): those that find no room are left out. In a building in space they are
+            `ambinav.drive.clutter.OBSTACLE_HEIGHT` high.
         obstacle_sizes: Their least and greatest edge.
         start_unknown: Whether the localizer starts without an estimate, anywhere in the building;
             "mcl" alone can (and "perfect", which always knows).

@@ -1,8 +1,9 @@
-"""Environments in buildings of prisms."""
+"""Environments in buildings of prisms and in meshes."""
 
 from __future__ import annotations
 
 import math
+import pickle
 import shutil
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,8 @@ from ambinav.sensing.layout import Part
 from ambinav.sensing.space_layout import Camera
 from ambinav_envs.navigation import NavigationEnv
 from ambinav_envs.simulation.space_scan import DOOR_HEIGHT
-from tests.envs.cases import room
+from ambinav_envs.vector import NavigationVectorEnv
+from tests.envs.cases import equal, room
 from tests.envs.test_tasks import polygon, two_doors
 from tests.geometry.furnished import furnished
 
@@ -149,8 +151,53 @@ def test_rays_meet_boxes_people_and_doors_at_their_heights() -> None:
     assert (shaded > 10).all()
 
 
+@pytest.mark.parametrize(
+    "options", [{}, {"people": 1, "obstacles": 1}, {"people": 1, "obstacles": 1, "scan_time": 0.2}]
+)
+def test_a_mesh_is_read_as_the_prisms_of_the_same_room(options: dict[str, Any]) -> None:
+    pytest.importorskip("embreex", reason="embreex is not installed")
+    ceiling = RangeSensor(
+        max_range=5.0, std=0.0, resolution=1e-5, random_share=0.0, max_incidence=math.radians(60)
+    )
+    for sensor in (EXACT, ceiling):
+        scanner = RangeScanner.layered(sensor, 24, np.radians([-25.0, 0.0, 20.0]), z=0.9)
+        scans = []
+        for building in furnished():
+            env = NavigationEnv(
+                map=building, scanner=scanner, localizer="perfect", window=False,
+                obstacle_sizes=(0.2, 0.3), robot={"radius": 0.15}, **options,
+            )  # fmt: skip
+            env.reset(seed=2)
+            rows = [env.simulation.readings[0].copy()]
+            for _ in range(8):
+                env.step(np.array([0.3, 0.6]))
+                rows.append(env.simulation.readings[0].copy())
+            scans.append(np.array(rows))
+        prisms, mesh = scans
+        echo = np.isfinite(prisms)
+        assert np.array_equal(echo, np.isfinite(mesh)) and (sensor is EXACT) == echo.all()
+        assert np.abs(prisms[echo] - mesh[echo]).max() < 1e-4
+
+
+def test_a_robot_is_localized_in_a_mesh_by_ranges_looked_up() -> None:
+    pytest.importorskip("embreex", reason="embreex is not installed")
+    mesh, scanner = furnished()[1], LIDAR.raised(0.4)
+    table = {"laser_model_type": "beam_prob", "beam_table_resolution": 0.2}
+    options: dict[str, Any] = {"localizer": "mcl", "mcl": table, "people": 1}
+    rows, worst = episode(mesh, scanner, **options)
+    assert len(rows) > 5 and worst < 0.3
+    # One of a batch is the environment by itself, to the last bit; and a copy goes on as it was.
+    envs = NavigationVectorEnv(3, map=mesh, scanner=scanner, **options)
+    many, _ = envs.reset(seed=[1, 3, 2])
+    assert all(np.array_equal(many[part][1], rows[0][part]) for part in many)
+    copied = pickle.loads(pickle.dumps(envs))
+    actions = np.tile(np.float32([0.4, 0.2]), (3, 1))
+    for _ in range(3):
+        equal(envs.step(actions), copied.step(actions))
+
+
 def test_a_mesh_and_a_scanner_on_the_floor_are_refused() -> None:
-    with pytest.raises(InputError, match=r"it is a mesh.*environments to train in.*give prisms"):
+    with pytest.raises(InputError, match=r"it is a mesh.*no localizer casts rays; give prisms"):
         episode(furnished()[1], LASER)
     with pytest.raises(InputError, match="give the mount a height"):
         episode(tall(), LASER.raised(-0.4))

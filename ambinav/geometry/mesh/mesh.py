@@ -178,7 +178,10 @@ class Mesh:
         *,
         incidence: bool = True,
     ) -> Scans:
-        """Cast the same rays from many poses of the robot; see `SpaceCaster`."""
+        """Cast the same rays from many poses of the robot; see `SpaceCaster`.
+
+        x, y and theta may also have the shape (N, R): a pose for each ray.
+        """
         shape = len(x), len(rays.azimuth)
         distance = np.empty(shape, dtype=np.float32)
         face = np.empty(shape, dtype=np.int32)
@@ -195,7 +198,8 @@ class Mesh:
                 aside = np.linalg.norm(np.cross(normal, direction), axis=-1)
                 oblique[part] = np.where(face[part] >= 0, np.arctan2(aside, facing), np.nan)
         # Embree takes a ray that is nowhere for one that meets nothing.
-        distance[~np.isfinite(x + y + theta)] = np.nan
+        nowhere = ~np.isfinite(x + y + theta)
+        distance[nowhere] = np.nan
         return distance, face, oblique
 
     def _cast(

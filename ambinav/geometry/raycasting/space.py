@@ -98,14 +98,18 @@ class SpaceRays(NamedTuple):
     def at(
         self, x: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Origins and unit directions in the map frame at N poses, each of shape (N, R, 3)."""
-        c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+        """Origins and unit directions in the map frame at N poses, each of shape (N, R, 3).
+
+        Poses have the shape (N,), or (N, R): one for each ray.
+        """
+        x, y, theta = (part if part.ndim == 2 else part[:, None] for part in (x, y, theta))
+        c, s = np.cos(theta), np.sin(theta)
         turned = [
             np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=-1)
             for v in (self.origin, self.direction)
         ]
         origin, direction = np.empty((2, len(x), len(self.azimuth), 3))
-        origin[..., :2] = turned[0] + np.stack([x, y], axis=-1)[:, None]
+        origin[..., :2] = turned[0] + np.stack([x, y], axis=-1)
         origin[..., 2] = self.origin[:, 2]
         direction[..., :2] = turned[1]
         direction[..., 2] = self.direction[:, 2]

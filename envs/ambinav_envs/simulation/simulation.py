@@ -365,6 +365,14 @@ class Simulation:
         scratch: Scratch,
     ) -> None:  # fmt: skip
         """Do parts of a step with robots in one building, see `step.advance`."""
+        if site.mesh_scan is not None and parts & SENSE:
+            before, after = parts & (PLACE | DRIVE), parts & ~WORLD
+            if before:
+                self._kernel(rows, site, before, out, actions, scratch)
+            site.mesh_scan.sense(rows, self._memory)
+            if after:
+                self._kernel(rows, site, after, out, actions, scratch)
+            return
         pieces = [(site.record, parts)]
         if site.truth is not None:
             pieces = [(site.truth, parts & WORLD), (site.record, parts & ~WORLD)]

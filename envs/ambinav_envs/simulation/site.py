@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.service.service import AmbiguityService
@@ -18,7 +19,8 @@ from ambinav_envs.buildings.world import World
 from ambinav_envs.parameters import NavigationParameters
 from ambinav_envs.simulation.building_record import BuildingRecord, Walls, building_record
 from ambinav_envs.simulation.cost_to_go import CostToGoTable
-from ambinav_envs.simulation.layout import LOCALIZERS, MCL
+from ambinav_envs.simulation.layout import EKF, LOCALIZERS, MCL
+from ambinav_envs.simulation.mesh_scan import MeshScan
 from ambinav_envs.simulation.particles import ParticleMap, particle_map
 from ambinav_envs.simulation.scanner_kernel import ScannerArrays
 
@@ -47,6 +49,7 @@ class Site:
         goals: Where episodes lead to.
         record: What the kernels read of the map.
         truth: What they read of the world; None where that is the map.
+        mesh_scan: What reads the scanner in a mesh; None elsewhere, where kernels do.
         held: Costs to go of the goals that robots drive to.
         particles: What particle filters read; None where there are none.
     """
@@ -73,6 +76,10 @@ class Site:
         self.truth: BuildingRecord | None = None
         if self.world.lattice is not self.lattice:
             self.truth = _true_record(self.record, self.world, parameters)
+        self.mesh_scan: MeshScan | None = None
+        space = building.environment.space
+        if isinstance(space, Mesh):
+            self.mesh_scan = MeshScan(building.environment, space, parameters.scanner, scanner)
         self.held = CostToGoTable(self.world.lattice)
         self.particles: ParticleMap | None = None
         if parameters.localizer == LOCALIZERS[MCL]:
@@ -117,11 +124,12 @@ class Sites:
         """The site of a building.
 
         Raises:
-            InputError: it is a mesh, or in space and the scanner's beams are cones.
+            InputError: it is a mesh and the localizer casts rays, or it is made of prisms and the
+                scanner's beams are cones.
         """
         site = self._sites.get(building.key)
         if site is None or site.building is not building:
-            cast = cast_tables(building.environment, self._parameters.scanner, self._beams)
+            cast = self._tables(building.environment)
             noise = self._noise_in(building.environment)
             site = Site(building, self._made, cast, self._scanner, noise, self._parameters)
             self._made += 1
@@ -130,6 +138,13 @@ class Sites:
         while len(self._sites) > KEPT:
             self._sites.popitem(last=False)
         return site
+
+    def _tables(self, environment: Environment) -> CastTables:
+        """What kernels cast with; in a mesh none does, and a table without rays will do."""
+        scanner, localizer = self._parameters.scanner, self._parameters.localizer
+        if isinstance(environment.space, Mesh) and localizer != LOCALIZERS[EKF]:
+            return cast_tables(environment.plan, scanner, self._beams[:0])
+        return cast_tables(environment, scanner, self._beams)
 
     def _noise_in(self, environment: Environment) -> Noise:
         """Bias and variance of the sensors; maps differ in the walls' deviation alone."""

@@ -231,3 +231,14 @@ def test_refused_calls() -> None:
         room().cast((1, 1, 1), (1, 0, 0), 0)
     distance, face = room().cast([(1, 1, math.nan), (1, 1, 1)], [(1, 0, 0), (0, 0, 0)], REACH)
     assert np.isnan(distance).all() and (face == -1).all()
+
+
+def test_each_ray_may_have_a_pose_of_its_own() -> None:
+    rng = np.random.default_rng(3)
+    x, y, theta = rng.uniform((0.5, 0.5, -3.0), (5.5, 3.5, 3.0), (4, 6, 3)).transpose(2, 0, 1)
+    rays = SpaceRays(np.tile((0.1, 0.0, 1.0), (6, 1)), rng.uniform(-3, 3, 6), rng.uniform(-1, 1, 6))
+    mesh = room()
+    found = mesh.cast_scans(x, y, theta, rays, REACH)
+    for k in range(6):
+        alone = mesh.cast_scans(x[:, k], y[:, k], theta[:, k], rays, REACH)
+        assert all(np.array_equal(a[:, k], b[:, k]) for a, b in zip(found, alone, strict=True))
