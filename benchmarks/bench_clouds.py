@@ -8,7 +8,6 @@ the most that the process held, less what it held with everything imported.
 from __future__ import annotations
 
 import argparse
-import resource
 import subprocess
 import sys
 import tempfile
@@ -59,8 +58,10 @@ def write(path: Path, points: NDArray[np.float64]) -> None:
 
 
 def held() -> float:
-    """The most memory that this process has held, GB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    """The most memory that this process has held, GB. (ru_maxrss would be its parent's, too.)"""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    (peak,) = (line.split()[1] for line in lines if line.startswith("VmHWM"))
+    return int(peak) / 1e6
 
 
 def read(path: Path) -> str:
