@@ -29,6 +29,7 @@ _PLY_TYPES: Final = {
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _PLY_ORDER: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_SURFACES: Final = frozenset(("face", "tristrips"))
 _PCD_TYPES: Final = {"F": "f", "I": "i", "U": "u"}
 _UNMOVED: Final = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 
@@ -86,14 +87,16 @@ def ply_without_faces(path: Path) -> bool:
             _, elements = ply_elements(file, path)
     except (OSError, InputError):
         return False
-    counts = {element.name: element.size for element in elements}
-    return counts.get("vertex", 0) > 0 and not (counts.get("face") or counts.get("tristrips"))
+    some = {element.name for element in elements if element.size > 0}
+    return "vertex" in some and not some & _SURFACES
 
 
 def ply_points(path: Path, notes: list[str]) -> Iterator[Points]:
     """The vertices of a PLY file."""
     with path.open("rb") as file:
         kind, elements = ply_elements(file, path)
+        if any(element.size and element.name in _SURFACES for element in elements):
+            raise InputError(f"{path}: it has faces; read it as a mesh, with read_mesh.")
         for element in elements:
             if element.name == "vertex":
                 break

@@ -64,7 +64,9 @@ def find_floor(mesh: Mesh) -> float:
     rough, _ = _layered(z - lowest, area, _LAYER)
     best = int(rough.argmax())
     plan = float(np.prod(np.ptp(mesh.bounds[:, :2], axis=0)))
-    if rough[best] < max(_SMALLEST, _LEAST_SHARE * plan):
+    # Of a scan's voxels the upper side alone is counted.
+    share = _LEAST_SHARE / 2.0 if mesh.voxel else _LEAST_SHARE
+    if rough[best] < max(_SMALLEST, share * plan):
         raise InputError(
             f"{mesh.source or mesh.name}: no floor is found in it (its largest level surface near "
             f"the bottom has {rough[best]:.2g} m2 of {plan:.3g}); say with floor at which height "

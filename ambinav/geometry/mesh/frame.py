@@ -58,7 +58,7 @@ def check_upright(path: Path, mesh: Mesh) -> None:
         InputError: there is one.
     """
     size = np.ptp(mesh.bounds, axis=0)
-    a, b, c = (mesh.triangles[:, k] for k in range(3))
+    a, b, c = mesh.triangles.swapaxes(0, 1)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
     level = [float(area[np.abs(mesh.surface_normal[:, k]) > _LEVEL].sum()) for k in range(3)]
     for k in (1, 0):

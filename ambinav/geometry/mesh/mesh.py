@@ -118,7 +118,9 @@ class Mesh:
     @cached_property
     def bounds(self) -> NDArray[np.float64]:
         """Lowest and highest x, y and z of the faces, shape (2, 3), metres."""
-        used = self.vertices[np.unique(self.faces)]
+        named = np.zeros(len(self.vertices), dtype=np.bool_)
+        named[self.faces] = True
+        used = self.vertices[named]
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     @cached_property

@@ -369,6 +369,35 @@ def test_points_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> 
     )
 
 
+def test_no_points_in_a_las_file_and_faces_in_a_ply(tmp_path: Path) -> None:
+    write_ascii_ply(tmp_path / "mesh.ply", room(100))
+    path = tmp_path / "mesh.ply"
+    path.write_text(path.read_text().replace("face 0", "face 1") + "3 0 1 2\n")
+    assert not is_cloud(path)
+    with pytest.raises(InputError, match="it has faces; read it as a mesh"):
+        read_cloud(path)
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    laspy.LasData(laspy.LasHeader(point_format=3, version="1.2")).write(str(tmp_path / "none.las"))
+    with pytest.raises(InputError, match="it has no points"):
+        read_cloud(tmp_path / "none.las")
+
+
+def test_points_that_an_e57_calls_invalid_and_spheres(tmp_path: Path) -> None:
+    pye57 = pytest.importorskip("pye57", reason="pye57 is not installed")
+    some = room(300)
+    bad = np.zeros(len(some), dtype=np.int8)
+    bad[::3] = 2
+    data = {f"cartesian{a}": some[:, k].copy() for k, a in enumerate("XYZ")}
+    with pye57.E57(str(tmp_path / "room.e57"), mode="w") as file:
+        file.write_scan_raw({**data, "cartesianInvalidState": bad})
+    assert f"{int((bad == 0).sum())} points in" in read_cloud(tmp_path / "room.e57").notes[-1]
+    scans = importlib.import_module("ambinav.geometry.mesh.cloud_scans")
+    flat = np.hypot(some[:, 0], some[:, 1])
+    sphere = np.stack([np.hypot(flat, some[:, 2]), np.arctan2(some[:, 1], some[:, 0]),
+                       np.arctan2(some[:, 2], flat)], axis=1)  # fmt: skip
+    assert np.allclose(scans._cartesian(sphere), some, atol=1e-12)
+
+
 @pytest.mark.parametrize(("suffix", "package"), [("laz", "laspy"), ("las", "lazrs"),
                                                  ("e57", "pye57")])  # fmt: skip
 def test_a_missing_package_is_named(
@@ -394,3 +423,7 @@ def test_voxels_of_a_recorded_building_are_those_of_its_octomap(data_dir: Path) 
     # In another order.
     faces = [np.unique(mesh.faces, axis=0) for mesh in (centres, octree)]
     assert np.array_equal(*faces) and len(centres.faces) == len(octree.faces)
+    # What lies a voxel higher than the floor counts as floor here.
+    floors = [floor_environment(mesh, 0.5, 0.2) for mesh in (centres, octree)]
+    assert floors[0].floor == floors[1].floor
+    assert floors[0].free.area > floors[1].free.area > 80.0
