@@ -21,7 +21,8 @@ from ambinav_envs.simulation.layout import (
     VALUES,
     WEIGHTED,
 )
-from ambinav_envs.simulation.simulation import Outcome, Simulation
+from ambinav_envs.simulation.outcome import Outcome
+from ambinav_envs.simulation.simulation import Simulation
 
 Bools = NDArray[np.bool_]
 Info = dict[str, Any]

@@ -17,7 +17,8 @@ from ambinav_envs.rendering import MODES, metadata_for, renderer_for
 from ambinav_envs.scenario import scenario
 from ambinav_envs.seeds import as_seed
 from ambinav_envs.simulation.layout import REWARD, RUNNING, TIMEOUT
-from ambinav_envs.simulation.simulation import Outcome, Simulation
+from ambinav_envs.simulation.outcome import Outcome
+from ambinav_envs.simulation.simulation import Simulation
 from ambinav_envs.spaces import action_space, continuous, observation_space
 from ambinav_envs.spec import SpecOfSimulation
 

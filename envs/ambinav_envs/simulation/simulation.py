@@ -21,7 +21,7 @@ from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.buildings.tasks import Task
 from ambinav_envs.observations import OBSERVATIONS
 from ambinav_envs.parameters import NavigationParameters
-from ambinav_envs.plugged import Plugged, PluggedFunctions
+from ambinav_envs.plugged import PluggedFunctions
 from ambinav_envs.simulation.layout import (
     BUILDING,
     COLUMNS,
@@ -38,6 +38,7 @@ from ambinav_envs.simulation.layout import (
     Memory,
     View,
 )
+from ambinav_envs.simulation.outcome import Outcome
 from ambinav_envs.simulation.particles import ParticleFilters
 from ambinav_envs.simulation.scanner_kernel import scanner_arrays
 from ambinav_envs.simulation.site import Site, Sites
@@ -67,26 +68,6 @@ SHARED = 96
 SHARED_FILTERS = 8
 # For who does not act.
 NOTHING: Floats = np.empty((0, 2))
-
-
-class Outcome(NamedTuple):
-    """What a step or a reset has made: of all robots, in arrays that nothing else uses.
-
-    Attributes:
-        view: The observation.
-        figures: See `layout.COLUMNS`, shape (N, COLUMNS).
-        plugged: What plug-ins add.
-    """
-
-    view: View
-    figures: Floats
-    plugged: Plugged
-
-    @property
-    def observation(self) -> dict[str, NDArray[np.float32]]:
-        """The parts of the observation that are on, by name, shape (N, size)."""
-        own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
-        return own | self.plugged.parts
 
 
 class _Episode(NamedTuple):

@@ -1,0 +1,31 @@
+"""What a step of the environments makes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ambinav_envs.plugged import Plugged
+from ambinav_envs.simulation.layout import View
+
+
+class Outcome(NamedTuple):
+    """What a step or a reset has made: of all robots, in arrays that nothing else uses.
+
+    Attributes:
+        view: The observation.
+        figures: See `layout.COLUMNS`, shape (N, COLUMNS).
+        plugged: What plug-ins add.
+    """
+
+    view: View
+    figures: NDArray[np.float64]
+    plugged: Plugged
+
+    @property
+    def observation(self) -> dict[str, NDArray[np.float32]]:
+        """The parts of the observation that are on, by name, shape (N, size)."""
+        own = {name: part for name, part in self.view._asdict().items() if part.shape[1] > 0}
+        return own | self.plugged.parts
