@@ -16,8 +16,9 @@ localizability_determinant: in a corridor it is a product of two large numbers a
 for what the grid's roughness leaves, and so differs by orders with the angle at which the corridor
 lies on the grid. Where the robot cannot stand a step
 to one side, the difference is from the pose itself to the other. A beam that more likely than not
-ends in unknown space tells nothing. A beam with a cone reads the smallest of its rays' expected
-ranges; that oblique surfaces return no echo to it is not in the grid.
+ends in unknown space tells nothing. In a building of prisms the grid has levels (`voxels`). A beam
+with a cone reads the smallest of its rays' expected ranges; that oblique surfaces return no echo to
+it is not in the grid.
 """
 
 from __future__ import annotations
@@ -31,9 +32,11 @@ from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.layers.marginal import marginal_radii, prior_deviations
 from ambinav.ambiguity.layers.occupancy import Occupancy, grid_range, occupancy
 from ambinav.ambiguity.layers.registry import Layer
+from ambinav.ambiguity.layers.voxels import Voxels, levels, voxel_range, voxels
 from ambinav.ambiguity.standing import can_stand
 from ambinav.config import as_number
 from ambinav.errors import InputError
+from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.kernels import kernel
 from ambinav.localization.information import TABLE, BeamNoise, beam_noise
 from ambinav.sensing.scanner import RangeScanner
@@ -45,6 +48,10 @@ Floats = NDArray[np.float64]
 # where there would be more of them than this.
 FINEST, COARSEST = 0.02, 0.1
 MOST_CELLS = 25_000_000
+# Kernels take it where there are voxels.
+NO_PLAN = Occupancy(
+    0.0, 0.0, 1.0, np.zeros((1, 1), dtype=np.float32), np.zeros((1, 1), dtype=np.int32)
+)
 # Half of what ranges are compared over: metres, radians.
 STEP, TURN = 0.05, 0.02
 # Poses whose matrices are held at a time.
@@ -52,18 +59,19 @@ POSES_AT_ONCE = 100_000
 
 
 def localizability_matrices(
-    grid: Occupancy,
+    grid: Occupancy | Voxels,
     scanner: RangeScanner,
     noise: BeamNoise,
     poses: Floats,
     step: float = STEP,
     turn: float = TURN,
     possible: NDArray[np.bool_] | None = None,
+    floor: float = 0.0,
 ) -> Floats:
     """Static localizability matrix at each pose.
 
     Args:
-        grid: The probabilistic grid map.
+        grid: The probabilistic grid map; with levels, in space, the rays look up and down.
         scanner: The scanner.
         noise: Its beams (`beam_noise` with a map_std of 0: the grid holds the map's).
         poses: x, y, theta, shape (N, 3).
@@ -71,18 +79,24 @@ def localizability_matrices(
         turn: Half the difference in heading, radians.
         possible: Whether the robot can stand half a difference ahead (0) and behind (1) in x, y
             and heading, shape (N, 3, 2); None: everywhere.
+        floor: z of the floor of a building in space, metres.
 
     Returns:
         Shape (N, 3, 3), about x, y (1 / square metres) and theta (1 / square radians), map frame.
     """
-    rays = scanner.rays()
+    rays = scanner.rays(isinstance(grid, Voxels))
     look = np.column_stack([np.cos(rays.angle), np.sin(rays.angle)])
+    space, flat = None, grid
+    if isinstance(grid, Voxels):
+        look *= np.cos(rays.elevation)[:, None]
+        space = grid, np.column_stack([rays.height + floor, np.sin(rays.elevation)])
+        flat = NO_PLAN
     out = np.empty((len(poses), 3, 3))
     if possible is None:
         possible = np.ones((len(poses), 3, 2), dtype=np.bool_)
     run_rows(
-        _matrices, len(poses), poses, possible, grid, rays.origin, look, rays.start, noise.near,
-        noise.far, noise.variance, step, turn, out,
+        _matrices, len(poses), poses, possible, flat, rays.origin, look, space, rays.start,
+        noise.near, noise.far, noise.variance, step, turn, out,
     )  # fmt: skip
     return out
 
@@ -121,7 +135,7 @@ def localizability(
         raise InputError(f"step is {step}; give a positive number of metres.")
     if not 0.0 < turn < 1.0:
         raise InputError(f"turn is {turn}; give more than 0 and less than 1 radian.")
-    grid = occupancy(context.environment, cell, context.map_std)
+    grid = _grid(context, cell)
     noise = beam_noise(context.environment, context.scanner, 0.0)
     found = np.empty((3, len(context.points[0]), len(context.headings)))
     for h in range(len(context.headings)):
@@ -130,8 +144,9 @@ def localizability(
             part = slice(first, first + POSES_AT_ONCE)
             around = _possible_around(context, poses[part], step, turn)
             matrices = localizability_matrices(
-                grid, context.scanner, noise, poses[part], step, turn, around
-            )
+                grid, context.scanner, noise, poses[part], step, turn, around,
+                context.environment.floor,
+            )  # fmt: skip
             radius, _, direction = marginal_radii(matrices, place, heading)
             found[0, part, h], found[1, part, h] = radius, direction
             # Rounding may bring that of a singular matrix below 0.
@@ -155,8 +170,17 @@ def _possible_around(
     return found
 
 
+@kernel(forceinline=True)
+def _range(px, py, ux, uy, space, r, limit, grid, most):
+    """`grid_range` of ray r; with `space`, voxels and height and rise of rays, `voxel_range`."""
+    if space is not None:
+        cells, steep = space
+        return voxel_range(px, py, steep[r, 0], ux, uy, steep[r, 1], limit, cells, most)
+    return grid_range(px, py, ux, uy, limit, grid, most)
+
+
 @kernel
-def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
+def _expect(x, y, theta, grid, origin, look, space, start, near, far, mean, spread):
     """Each beam's expected range at a pose; its variance is added to `spread`, nan if unknown."""
     co, si = math.cos(theta), math.sin(theta)
     for b in range(near.size):
@@ -166,7 +190,7 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
             px = x + co * origin[r, 0] - si * origin[r, 1]
             py = y + si * origin[r, 0] + co * origin[r, 1]
             ux, uy = co * look[r, 0] - si * look[r, 1], si * look[r, 0] + co * look[r, 1]
-            d, variance, unknown = grid_range(px, py, ux, uy, far[b], grid, mean[b])
+            d, variance, unknown = _range(px, py, ux, uy, space, r, far[b], grid, mean[b])
             if d < mean[b]:
                 mean[b] = d
                 nearest = math.nan if unknown > 0.5 else variance
@@ -176,7 +200,8 @@ def _expect(x, y, theta, grid, origin, look, start, near, far, mean, spread):
 
 @kernel
 def _matrices(
-    begin, end, poses, possible, grid, origin, look, start, near, far, variance, step, turn, out
+    begin, end, poses, possible, grid, origin, look, space, start, near, far, variance, step, turn,
+    out,
 ):  # fmt: skip
     beams = near.size
     # A range and its variance are those of the six poses around, in the mean; the pose itself is
@@ -196,8 +221,8 @@ def _matrices(
                 move = up if side == 0 else -down
                 _expect(
                     x + (move if axis == 0 else 0.0), y + (move if axis == 1 else 0.0),
-                    theta + (move if axis == 2 else 0.0), grid, origin, look, start, near, far,
-                    ahead if side == 0 else behind, spread,
+                    theta + (move if axis == 2 else 0.0), grid, origin, look, space, start, near,
+                    far, ahead if side == 0 else behind, spread,
                 )  # fmt: skip
             for b in range(beams):
                 mean[b] += (ahead[b] + behind[b]) / 6.0
@@ -214,6 +239,30 @@ def _matrices(
             for i in range(3):
                 for j in range(3):
                     out[p, i, j] += change[b, i] * change[b, j] / total
+
+
+def _grid(context: LayerContext, cell: float) -> Occupancy | Voxels:
+    """The probabilistic grid; in space with as many levels as the scanner's rays can reach.
+
+    Where that are too many cells they are made wider.
+    """
+    env, rays = context.environment, context.scanner.rays(True)
+    if not isinstance(env.space, Prisms):
+        return occupancy(env, cell, context.map_std)
+    up = rays.max_range * np.sin(rays.elevation)
+    low, high = (
+        float(edge) + env.floor
+        for edge in (
+            (rays.height + np.minimum(up, 0)).min(),
+            (rays.height + np.maximum(up, 0)).max(),
+        )
+    )
+    xmin, ymin, xmax, ymax = env.bounds
+    while True:
+        z = levels(env.space, cell, max(context.map_std, 0.5 * cell), low, high)
+        if len(z) == 2 or len(z) * (xmax - xmin) * (ymax - ymin) <= MOST_CELLS * cell**2:
+            return voxels(env, env.space, cell, context.map_std, z)
+        cell *= 1.1
 
 
 def _usual_cell(context: LayerContext) -> float:
@@ -237,6 +286,6 @@ LAYER = Layer(
         ),
     },
     high_is_good=("localizability_determinant",),
-    not_in_space="the layer's probabilistic grid is that of a plan; leave it out, or ask it of "
-    "environment.plan.",
+    in_space=True,
+    prisms_alone=True,
 )

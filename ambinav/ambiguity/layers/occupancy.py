@@ -86,8 +86,8 @@ def occupancy(environment: Environment, cell: float, blur: float) -> Occupancy:
     spread = max(blur, 0.5 * cell)
     reach = max(REACH * spread, HALF_DIAGONAL * cell)
     walls = environment.segments.walls
-    to_wall = _distance(environment.segments, walls, flat_x, flat_y, reach)
-    to_frontier = _distance(environment.segments, ~walls, flat_x, flat_y, reach)
+    to_wall = to_segments(environment.segments, walls, flat_x, flat_y, reach)
+    to_frontier = to_segments(environment.segments, ~walls, flat_x, flat_y, reach)
     chance = PEAK * np.exp(-0.5 * (to_wall / spread) ** 2)
     chance[to_wall >= reach] = 0.0
     outside = ~environment.triangulation.contains(flat_x, flat_y)
@@ -100,14 +100,14 @@ def occupancy(environment: Environment, cell: float, blur: float) -> Occupancy:
     return Occupancy(x0, y0, cell, hazard.astype(np.float32), room)
 
 
-def _distance(
+def to_segments(
     segments: Segments,
     which: NDArray[np.bool_],
     x: NDArray[np.float64],
     y: NDArray[np.float64],
     limit: float,
 ) -> NDArray[np.float64]:
-    """Distance to the nearest of some segments, at most `limit`; shape of x."""
+    """Distance of the points (x, y) to the nearest of some segments, at most `limit`, metres."""
     if not which.any():
         return np.full(len(x), limit)
     some = Segments(segments.xy[which], segments.kind[which])
