@@ -58,7 +58,8 @@ def write(path: Path, points: NDArray[np.float64]) -> None:
 
 
 def held() -> float:
-    """The most memory that this process has held, GB; `ru_maxrss` counts its parent's too."""
+    """The most memory that this process has held, GB."""
+    # Of ru_maxrss a child inherits what its parent had.
     lines = Path("/proc/self/status").read_text().splitlines()
     (peak,) = (line.split()[1] for line in lines if line.startswith("VmHWM"))
     return int(peak) / 1e6
