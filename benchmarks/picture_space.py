@@ -38,7 +38,7 @@ def main() -> None:
     }
     figure = new_figure(11.0, 10.5)
     for axes, (title, scanner) in zip(figure.subplots(2, 1), scanners.items(), strict=True):
-        amap = build_map(office, scanner, spacing=0.1)
+        amap = build_map(office, scanner, spacing=0.1, store=False)
         plot_zones(amap, ax=axes, title=title)
     save_figure(figure, PICTURE)
 

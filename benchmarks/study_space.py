@@ -82,7 +82,7 @@ def rows(args: argparse.Namespace, kept: Sequence[Row]) -> Iterator[Row]:
     """What became of the robots: a row for each scanner, localizer and odometry not yet there."""
     office = load_environment(environment_path("institute"), level=LEVEL, in_space=True)
     done = {(row["scanner"], row["localizer"], row["odometry"]) for row in kept}
-    service = AmbiguityService(build_map(office, scanners()["planar, 60 beams"], 0.1))
+    service = AmbiguityService(build_map(office, scanners()["planar, 60 beams"], 0.1, store=False))
     planner = RoutePlanner(service, footprint=ROBOT.radius + 0.05)
     start, goal = ROUTES["corridors"]
     route = planner.plan(start, goal, weight=0.0)

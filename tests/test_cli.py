@@ -188,7 +188,8 @@ def test_a_map_for_a_body_leaves_out_where_it_does_not_fit(runner, folder):
 
 BAD = {
     "no such map": (["audit", "none.yaml", "-s", "scanner.yaml", "-o", "out"], "none.yaml"),
-    "unknown suffix": (["map", "scanner.txt", "-s", "scanner.yaml", "-o", "out"], "suffix"),
+    "unknown suffix": (["map", "scanner.odt", "-s", "scanner.yaml", "-o", "out"], "suffix"),
+    "no point cloud": (["map", "house.laz", "-s", "scanner.yaml", "-o", "out"], "no such file"),
     "unknown preset": (["audit", "plan.geojson", "-s", "hokuyo-urg-04", "-o", "out"], "hokuyo"),
     "no such scanner": (["audit", "plan.geojson", "-s", "my.yaml", "-o", "out"], "my.yaml"),
     "spacing 0": ([*AUDIT, "--spacing", "0"], "--spacing: 0"),

@@ -108,6 +108,8 @@ class SpaceSettings:
             self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
         from ambinav.geometry.mesh.floor import floor_environment
 
+        if not path.is_file():
+            raise InputError(f"{path}: there is no such file; give the path of a building.")
         height = self.robot_height
         if height is None:
             height = float(scanner.upright[:, 0].max())
