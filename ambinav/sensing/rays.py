@@ -101,6 +101,22 @@ def _rings(aperture: float) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
+def _pitched(
+    azimuth: NDArray[np.float64], elevation: NDArray[np.float64], tilt: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Azimuth and elevation of rays, shape (R,), about axes that were raised by `tilt`, (R,)."""
+    flat, z = np.cos(elevation), np.sin(elevation)
+    x, y = flat * np.cos(azimuth), flat * np.sin(azimuth)
+    along, up = x * np.cos(tilt) - z * np.sin(tilt), x * np.sin(tilt) + z * np.cos(tilt)
+    raised = np.arctan2(up, np.hypot(along, y))
+    # Axes, and all about a level one, keep their very numbers.
+    same = (tilt == 0.0) | ((azimuth == 0.0) & (elevation == 0.0))
+    return (
+        np.where(same, azimuth, np.arctan2(y, along)),
+        np.where(same, elevation + tilt, raised),
+    )
+
+
 def make_rays(
     mounts: NDArray[np.float64],
     aperture: NDArray[np.float64],
@@ -116,7 +132,7 @@ def make_rays(
         aperture: Of the cones, radians, shape (B,).
         max_range: Metres, shape (B,).
         max_incidence: Radians, shape (B,), inf where every angle echoes.
-        upright: z and elevation, shape (B, 2), metres and radians; cones are level.
+        upright: z and elevation of the axes, shape (B, 2), metres and radians.
         in_space: Whether cones reach up and down too.
     """
     shape = _rings if in_space else _fan
@@ -124,6 +140,8 @@ def make_rays(
     offsets = [cones[a] for a in aperture.tolist()]
     counts = np.array([len(offset) for offset in offsets], dtype=np.intp)
     turned, raised, edge = np.concatenate(offsets).T
+    tilt = np.repeat(upright[:, 1], counts)
+    turned, raised = (turned, tilt + raised) if not in_space else _pitched(turned, raised, tilt)
     return RayTable(
         origin=np.repeat(mounts[:, :2], counts, axis=0),
         angle=np.repeat(mounts[:, 2], counts) + turned,
@@ -131,6 +149,6 @@ def make_rays(
         max_range=np.repeat(max_range, counts).astype(np.float32),
         max_incidence=np.repeat(max_incidence, counts).astype(np.float32),
         height=np.repeat(upright[:, 0], counts),
-        elevation=np.repeat(upright[:, 1], counts) + raised,
+        elevation=raised,
         edge=edge > 0.0,
     )

@@ -53,7 +53,7 @@ class RangeScanner(Beams):
             said.
 
     Raises:
-        InputError: there is no part, a cone is not level, or the radius is not above zero.
+        InputError: there is no part, or the radius is not above zero.
     """
 
     parts: tuple[Part, ...]
@@ -67,13 +67,6 @@ class RangeScanner(Beams):
         object.__setattr__(self, "parts", tuple(self.parts))
         if not self.parts:
             raise InputError(f"scanner {self.name!r} has no beams; give it at least one part.")
-        for part in self.parts:
-            if part.sensor.aperture > 0.0 and part.layout.upright()[:, 1].any():
-                raise InputError(
-                    f"scanner {self.name!r}: the sensor {part.sensor.name!r} has a cone of "
-                    f"{math.degrees(part.sensor.aperture):g} degrees and is tilted; cones are "
-                    "cast level, so mount it without pitch, roll and elevation."
-                )
         radius = self.robot_radius
         if radius is not None and not (math.isfinite(radius) and radius > 0.0):
             raise InputError(

@@ -10,6 +10,7 @@ import shapely
 
 from ambinav.ambiguity.space_information import space_information
 from ambinav.audit.sight import look
+from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.extrude import extruded
 from ambinav.geometry.raycasting.prisms import Prisms, Solid
@@ -61,6 +62,62 @@ def test_rings_fill_the_cone() -> None:
     assert nearest.max() < WIDEST_SPACING / math.sqrt(2.0) + 1e-3
     level = np.sort(rays.angle[np.abs(rays.elevation) < 1e-12])
     assert level == pytest.approx(fan.angle, abs=1e-12)
+
+
+@pytest.mark.parametrize("pitch", [-1.5, -0.7, 0.3, 1.4])
+def test_a_tilted_cone_is_the_level_one_turned(pitch: float) -> None:
+    def units(scanner: RangeScanner) -> np.ndarray:
+        rays = scanner.rays(True)
+        flat = np.cos(rays.elevation)
+        return np.column_stack(
+            [flat * np.cos(rays.angle), flat * np.sin(rays.angle), np.sin(rays.elevation)]
+        )
+
+    axis = np.array([[0.1, 0.2, 0.5]])
+    level = RangeScanner.from_mounts(SONAR, axis, upright=[[1.0, 0.0]])
+    tilted = RangeScanner.from_mounts(SONAR, axis, upright=[[1.0, pitch]])
+    c, s = math.cos(0.5), math.sin(0.5)
+    yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    c, s = math.cos(pitch), math.sin(pitch)
+    up = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    assert units(tilted) == pytest.approx(units(level) @ (yaw @ up @ yaw.T).T, abs=1e-9)
+    assert np.array_equal(tilted.rays(True).edge, level.rays(True).edge)
+
+
+@pytest.mark.parametrize(("pitch", "expected"), [
+    (-90.0, 1.5),  # straight down
+    (-80.0, 1.5),  # the foot is still within the cone
+    (-60.0, 1.5 / math.sin(math.radians(75.0))),  # its lower edge
+    (-30.0, 1.5 / math.sin(math.radians(45.0))),
+    (60.0, 1.5 / math.sin(math.radians(75.0))),  # the ceiling, as far above
+])  # fmt: skip
+def test_a_tilted_cone_meets_floor_and_ceiling(pitch: float, expected: float) -> None:
+    sonar = RangeScanner.from_mounts(SONAR, np.zeros((1, 3)), upright=[[1.5, math.radians(pitch)]])
+    found = sonar.scan(room(), 2.0, 4.0, 0.0)[0]
+    assert expected * (1.0 - 1e-5) <= found <= expected * (1.0 + MISS)
+
+
+def test_what_a_tilted_cone_tells_is_how_its_range_changes() -> None:
+    """Of a wall whose foot is within the cone, and of one that is met at its edge."""
+    for pitch, turn in ((10.0, 0.1), (20.0, 0.05), (5.0, 0.5)):
+        sonar = RangeScanner.from_mounts(
+            SONAR, [[0.1, 0.05, 0.0]], upright=[[1.5, math.radians(pitch)]]
+        )
+        env, pose = room(8.0), np.array([[5.0, 4.0, turn]])
+        step = 1e-3
+        moved = pose + step * np.vstack([np.eye(3), -np.eye(3)])
+        ranges = sonar.scan(env, *moved.T)[:, 0].astype(float)
+        change = (ranges[:3] - ranges[3:]) / (2.0 * step)
+        (found,) = space_information(env, sonar, pose, 0.0)
+        variance = 0.02**2 + 0.01**2 / 12.0
+        # Which ray is nearest jumps by the spacing of the rays.
+        assert found * variance == pytest.approx(np.outer(change, change), abs=0.08)
+
+
+def test_a_plan_refuses_a_tilted_cone() -> None:
+    sonar = RangeScanner.from_mounts(SONAR, np.zeros((1, 3)), upright=[[1.5, 0.2]])
+    with pytest.raises(InputError, match="looks up and down"):
+        sonar.scan(room().plan, 2.0, 4.0, 0.0)
 
 
 def test_lasers_keep_their_rays() -> None:

@@ -242,7 +242,6 @@ SENSOR = "parts: [{sensor: {max_range: 5, std: 0.02, resolution: 0.01, aperture_
     (0, "planar: {beams: 3, aperture_deg: 10, pitch: 0.1}", "pitch_deg"),
     (0, "mounts: [[0, 0, 0, 1]]", "give three numbers"),
     (0, "mounts: [[0, 0, 0, 1, x]]", "x"),
-    (30, "planar: {beams: 3, aperture_deg: 10, pitch_deg: 10}", "cones are cast level"),
     (0, "planar: {beams: 3, aperture_deg: 10}, layers: {columns: 1, aperture_deg: 0}",
      "planar and layers; give exactly one of planar, ring, mounts, layers, "
      "tilting, camera"),
@@ -257,5 +256,3 @@ def test_bad_heights_of_listed_beams_are_refused() -> None:
         RangeScanner.from_mounts(LASER, np.zeros((2, 3)), upright=np.zeros(2))
     with pytest.raises(InputError, match="2 beams and 1 heights"):
         Mounts(((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), ((0.5, 0.0),))
-    with pytest.raises(InputError, match="cones are cast level"):
-        RangeScanner.from_mounts(SONAR, np.zeros((1, 3)), upright=[[0.5, 0.1]])
