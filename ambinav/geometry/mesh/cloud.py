@@ -98,7 +98,7 @@ def read_cloud(
         check_size(path, "point cloud", (np.ptp(keys, axis=0) + 1) * voxel)
     low = np.floor(keys.min(axis=0) * voxel)
     shift = np.where(np.abs(low) > _FAR, 0.0 - low, 0.0)
-    notes.append(counter.told(points, len(keys), voxel))
+    notes.append(counter.summary(points, len(keys), voxel))
     if shift.any():
         x, y, z = shift.tolist()
         notes.append(f"{path}: moved by ({x:.0f}, {y:.0f}, {z:.0f}) m to the origin.")
@@ -211,7 +211,7 @@ class _VoxelCounter:
         rest, z = np.divmod(code, _SPAN)
         return np.stack([*np.divmod(rest, _SPAN), z], axis=1) + self.first
 
-    def told(self, points: int, kept: int, voxel: float) -> str:
+    def summary(self, points: int, kept: int, voxel: float) -> str:
         """One sentence on what was made of the points."""
         text = f"{self.path}: {self.seen - self.odd} points in {kept} voxels of {voxel:g} m"
         if kept < len(self.code):
