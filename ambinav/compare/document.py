@@ -275,7 +275,8 @@ def _interval(interval: Interval) -> IntervalPart:
 
 def _parameters(scenario: Scenario) -> dict[str, Any]:
     """All that the figures depend on, defaults written out."""
-    third = {name: value for name, value in asdict(scenario.space).items() if value}
+    given = asdict(scenario.space).items()
+    third = {name: value for name, value in given if value is not None and value is not False}
     return {
         **({"space": third} if third else {}),
         "map": scenario.map.model_dump(),

@@ -74,38 +74,44 @@ class SpaceSettings:
         Raises:
             InputError: the file cannot be used, or a setting does not suit it.
         """
-        found = None if scanner is None else self._mesh(path, scanner, robot_radius, reading)
-        if found is not None:
-            return found
+        if (cloud := _triangles_of(path)) is not None:
+            return self._floor(path, cloud, scanner, robot_radius, reading)
         environment = load_environment(path, in_space=self.in_space or None, **reading)
         self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
-        self._refuse(
-            OF_A_MESH, f"{path} is no mesh; leave it out, or give extrude for a plan's height."
-        )
+        other = ", or give extrude for a plan's height" if self.extrude is None else ""
+        self._refuse(OF_A_MESH, f"{path} is no mesh; leave it out{other}.")
         if self.extrude is None:
             return environment
         return environment.in_space(extruded(environment, self.extrude))
 
-    def _mesh(
-        self, path: Path, scanner: RangeScanner, robot_radius: float, reading: dict[str, Any]
-    ) -> Environment | None:
-        """The floor of a mesh, with the mesh; None where the file is no mesh and no point cloud."""
-        from ambinav.geometry.mesh.cloud import is_cloud
-        from ambinav.geometry.mesh.read import SUFFIXES
-
-        suffix = path.suffix.lower()
-        # What a plug-in reads is its own, of whatever suffix.
-        if suffix.removeprefix(".") in READERS.names():
-            return None
-        if not (cloud := is_cloud(path)) and suffix not in (*SUFFIXES, OCTOMAP):
-            return None
+    def _floor(
+        self,
+        path: Path,
+        cloud: bool,
+        scanner: RangeScanner | None,
+        robot_radius: float,
+        reading: dict[str, Any],
+    ) -> Environment:
+        """The floor of a mesh or a point cloud, with its triangles."""
         if self.extrude is not None or self.in_space:
             raise InputError(
                 f"{'in_space' if self.in_space else 'extrude'}: {path} has three dimensions "
                 "already; leave it out."
             )
+        for name, value in reading.items():
+            if value is not None and name != "unit":
+                raise InputError(f"{path}: {name} means nothing for triangles; leave it out.")
+        if scanner is None:
+            raise InputError(
+                f"{path}: its floor is found for a robot with a scanner, which is not known here; "
+                "give a plan, or in Python map={'file': ...} of the environments."
+            )
         if not cloud:
             self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
+        if path.suffix.lower() == OCTOMAP:
+            self._refuse(("up",), f"{path} is an OctoMap, whose z is up; leave it out.")
+            if reading.get("unit") is not None:
+                raise InputError(f"{path}: an OctoMap is in metres; leave unit out.")
         from ambinav.geometry.mesh.floor import floor_environment
 
         if not path.is_file():
@@ -142,6 +148,20 @@ class SpaceSettings:
         for name in names:
             if getattr(self, name) is not None:
                 raise InputError(f"{name}: {why}")
+
+
+def _triangles_of(path: Path) -> bool | None:
+    """Whether a file holds points, not a mesh or an OctoMap; None: it holds neither."""
+    from ambinav.geometry.mesh.cloud import is_cloud
+    from ambinav.geometry.mesh.read import SUFFIXES
+
+    suffix = path.suffix.lower()
+    # What a plug-in reads is its own, of whatever suffix.
+    if suffix.removeprefix(".") in READERS.names():
+        return None
+    if is_cloud(path):
+        return True
+    return False if suffix in (*SUFFIXES, OCTOMAP) else None
 
 
 class PlanPart(ConfigModel):
