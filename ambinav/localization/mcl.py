@@ -5,13 +5,14 @@ For other kernels: the whole filter of run r is one call without Python,
     updated = update_run(r, x, y, theta, ranges, model, cast, state)
 
 with the odometry pose (x, y, theta) (metres, radians, any fixed frame), the readings `ranges`
-(float32 or float64, shape (B,), in the scanner's order of beams, inf no echo, -inf too near, nan
-no reading), and the named tuples `localizer.model` and `localizer.cast` (read only, shared by all
-runs) and `localizer.state` (arrays with one row each a run, written in place). It returns whether
-the filter took the scan in. Estimate and covariance are then in state.mean[r] (3,) and
-state.covariance[r] (3, 3), whether it did or not: between two updates they move along with
-odometry. Runs share nothing, so calls for different r may run at the same time. A filter starts
-with `localizer.start(...)` or, in a kernel, `start_run` and `start_run_globally`.
+(float32 or float64, shape (B,), in the scanner's order of beams, inf no echo, -inf too near, nan no
+reading), and `localizer.model` and `localizer.cast` (named tuples, read only, shared by all runs;
+without rays the latter is None, see `filter_tables`) and `localizer.state` (arrays with one row
+each a run, written in place). It returns whether the filter took the scan in. Estimate and
+covariance are then in state.mean[r] (3,) and state.covariance[r] (3, 3), whether it did or not:
+between two updates they move along with odometry. Runs share nothing, so calls for different r may
+run at the same time. A filter starts with `localizer.start(...)` or, in a kernel, `start_run` and
+`start_run_globally`.
 
 What follows AMCL is named in `MclParameters`. Four things are done otherwise, on purpose: the
 averages of augmented recovery are of the mean likelihood of the particles that were not just put

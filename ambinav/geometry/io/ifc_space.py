@@ -145,7 +145,7 @@ def _bodies(
         found.open_slopes += not closed
     if math.isinf(found.high):
         tops = [solid.top for solid in found.solids] + [top for _, top in found.heights]
-        found.high = max(tops)
+        found.high = max(tops, default=floor + height)
     return found
 
 

@@ -63,7 +63,8 @@ def read_cloud(
         path: The file; the suffix says which.
         voxel: Edge of the voxels, metres; they lie at its multiples.
         points: A voxel with fewer is left out, against stray points.
-        unit: What its numbers are in, "m", "cm" or "mm"; None: metres, where that makes a building.
+        unit: What its numbers are in, one of `plan_units.UNITS`; None: metres, where that makes a
+            building.
         up: The axis that is up, "x", "y" or "z"; None: z, where it does not look otherwise.
         processes: See `Mesh`.
 
@@ -124,9 +125,11 @@ def _checked(path: Path, chunks: Iterator[Points]) -> Iterator[Points]:
     """The same; what a broken file makes of a reader is an `InputError`."""
     try:
         yield from chunks
-    except InputError:
+    except (InputError, MemoryError):
         raise
-    except Exception as error:
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror or error}).") from error
+    except Exception as error:  # what a broken file makes of a package is not a closed set
         raise InputError(
             f"{path}: it cannot be read as {path.suffix[1:].upper()} ({type(error).__name__}: "
             f"{error}); copy or export it again."

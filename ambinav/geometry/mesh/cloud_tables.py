@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
@@ -161,6 +162,7 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
     """x, y and z, the first three numbers of each line; what precedes the first is left out."""
     with path.open("rb") as file:
         for line in file:
+            line = line.removeprefix(codecs.BOM_UTF8)
             first = line.replace(b",", b" ").replace(b";", b" ").split()
             if first and re.fullmatch(rb"[-+.\d].*", first[0]):
                 break
@@ -168,7 +170,9 @@ def text_points(path: Path, notes: list[str]) -> Iterator[Points]:
                 raise InputError(f"{path}: it is no text of numbers; give lines of x, y and z.")
         else:
             raise InputError(f"{path}: there is no point in it; give lines of x, y and z.")
-        yield from _lines(itertools.chain([line], file), path, [0, 1, 2], None)
+        separator = "," if b"," in line else ";" if b";" in line else None
+        rest = itertools.chain([line], file)
+        yield from _lines(_filled(rest), path, [0, 1, 2], None, separator)
 
 
 def _rows(
@@ -180,7 +184,9 @@ def _rows(
         # Fields that hold several numbers are so many columns.
         width = [int(np.prod(dtype[name].shape, dtype=int)) for name in dtype.names or ()]
         first = dict(zip(dtype.names or (), np.cumsum([0, *width]).tolist(), strict=False))
-        yield from _lines(itertools.islice(file, count), path, [first[a] for a in "xyz"], count)
+        yield from _lines(
+            itertools.islice(_filled(file), count), path, [first[a] for a in "xyz"], count
+        )
         return
     for start in range(0, count, AT_ONCE):
         wanted = min(AT_ONCE, count - start)
@@ -203,14 +209,22 @@ def _with_xyz(fields: list[Field], path: Path) -> np.dtype[np.void]:
     return dtype
 
 
+def _filled(lines: Iterable[bytes]) -> Iterator[bytes]:
+    """Lines that are neither empty nor comments."""
+    return (line for line in lines if line.strip() and not line.lstrip().startswith(b"#"))
+
+
 def _lines(
-    lines: Iterator[bytes], path: Path, columns: list[int], count: int | None
+    lines: Iterator[bytes],
+    path: Path,
+    columns: list[int],
+    count: int | None,
+    separator: str | None = None,
 ) -> Iterator[Points]:
-    """Points of lines of numbers between spaces, commas or semicolons."""
+    """Points of lines of numbers, with this between them; None: spaces."""
     seen = 0
     while some := list(itertools.islice(lines, _LINES_AT_ONCE)):
-        separator = "," if b"," in some[0] else ";" if b";" in some[0] else None
-        texts = (line.decode("latin-1") for line in some if line.strip())
+        texts = (line.decode("latin-1") for line in some)
         try:
             rows = np.loadtxt(texts, usecols=columns, delimiter=separator, ndmin=2, comments="#")
         except ValueError as error:

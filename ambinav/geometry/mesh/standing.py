@@ -47,6 +47,8 @@ def with_solids(space: SpaceCaster, solids: Sequence[Solid]) -> SpaceCaster:
         name=space.name,
         source=space.source,
         processes=space.processes,
+        notes=space.notes,
+        voxel=space.voxel,
     )
 
 
@@ -61,7 +63,7 @@ def _faces(solid: Solid) -> NDArray[np.float64]:
         (np.stack([a, b, b], axis=1), (low, low, high)),
         (np.stack([a, b, a], axis=1), (low, high, high)),
         (flat, (low, low, low)),
-        (flat, (high, high, high)),
+        (flat[:, ::-1], (high, high, high)),
     ]
     triangles = [
         np.concatenate([xy, np.broadcast_to(np.array(z)[:, None], (len(xy), 3, 1))], axis=2)

@@ -7,8 +7,10 @@ from collections import OrderedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.mesh.mesh import Mesh
+from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.localization.casting import CastTables, cast_tables
 from ambinav.localization.information import as_map_std, beam_noise
 from ambinav.service.service import AmbiguityService
@@ -144,6 +146,12 @@ class Sites:
         scanner, localizer = self._parameters.scanner, self._parameters.localizer
         if isinstance(environment.space, Mesh) and localizer != LOCALIZERS[EKF]:
             return cast_tables(environment.plan, scanner, self._beams[:0])
+        if isinstance(environment.space, Prisms) and scanner.kind != "laser":
+            raise InputError(
+                f"{environment.name}: it is a building of prisms, where environments do not "
+                f"simulate cones, as scanner {scanner.name!r} has; give lasers, or the building's "
+                "plan, in Python environment.plan."
+            )
         return cast_tables(environment, scanner, self._beams)
 
     def _noise_in(self, environment: Environment) -> Noise:

@@ -427,3 +427,25 @@ def test_voxels_of_a_recorded_building_are_those_of_its_octomap(data_dir: Path) 
     floors = [floor_environment(mesh, 0.5, 0.2) for mesh in (centres, octree)]
     assert floors[0].floor == floors[1].floor
     assert floors[0].free.area > floors[1].free.area > 80.0
+
+
+POINTS = [(x, y, z) for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0) for z in (0.0, 2.0)]
+
+
+@pytest.mark.parametrize("start", ["", "\ufeff", "# x,y,z\n"])
+def test_empty_lines_and_comments_are_no_points(tmp_path: Path, start: str) -> None:
+    plain, odd = tmp_path / "plain.xyz", tmp_path / "odd.xyz"
+    plain.write_text("\n".join(f"{x},{y},{z}" for x, y, z in POINTS))
+    odd.write_text(start + "\n# here\n\n".join(f"{x},{y},{z}" for x, y, z in POINTS))
+    assert np.array_equal(read_cloud(plain, up="z").vertices, read_cloud(odd, up="z").vertices)
+
+
+def test_a_pcd_with_an_empty_line_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "room.pcd"
+    head = (
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH %d\nHEIGHT 1\n"
+        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS %d\nDATA ascii\n"
+    )
+    rows = "\n\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
+    path.write_text(head % (len(POINTS), len(POINTS)) + rows)
+    assert f"{len(POINTS)} points" in read_cloud(path, up="z").notes[-1]
