@@ -21,6 +21,14 @@ Z_MAX = 24.0
 FINE = 0.5
 # The evidence is cut here: exp(-200) is nothing, and float32 squares it without harm.
 MOST = 200.0
+# The effective deviation at which a share of outliers is stated, metres: that of drawn walls. The
+# cap of a beam grows below it, see `most_evidence`.
+STATED_STD = 0.02
+# No range is compared more finely, metres: a lattice of cells resolves no less, and of a sensor
+# without any noise a pose would have no indistinguishable neighbour, itself included.
+FINEST_STD = 1e-3
+# Dimensions in which a scan may fix a pose, and one for the margin.
+SHARPNESS = 4.0
 
 
 def same_reading(sensor: RangeSensor, first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
@@ -99,3 +107,23 @@ def evidence_table(widths: NDArray[np.float64]) -> NDArray[np.float32]:
     # At z = 0 the ratio is a limit; 0.01 is near enough for float32 and far enough for float64.
     z = np.maximum(np.arange(round(Z_MAX / Z_STEP) + 2) * Z_STEP, 0.01)
     return np.stack([evidence(z, float(w)) / (z * z / 4.0) for w in widths]).astype(np.float32)
+
+
+def most_evidence(odd: float, std: float) -> float:
+    """U_max: the most evidence that one beam gives.
+
+    A reading that the map does not explain falls anywhere, whatever the precision; one that it
+    explains falls within a stretch proportional to the deviation s. The floor that capped beams
+    leave over the whole neighbourhood must therefore shrink with s at least as fast as the integral
+    of the peak, s^3 where a scan fixes x, y and theta: else a sharper sensor would look more
+    ambiguous. Above `STATED_STD` the share is taken as it is stated.
+
+    Args:
+        odd: Share of readings that the map does not explain, between 0 and 1.
+        std: Effective deviation s of the sensor's most precise reading, metres.
+
+    Returns:
+        -log(odd) + 4 log(max(1, s0 / s)), s0 = `STATED_STD`.
+    """
+    sharper = STATED_STD / max(std, FINEST_STD)
+    return -math.log(odd) + SHARPNESS * math.log(max(sharper, 1.0))

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.indistinguishability import evidence
+from ambinav.ambiguity.indistinguishability import FINEST_STD, evidence, most_evidence
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TIE
 from ambinav.ambiguity.standing import TOUCHING
@@ -20,6 +20,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.scans import check_rays, plane_only
 from ambinav.geometry.segments import FRONTIER, REFLECTOR
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.sensing.sensor import RangeSensor
 
 Vector = NDArray[np.float64]
 
@@ -61,6 +62,13 @@ def stands(
         if not inside or (off > 1e-9 and cast(env, x, y, angle)[0] <= off + TOUCHING):
             return False
     return True
+
+
+def finest_std(sensor: RangeSensor, model: AmbiguityModel) -> float:
+    """Effective deviation of the sensor's most precise reading, metres."""
+    span = np.linspace(0, sensor.max_range, 1024)
+    finest = float((sensor.std_at(span) ** 2).min()) + model.map_std**2
+    return max(math.sqrt(finest + sensor.resolution**2 / 12), FINEST_STD)
 
 
 def beams(
@@ -110,13 +118,12 @@ def beams(
         if best < sensor.min_range:
             best, gradient = sensor.min_range, np.zeros(3)
         noise = sensor.std_at(min(best, sensor.max_range)) ** 2 + model.map_std**2
-        span = np.linspace(0, sensor.max_range, 1024)
-        finest = float((sensor.std_at(span) ** 2).min()) + model.map_std**2
         low, high = (float(sensor.bias_at(max(best + e, 0.0))) for e in (-1e-4, 1e-4))
         ranges.append(best + float(sensor.bias_at(best)))
         gradients.append(gradient * (1.0 + (high - low) / 2e-4))
-        variances.append(BLIND if ends_unknown else float(noise) + sensor.resolution**2 / 12)
-        widths.append(sensor.resolution / math.sqrt(finest + sensor.resolution**2 / 12))
+        blurred = max(float(noise) + sensor.resolution**2 / 12, FINEST_STD**2)
+        variances.append(BLIND if ends_unknown else blurred)
+        widths.append(sensor.resolution / finest_std(sensor, model))
     still = np.zeros((len(intensities), 3))
     return (
         np.array(ranges + intensities), np.vstack([*gradients, still]),
@@ -213,8 +220,10 @@ def pose_sums(
         heard = [s for s in sensors if s.intensity is not None]
         sensors, limits = sensors + heard, limits + [math.inf] * len(heard)
     limit = np.array(limits)
-    odd = np.array([model.outlier_share + s.random_share + s.lost_share for s in sensors])
-    cap = -np.log(np.minimum(odd, 0.99))
+    odd = [min(model.outlier_share + s.random_share + s.lost_share, 0.99) for s in sensors]
+    cap = -np.log(odd)
+    for b in range(scanner.beams):
+        cap[b] = most_evidence(odd[b], finest_std(sensors[b], model))
     here = beams(env, scanner, model, x, y, theta)
     weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
     cells = reachable(

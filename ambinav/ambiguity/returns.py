@@ -10,7 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.indistinguishability import FINE, evidence_table
+from ambinav.ambiguity.indistinguishability import (
+    FINE,
+    FINEST_STD,
+    evidence_table,
+    most_evidence,
+)
 from ambinav.ambiguity.intensity_returns import intensity_returns
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.raycasting.added import AddedWalls
@@ -126,25 +131,28 @@ class BeamTable:
         for sensor in scanner.sensors:
             ranges = np.linspace(0.0, sensor.max_range, TABLE)
             squared = sensor.std_at(ranges) ** 2 + sensor.resolution**2 / 12.0 + map_std**2
+            squared = np.maximum(squared, FINEST_STD**2)
+            finest = math.sqrt(float(squared.min()))
             odd = min(outlier_share + sensor.random_share + sensor.lost_share, 0.99)
             limit.append(sensor.max_range)
-            cap.append(-1.0 / math.log(odd))
+            cap.append((1.0 / most_evidence(odd, finest), -1.0 / math.log(odd)))
             nearest.append(sensor.min_range)
             spread.append(squared / 2.0)
             bias.append(sensor.bias_at(ranges))
-            width.append(sensor.resolution / math.sqrt(float(squared.min())))
+            width.append(sensor.resolution / finest)
         beam = scanner.sensor_of_beam
         heard = scanner.intensity_beams if reflectors else np.empty(0, dtype=np.intp)
         surface = _surfaces(scanner, heard)
-        columns = np.concatenate([beam, beam[heard]])
-        padding = (0, -len(columns) % LANES)
+        count = len(beam) + len(heard)
+        padding = (0, -count % LANES)
+        caps = np.array(cap, dtype=np.float32)
         # Twice the brightest: no reading counts as out of range.
         limits = np.concatenate([np.array(limit, dtype=np.float32)[beam], 2.0 * surface[:, 1]])
         flat = np.repeat(surface[:, 2:3], TABLE, axis=1)
         return cls(
             np.pad(limits, padding, constant_values=1.0),
-            np.pad(np.array(cap, dtype=np.float32)[columns], padding),
-            np.pad(np.ones(len(columns), dtype=np.float32), padding),
+            np.pad(np.concatenate([caps[beam, 0], caps[beam[heard], 1]]), padding),
+            np.pad(np.ones(count, dtype=np.float32), padding),
             np.array(nearest, dtype=np.float32)[beam],
             np.concatenate([np.array(spread, dtype=np.float32)[beam], flat]),
             np.array(bias, dtype=np.float32)[beam],
