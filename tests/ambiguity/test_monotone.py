@@ -34,8 +34,14 @@ NOISELESS = {"std": 0.0, "resolution": 1e-6, "map_std": 0.0}
 
 
 def levels(env: Environment, spacing: float = 0.25, **changed: Any) -> np.ndarray:
-    """`level` at the free poses of a building, for a sharp laser of 60 beams and 4 m but for..."""
-    known = {"max_range": 4.0, "std": 1e-3, "resolution": 1e-3, "beams": 60, "map_std": 0.02}
+    """Return `level` at the free poses for a sharp laser (60 beams, 4 m), some settings changed."""
+    known: dict[str, Any] = {
+        "max_range": 4.0,
+        "std": 1e-3,
+        "resolution": 1e-3,
+        "beams": 60,
+        "map_std": 0.02,
+    }
     known |= changed
     map_std, beams = float(known.pop("map_std")), int(known.pop("beams"))
     scanner = RangeScanner.planar(RangeSensor(**known), beams, 2 * math.pi)
