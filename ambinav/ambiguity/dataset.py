@@ -196,6 +196,7 @@ def labels(env: Environment, scanner: RangeScanner) -> dict[str, str]:
         "title": f"Ambiguity map of {env.name} for {scanner.name}",
         "environment": env.name,
         "environment_source": "" if env.source is None else str(env.source),
+        "environment_sha256": env.checksum,
         "environment_notes": json.dumps(list(env.notes)),
     }
 
@@ -262,7 +263,6 @@ def _provenance(
         **labels(env, scanner),
         "frame": "map",
         "units": "metres, radians",
-        "environment_sha256": env.checksum,
         "environment_space": "" if env.space is None else env.space.checksum,
         "environment_resolution": json.dumps(env.resolution),
         "collision": "floor" if env.drivable is None else "drivable",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,6 +14,10 @@ from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.reports.pages import cell
 
 _PLAIN: Final = ("environment", "environment_sha256", "scanner", "cost_layer", "ambinav_version")
+_FILE: Final = ("environment", "environment_sha256")
+"""Of these those that say what file a building was read from."""
+_BUILDING: Final = frozenset({"segments", "segment_kind", "floor", "drivable"})
+"""Variables that hold the building: walls and outlines."""
 _JSON: Final = ("environment_resolution", "parameters", "versions")
 _RESULTS: Final = frozenset({"parameters.free_poses"})
 """Not chosen by anybody: they follow from the rest."""
@@ -36,8 +40,14 @@ class Differing:
 
 
 def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Differing, ...]:
-    """Parameters, scanner, building and versions, as far as they differ, in the maps' order."""
+    """Parameters, scanner, building and versions, as far as they differ, in the maps' order.
+
+    Two files of one building differ in name and bytes alone; neither is listed then.
+    """
     ours, theirs = (dict(_parameters(amap.dataset.attrs)) for amap in (first, second))
+    if same_content(first, second, _BUILDING):
+        for name in _FILE:
+            ours.pop(name), theirs.pop(name)
     return tuple(
         Differing(name, _text(ours, name), _text(theirs, name))
         for name in dict.fromkeys([*ours, *theirs])
@@ -45,17 +55,24 @@ def differing_parameters(first: AmbiguityMap, second: AmbiguityMap) -> tuple[Dif
     )
 
 
-def same_content(first: AmbiguityMap, second: AmbiguityMap) -> bool:
-    """Whether all layers, walls and outlines are the same, bit for bit."""
+def same_content(first: AmbiguityMap, second: AmbiguityMap, only: Set[str] | None = None) -> bool:
+    """Check whether layers, walls and outlines are the same, bit for bit.
+
+    Args:
+        first: A map.
+        second: Another.
+        only: Names of the variables that count, where a map has them; None: all.
+    """
     ours, theirs = first.dataset, second.dataset
-    if set(ours.variables) != set(theirs.variables):
+    names = set(ours.variables) if only is None else set(ours.variables) & only
+    if names != (set(theirs.variables) if only is None else set(theirs.variables) & only):
         return False
     return all(
         ours[name].dims == theirs[name].dims
         and np.array_equal(
             ours[name].values, theirs[name].values, equal_nan=ours[name].dtype.kind == "f"
         )
-        for name in ours.variables
+        for name in names
     )
 
 

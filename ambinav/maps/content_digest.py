@@ -9,8 +9,9 @@ from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.provenance import digest_of
 
-# What an environment is called, and where it was read from; the rest decides numbers.
-_NAMES: Final = ("name", "source", "notes", "occupancy")
+# What an environment is called, where it was read from, and the bytes of that file, which another
+# comment or file name changes; the rest decides numbers, the occupied cells by way of `drivable`.
+_NAMES: Final = ("name", "source", "checksum", "notes", "occupancy")
 # Attributes of an ambiguity map that say what it is; the others say when and where it was made.
 _MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "units")
 
@@ -18,7 +19,8 @@ _MAP_ATTRIBUTES: Final = ("parameters", "scanner_yaml", "cost_layer", "frame", "
 def environment_digest(environment: Environment) -> str:
     """Digest of an environment's content: everything that it is made of but its name and place.
 
-    What a file's name and time of change say does not matter, only what was read from it.
+    Neither a file's name and time of change nor how it is written matters, only what was read
+    from it: pixels, thresholds, resolution and origin of a map_server file, shapes of a drawing.
     """
     made_of = [name for name in inspect.signature(type(environment)).parameters]
     content = {name: getattr(environment, name) for name in made_of if name not in _NAMES}

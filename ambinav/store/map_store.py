@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import warnings
 from collections.abc import Callable, Iterator
@@ -25,10 +26,20 @@ from ambinav.store.settings import (
     size_text,
 )
 
-MAPS: Final = "maps"
-"""Folder of the kept maps within that of all that ambinav keeps."""
+MAPS: Final = "ambinav-maps"
+"""Folder of the kept maps within $AMBINAV_CACHE, which may be any folder; this one is ours."""
+TAG: Final = "CACHEDIR.TAG"
+"""File that tells backups that the folder may be left out (bford.info/cachedir)."""
 ENTRY, DAMAGED, LOCK = ".map", ".damaged", ".lock"
 """Suffixes of kept maps, of those that were set aside, and of the locks of those being made."""
+
+# All names that are written here but the tag. Nothing else in the folder is ever touched.
+_NAME: Final = re.compile(r"(?P<key>[0-9a-f]{32})(?P<suffix>\.map|\.damaged|\.lock)")
+# What `replacing` makes beside an entry while it is written.
+_SCRATCH: Final = re.compile(r"\.(?P<key>[0-9a-f]{32})\.map\.[0-9a-z_]{8}")
+_TAG_TEXT: Final = """Signature: 8a477f597d28d172789f06886806bc55
+# Maps that ambinav keeps so as not to compute them again; `ambinav store prune` removes them.
+"""
 
 # The folder is looked through about so many times until as much as the limit has been added.
 _LOOKS: Final = 1000
@@ -131,6 +142,8 @@ class MapStore:
             return found, True
         with contextlib.suppress(OSError):  # which is reported when the map cannot be kept
             self.folder.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileExistsError), (self.folder / TAG).open("x") as tag:
+                tag.write(_TAG_TEXT)
         lock = self.folder / f"{key}{LOCK}"
         with build_lock(lock, self.patience, self._waiting) as alive:
             # Whoever held the lock has built it meanwhile.
@@ -294,10 +307,11 @@ class MapStore:
         """
         left: dict[str, list[str]] = {}
         for item in self._all():
-            if item.name.endswith(LOCK):
-                left.setdefault(item.name.removesuffix(LOCK), [])
-            elif item.name.startswith("."):
-                left.setdefault(item.name[1:].partition(".")[0], []).append(item.path)
+            name, scratch = _NAME.fullmatch(item.name), _SCRATCH.fullmatch(item.name)
+            if name is not None and name["suffix"] == LOCK:
+                left.setdefault(name["key"], [])
+            elif scratch is not None and item.is_dir(follow_symlinks=False):
+                left.setdefault(scratch["key"], []).append(item.path)
         for key, paths in left.items():
             held = None if key == own else try_lock(self.place / f"{key}{LOCK}")
             if key == own or held is not None:
@@ -307,7 +321,8 @@ class MapStore:
 
     def _entries(self) -> Iterator[tuple[os.DirEntry[str], os.stat_result]]:
         for item in self._all():
-            if item.name.endswith((ENTRY, DAMAGED)):
+            name = _NAME.fullmatch(item.name)
+            if name is not None and name["suffix"] != LOCK and item.is_file(follow_symlinks=False):
                 with contextlib.suppress(OSError):  # another process removed it
                     yield item, item.stat()
 

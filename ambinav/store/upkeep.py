@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,9 +20,6 @@ NEWER: Final = "newer format"
 SET_ASIDE: Final = "damaged"
 """States of entries: of use to this process, computed by other code or libraries, kept by a newer
 ambinav, damaged or set aside as such."""
-
-# What ambinav kept before it had a store: folders for the maps of one code, with files of NumPy.
-_OLD_FOLDER: Final = re.compile("[0-9a-f]{16}")
 
 
 @dataclass(frozen=True)
@@ -109,7 +104,7 @@ def verify(store: MapStore, keys: list[str] | None = None) -> Iterator[tuple[Kep
 def prune(
     store: MapStore, limit: int, *, other_code: bool = False, every: bool = False
 ) -> tuple[int, int]:
-    """Remove entries, left-overs, and what ambinav kept before it had a store.
+    """Remove entries, and what processes that were killed left of others.
 
     Args:
         store: The store. What a newer ambinav keeps in it stays.
@@ -129,7 +124,6 @@ def prune(
             if one.state == OTHER_CODE:
                 one.path.unlink(missing_ok=True)
     store.make_room(-1 if every else limit)  # at 0 empty files would stay
-    _remove_old(store.place)
     left = {one.path for one in kept(store)}
     gone = [size for path, size in before.items() if path not in left]
     return len(gone), sum(gone)
@@ -149,10 +143,3 @@ def _look(path: Path) -> Kept:
             pass
     used = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
     return Kept(path.stem, path, status.st_size, used, state, about)
-
-
-def _remove_old(place: Path) -> None:
-    with contextlib.suppress(FileNotFoundError):
-        for path in place.iterdir():
-            if path.is_dir() and _OLD_FOLDER.fullmatch(path.name):
-                shutil.rmtree(path, ignore_errors=True)

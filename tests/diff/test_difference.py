@@ -273,3 +273,14 @@ def test_walls_agree_with_one_difference_of_all():
     wanted = lines.difference(others.buffer(0.1))
     assert found.hausdorff_distance(wanted) < 0.15  # stretches shorter than 0.1 are left out
     assert found.length == pytest.approx(wanted.length, abs=0.3)
+
+
+def test_two_files_of_one_building() -> None:
+    """Their names and bytes differ, and nothing that decides a number."""
+    first, second = synthetic.dataset(), synthetic.dataset()
+    second.attrs |= {"environment": "copy", "environment_sha256": "1" * 64}
+    found, _ = compared(first, second)
+    assert found.parameters == ()
+    second["segments"].values[0, 0] -= 0.5
+    found, _ = compared(first, second)
+    assert [one.name for one in found.parameters] == ["environment", "environment_sha256"]

@@ -11,7 +11,7 @@ from pathlib import Path
 import shapely
 
 import ambinav as an
-from ambinav.store.map_store import MapStore
+from ambinav.store.map_store import TAG, MapStore
 
 ROOT = Path(__file__).parents[2]
 PATHS = os.pathsep.join(str(ROOT / name) for name in ("", "envs", "planners"))
@@ -47,7 +47,8 @@ def python(code: str, *words: str) -> subprocess.Popen[str]:
 
 
 def names(store: MapStore) -> list[str]:
-    return sorted(path.name for path in store.place.iterdir())
+    """What the store has in its folder, but for its tag."""
+    return sorted(path.name for path in store.place.iterdir() if path.name != TAG)
 
 
 def same(one: an.AmbiguityMap, other: an.AmbiguityMap) -> bool:

@@ -13,6 +13,7 @@ import pytest
 import ambinav as an
 from ambinav.ambiguity.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
+from ambinav.store.map_store import TAG
 from tests.store.scenes import ROOT, laser, python, room, same
 
 BUILD = """
@@ -39,7 +40,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def kept(home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where a user's maps are kept who has set nothing."""
     monkeypatch.delenv("AMBINAV_CACHE")
-    return home / ".cache" / "ambinav" / "maps"
+    return home / ".cache" / "ambinav" / "ambinav-maps"
 
 
 def computed_by_a_child() -> str:
@@ -86,7 +87,7 @@ def test_who_stops_it_by_its_progress_leaves_nothing(kept, computes) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         an.build_map(room(), laser(), 0.25, progress=stop)
-    assert list(kept.iterdir()) == []
+    assert [path.name for path in kept.iterdir()] == [TAG]
     an.build_map(room(), laser(), 0.25)
     with pytest.raises(KeyboardInterrupt):
         an.build_map(room(), laser(), 0.25, progress=stop)

@@ -7,15 +7,17 @@ import json
 import os
 import shutil
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import ambinav as an
 from ambinav.ambiguity.layers.registry import LAYERS, Layer
 from ambinav.sensing.scanner import RangeScanner
-from ambinav.store import build_lock, entry, map_store
+from ambinav.store import build_lock, entry, map_store, upkeep
 from ambinav.store.map_store import MapStore
 from ambinav.store.settings import LIMIT
 from tests.maps import synthetic
@@ -85,6 +87,43 @@ def test_a_copy_of_a_building_is_the_same(store, computes, tmp_path) -> None:
     assert first.dataset.attrs["environment"] == "one"
     assert second.dataset.attrs["environment_source"] == str(tmp_path / "other.geojson")
     assert same(build(store, one), first)
+
+
+OFFICE = """image: {image}
+resolution: {resolution}
+origin: {origin}
+occupied_thresh: {occupied}
+free_thresh: 0.25
+negate: 0
+"""
+
+
+def write_map(folder: Path, name: str, text: str = OFFICE, shade: int = 0, **values) -> Path:
+    """Write a room of 4 by 3 m as a map_server file; `shade` darkens one grey cell in it."""
+    folder.mkdir(exist_ok=True)
+    pixels = np.full((80, 100), 254, dtype=np.uint8)
+    pixels[[9, 70], 9:91] = pixels[9:71, 9] = pixels[9:71, 90] = 0
+    pixels[30:34, 40:44] = 60
+    pixels[50:54, 60:64] = 254 - shade
+    Image.fromarray(pixels).save(folder / f"{name}.png")
+    known = {"image": f"{name}.png", "resolution": 0.05, "origin": [0, 0, 0], "occupied": 0.65}
+    path = folder / f"{name}.yaml"
+    path.write_text(text.format(**known | values))
+    return path
+
+
+def test_what_is_in_a_map_file_counts_and_not_how_it_is_written(store, computes, tmp_path) -> None:
+    first = an.load_environment(write_map(tmp_path / "a", "office"))
+    build(store, first)
+    reordered = "# surveyed again\n" + "\n".join(reversed(OFFICE.splitlines())) + "\n"
+    second = an.load_environment(write_map(tmp_path / "b", "copy", reordered))
+    assert first.checksum != second.checksum
+    opened = build(store, second)
+    assert len(computes) == 1 and opened.dataset.attrs["environment_sha256"] == second.checksum
+    changes = ({"shade": 254}, {"occupied": 0.9}, {"resolution": 0.06}, {"origin": [1, 0, 0]})
+    for count, change in enumerate(changes, start=2):
+        build(store, an.load_environment(write_map(tmp_path / str(count), "office", **change)))
+        assert len(computes) == count, change
 
 
 def test_code_from_elsewhere_is_not_kept(store, computes, monkeypatch) -> None:
@@ -196,6 +235,39 @@ def test_what_killed_ones_left_goes(tmp_path) -> None:
         )  # fmt: skip
     store.make_room(LIMIT)
     assert len(names(store)) == 2
+
+
+def test_nothing_that_others_wrote_goes(tmp_path, monkeypatch) -> None:
+    """In a folder that is a repository, with files that look a little like ours."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AMBINAV_CACHE", ".")
+    store = replace(MapStore.of_user(), limit=SMALL)
+    assert store.place == Path(map_store.MAPS)
+    target = tmp_path / "target"
+    for place in (tmp_path, store.place, target):
+        (place / ".git").mkdir(parents=True)
+        (place / ".git" / "HEAD").write_text("ref: refs/heads/main")
+        (place / ("0" * 16)).mkdir()
+        for name in ("bundle.js.map", "old.damaged", ".hidden", "poetry.lock", "A" * 32 + ".map"):
+            (place / name).write_text("not ours")
+        (place / f".{'c' * 32}.map.precious").symlink_to(target)
+        (place / f"{'d' * 32}.map").symlink_to(target / "old.damaged")
+    before = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*"))
+    build(store)
+    upkeep.prune(store, 0, other_code=True, every=True)
+    with pytest.warns(an.InputWarning, match="the limit is 1 B"):
+        build(replace(store, limit=1), spacing=0.3)
+    after = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*"))
+    assert after == sorted([*before, Path(map_store.MAPS) / map_store.TAG])
+
+
+def test_the_folder_is_tagged_as_a_cache(store) -> None:
+    build(store)
+    tag = store.place / map_store.TAG
+    assert tag.read_bytes().startswith(b"Signature: 8a477f597d28d172789f06886806bc55\n")
+    tag.write_text("another")
+    build(store, spacing=0.3)
+    assert tag.read_text() == "another"
 
 
 # -- room ----------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ def test_the_folder(tmp_path, monkeypatch) -> None:
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache_folder() == tmp_path / ".cache" / "ambinav"
-    assert MapStore.of_user().folder == tmp_path / ".cache" / "ambinav" / "maps"
+    assert MapStore.of_user().folder == tmp_path / ".cache" / "ambinav" / "ambinav-maps"
 
     def nowhere() -> Path:
         raise RuntimeError("Could not determine home directory.")
