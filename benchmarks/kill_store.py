@@ -304,9 +304,12 @@ def _listen(workers: Sequence[Worker], outcome: Outcome, seconds: float) -> None
                 raise TimeoutError
 
 
+KEPT = (".map", ".TAG")
+
+
 def _left(folder: Path) -> list[str]:
     """Locks and half-written files."""
-    return sorted(path.name for path in folder.glob("*") if path.suffix != ".map")
+    return sorted(path.name for path in folder.glob("*") if path.suffix not in KEPT)
 
 
 def text(outcome: Outcome, seed: int) -> str:

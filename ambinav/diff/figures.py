@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Final
 
@@ -52,7 +53,7 @@ def _of_zone(name: str) -> Iterator[Quantity]:
     yield Quantity(
         f"{name} area change", "m²", f"area in the {name} zone after, less that before",
         lambda report: _zone(report, name).after_m2 - _zone(report, name).before_m2,
-        _where(after=name),
+        _where(after=name), least=-math.inf,
     )  # fmt: skip
     yield Quantity(
         f"{name} change", "%",
@@ -60,17 +61,19 @@ def _of_zone(name: str) -> Iterator[Quantity]:
         "percentage points",
         lambda report: 100.0
         * (_zone(report, name).after_share - _zone(report, name).before_share),
-        _where(after=name),
+        _where(after=name), least=-100.0,
     )  # fmt: skip
 
 
 def _level(
     name: str, unit: str, meaning: str, read: Callable[[LevelPart], float],
     where: Callable[[Document], str] = lambda report: "",
+    least: float = 0.0, most: float | None = None,
 ) -> Quantity:  # fmt: skip
     return Quantity(
         name, unit, f"{meaning}, on floor that counts in both maps",
         lambda report: None if report.level is None else read(report.level), where, _NO_LEVEL,
+        least, most,
     )  # fmt: skip
 
 
@@ -90,15 +93,15 @@ QUANTITIES: Final[Quantities] = catalogue(
     ),
     _level(
         "mean level change", "", "mean level after, less that before",
-        lambda level: level.mean_change,
+        lambda level: level.mean_change, least=-1.0, most=1.0,
     ),
     _level(
         "largest level rise", "", "largest rise of the level; 0 where nothing rises",
-        lambda level: level.largest_rise, _where("worse"),
+        lambda level: level.largest_rise, _where("worse"), most=1.0,
     ),
     _level(
         "largest level fall", "", "largest fall of the level as a number above 0",
-        lambda level: -level.largest_fall, _where("better"),
+        lambda level: -level.largest_fall, _where("better"), most=1.0,
     ),
     Quantity(
         "new floor area", "m²", "floor that counts in the second map only",

@@ -25,6 +25,14 @@ UNITS: Final = {
     "m2": "m²", "m^2": "m²", "sqm": "m²", "": "",
 }  # fmt: skip
 """Units by their spellings; "" is that of a number."""
+_CONVERTED: Final = {
+    "mm": ("m", 1e-3), "cm": ("m", 1e-2), "dm": ("m", 0.1), "km": ("m", 1e3),
+    "in": ("m", 0.0254), "inch": ("m", 0.0254), "ft": ("m", 0.3048), "feet": ("m", 0.3048),
+    "mm2": ("m²", 1e-6), "cm2": ("m²", 1e-4), "dm2": ("m²", 1e-2), "a": ("m²", 1e2),
+    "ha": ("m²", 1e4), "km2": ("m²", 1e6), "sqft": ("m²", 0.3048**2), "ft2": ("m²", 0.3048**2),
+    "‰": ("%", 0.1), "permille": ("%", 0.1),
+}  # fmt: skip
+"""Units that are known but not read: the unit to write instead, and how many of it one is."""
 _NAME: Final = re.compile(r"[^\W\d]+(?:[\s_-]+[^\W\d]+)*")
 _OPERATOR: Final = re.compile(r">=|<=|≥|≤|>|<")
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
@@ -68,6 +76,8 @@ class Quantity:
         read: Takes the report, gives the value in that unit; None where the report lacks it.
         where: Takes the report, says in a sentence where the figure comes from, or nothing.
         needs: Why the report may lack the value, and the remedy.
+        least: The least value that it can take.
+        most: The largest; None: 100 of a percentage, else there is none.
     """
 
     name: str
@@ -76,6 +86,14 @@ class Quantity:
     read: Callable[[Any], float | None]
     where: Callable[[Any], str] = lambda report: ""
     needs: str = ""
+    least: float = 0.0
+    most: float | None = None
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest value, in its unit."""
+        most = self.most if self.most is not None else 100.0 if self.unit == "%" else math.inf
+        return self.least, most
 
 
 Quantities = Mapping[str, Quantity]
@@ -157,8 +175,8 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
         option: Named in messages.
 
     Raises:
-        InputError: it cannot be read, names no quantity, or has another unit; the message gives
-            the position, counted from 1.
+        InputError: it cannot be read, names no quantity, has another unit, or holds always or
+            never; the message gives the position, counted from 1, or what to write instead.
     """
     name, at = _take(_NAME, text, 0, "the name of a figure", option)
     operator, at = _take(_OPERATOR, text, at, "one of > >= < <=", option)
@@ -179,20 +197,57 @@ def parse_condition(text: str, quantities: Quantities, option: str = "--fail-if"
     if not math.isfinite(limit.number):
         raise InputError(f"{option}: {text!r}: {number} is too large a number; give a limit.")
     if known is None:
+        converted = _converted(meant, unit)
+        if converted is not None:
+            raise InputError(
+                f"{option}: {text!r}: {quantity.name} is in {quantity.unit}, not in {unit}; "
+                f'write "{converted}".'
+            )
         start = text.index(unit, at) + 1
         offer = f"the unit {quantity.unit!r}" if quantity.unit else "nothing more"
         raise InputError(
             f"{option}: {text!r}: at position {start} stands {unit!r} where {offer} is expected; "
-            f'write "{meant}".'
+            f"give the limit {_in_unit(quantity)}."
         )
     if known != quantity.unit:
         has = f"is in {quantity.unit}" if quantity.unit else "is a number without a unit"
         given = f"not in {known}" if known else "and the condition gives no unit"
         raise InputError(
-            f'{option}: {text!r}: {quantity.name} {has}, {given}; write "{meant}"'
-            f"{_in_that_unit(quantity, known, quantities)}."
+            f"{option}: {text!r}: {quantity.name} {has}, {given}; "
+            f"{_remedy(meant, known, quantities)}."
         )
+    _check_possible(meant, text, option)
     return meant
+
+
+def _check_possible(condition: Condition, text: str, option: str) -> None:
+    """Refuse a condition that no report, or every report, fulfils: a gate that judges nothing."""
+    quantity, limit = condition.quantity, condition.limit
+    least, most = quantity.range
+    # All relations are monotone in the value, so the two ends of its range decide.
+    ends = limit.holds(least), limit.holds(most)
+    if ends[0] != ends[1]:
+        return
+    unit = f" {quantity.unit}" if quantity.unit else ""
+    to = f"from {least:g} to {most:g}{unit}" if math.isfinite(most) else f"at least {least:g}{unit}"
+    raise InputError(
+        f'{option}: {text!r}: "{condition}" {"always" if ends[0] else "never"} holds, for '
+        f"{quantity.name} is {to}; give a limit that it can cross."
+    )
+
+
+def _converted(meant: Condition, unit: str) -> Condition | None:
+    """The condition in the quantity's unit; None: nobody knows how many of it `unit` is."""
+    plain = unicodedata.normalize("NFKC", unit.lower()).replace("^", "").replace(" ", "")
+    to, factor = _CONVERTED.get(plain, (None, 0.0))
+    if to != meant.quantity.unit:
+        return None
+    number = float(f"{meant.limit.number * factor:.10g}")
+    return Condition(meant.quantity, Limit(meant.limit.operator, number))
+
+
+def _in_unit(quantity: Quantity) -> str:
+    return f"in {quantity.unit}" if quantity.unit else "as a number without a unit"
 
 
 def _take(
@@ -218,9 +273,23 @@ def _unknown(name: str, quantities: Quantities) -> str:
     return f"{name!r} is no figure of the report; {offer}`--fail-if list` names them all."
 
 
-def _in_that_unit(quantity: Quantity, unit: str, quantities: Quantities) -> str:
-    """An offer of figures of the same matter in a unit, or nothing."""
+def _remedy(meant: Condition, unit: str, quantities: Quantities) -> str:
+    """What to write for a limit in a unit of another kind, or without one.
+
+    The number stays what it was: as that many of the other unit it would be another limit.
+    """
+    quantity, limit = meant.quantity, meant.limit
+    if not unit:
+        as_share = ""
+        if quantity.unit == "%" and 0.0 < limit.number <= 1.0:
+            share = Condition(quantity, Limit(limit.operator, 100.0 * limit.number))
+            as_share = f', or "{share}" if {limit.number:g} is a share of 1'
+        return f'write "{meant}"{as_share}'
     words = set(quantity.name.split())
     near = [q.name for q in quantities.values() if q.unit == unit and words & set(q.name.split())]
-    best = difflib.get_close_matches(quantity.name, near, n=1, cutoff=0.0) if unit else []
-    return f", or take {best[0]!r}, which is in {unit}" if best else ""
+    best = difflib.get_close_matches(quantity.name, near, n=1, cutoff=0.0)
+    if best:
+        return (
+            f'write "{Condition(quantities[best[0]], limit)}", or give a limit {_in_unit(quantity)}'
+        )
+    return f"give a limit {_in_unit(quantity)}"

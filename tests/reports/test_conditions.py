@@ -63,8 +63,9 @@ def test_a_condition_is_read_however_it_is_written(text, meant):
         ("longest stretch > 2 m", "did you mean 'longest open stretch'"),
         ("zzz > 2 m", "'zzz' is no figure of the report; `--fail-if list` names them all"),
         ("open > 2", 'open is in %, and the condition gives no unit; write "open > 2 %".'),
-        ("open > 2 m2", "open is in %, not in m²; write \"open > 2 %\", or take 'open area'"),
-        ("places > 2 m", 'places is a number without a unit, not in m; write "places > 2"'),
+        ("open > 0.02", 'write "open > 0.02 %", or "open > 2 %" if 0.02 is a share of 1.'),
+        ("open > 2 m2", 'not in m²; write "open area > 2 m²", or give a limit in %.'),
+        ("places > 2 m", "a number without a unit, not in m; give a limit as a number without"),
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_sentence(text, expected):
@@ -74,6 +75,59 @@ def test_what_cannot_be_read_is_refused_in_one_sentence(text, expected):
     assert expected in message
     assert message.startswith(f"--fail-if: {text!r}: ")
     assert "\n" not in message and message.endswith(".")
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("longest open stretch > 400 cm", "longest open stretch > 4 m"),
+        ("longest open stretch > 4000 mm", "longest open stretch > 4 m"),
+        ("longest open stretch > 0.01 km", "longest open stretch > 10 m"),
+        ("longest open stretch > 10 ft", "longest open stretch > 3.048 m"),
+        ("open area > 0.5 ha", "open area > 5000 m²"),
+        ("open area > 20000 cm²", "open area > 2 m²"),
+        ("open area > 100 ft^2", "open area > 9.290304 m²"),
+        ("open > 20 ‰", "open > 2 %"),
+    ],
+)
+def test_a_remedy_keeps_the_quantity(text, remedy):
+    with pytest.raises(InputError) as caught:
+        parse_condition(text, QUANTITIES)
+    assert str(caught.value).endswith(f'; write "{remedy}".')
+    assert str(parse_condition(remedy, QUANTITIES)) == remedy
+
+
+@pytest.mark.parametrize(
+    ("text", "quantities", "how"),
+    [
+        ("open > 100 %", QUANTITIES, "never"),
+        ("open >= 0 %", QUANTITIES, "always"),
+        ("localizable < 0 %", QUANTITIES, "never"),
+        ("localizable <= 100 %", QUANTITIES, "always"),
+        ("open area < 0 m2", QUANTITIES, "never"),
+        ("places > -1", QUANTITIES, "always"),
+        ("open change > 100 %", CHANGES, "never"),
+        ("mean level change >= -1", CHANGES, "always"),
+        ("largest level rise > 1", CHANGES, "never"),
+    ],
+)
+def test_a_gate_that_judges_nothing_is_refused(text, quantities, how):
+    with pytest.raises(InputError, match=f" {how} holds, for .* is .*; give a limit that it can"):
+        parse_condition(text, quantities)
+
+
+@pytest.mark.parametrize(
+    ("text", "quantities"),
+    [
+        ("open >= 100 %", QUANTITIES),
+        ("open > 0 %", QUANTITIES),
+        ("localizable < 100 %", QUANTITIES),
+        ("open area change < -3 m2", CHANGES),
+        ("mean level change < 0", CHANGES),
+    ],
+)
+def test_a_limit_within_the_range_is_read(text, quantities):
+    assert parse_condition(text, quantities).quantity.name in text
 
 
 @given(st.text(max_size=30))
@@ -89,7 +143,14 @@ def test_any_text_is_read_or_refused(text):
 )
 def test_what_is_printed_is_read_back(name, sign, number):
     quantity = QUANTITIES[name]
-    condition = parse_condition(f"{name} {sign} {number!r} {quantity.unit}", QUANTITIES)
+    text = f"{name} {sign} {number!r} {quantity.unit}"
+    values = [value for value in (*quantity.range, number, number - 1, number + 1)
+              if quantity.range[0] <= value <= quantity.range[1]]  # fmt: skip
+    if len({Limit(sign, number).holds(value) for value in values}) == 1:
+        with pytest.raises(InputError, match=r"(always|never) holds, for .*; give a limit that"):
+            parse_condition(text, QUANTITIES)
+        return
+    condition = parse_condition(text, QUANTITIES)
     assert (condition.quantity, condition.limit) == (quantity, Limit(sign, number))
     assert parse_condition(str(condition), QUANTITIES) == condition
 
@@ -123,4 +184,4 @@ def test_every_figure_says_what_it_is(quantities):
         assert name == quantity.name == name.lower()
         assert quantity.unit in ("", "%", "m", "m²")
         assert len(quantity.meaning) > 10 and not quantity.meaning.endswith(".")
-        assert str(parse_condition(f"{name} > 1 {quantity.unit}", quantities))
+        assert str(parse_condition(f"{name} > 0.5 {quantity.unit}", quantities))
