@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, overload
 
@@ -44,20 +44,26 @@ def kernel(function: Callable[..., Any] | None = None, /, **options: Any) -> Any
         # from whichever caller is compiled first.
         defaults = {"nogil": True, "error_model": "numpy", "_nrt": True}
         compiled = njit(**{**defaults, **options})(plain)
-        compiled._cache = _CalleeCache(plain)
+        compiled._cache = _CalleeCache(plain, compiled.targetoptions)
         return compiled
 
     return decorate if function is None else decorate(function)
 
 
-def digest(function: FunctionType) -> str:
+def digest(function: FunctionType, options: Mapping[str, Any] | None = None) -> str:
     """SHA-256 over a kernel's code, all kernels that it reaches, and the constants they read.
 
     What numba freezes into machine code counts: byte code, defaults, compile options, the values
     of global names and of closures. Of objects of other packages the names do; numba's version,
     which its cache looks at itself, and numpy's stand for what is in them.
+
+    Args:
+        function: What the kernel was made of.
+        options: How it is compiled (`targetoptions` of the kernel).
     """
     parts: dict[str, bytes] = {"numpy": np.__version__.encode()}
+    if options is not None:
+        parts[f"{_name(function)}: options"] = _constant(dict(options))
     todo: list[Any] = [function]
     while todo:
         found = todo.pop()
@@ -108,14 +114,15 @@ def machine_code(compiled: Any, *arguments: Any) -> Callable[..., Any]:
 class _CalleeCache(FunctionCache):  # type: ignore[misc]
     """numba's store of a function's machine code, valid for one `digest` alone."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
         super().__init__(function)
+        self._options = options
         self._stamped = False
 
     def _stamp(self) -> None:
         # Not before the first call: callees further down in the file do not stand yet.
         if not self._stamped:
-            self._cache_file._source_stamp = digest(self._py_func)
+            self._cache_file._source_stamp = digest(self._py_func, self._options)
             self._stamped = True
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:

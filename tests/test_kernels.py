@@ -104,6 +104,10 @@ def test_a_caller_follows_each_change_of_a_callee(tmp_path: Path) -> None:
         assert run(tmp_path, "caller.py") == [expected, 1.0], new
     callee.write_text(callee.read_text().replace("@kernel()", '@kernel(inline="always")'))
     assert run(tmp_path, "caller.py") == [40.0, 0.0], "how a callee is compiled counts"
+    caller = tmp_path / "caller.py"
+    caller.write_text(caller.read_text().replace("@kernel\n", "@kernel(fastmath=True)\n"))
+    assert run(tmp_path, "caller.py") == [40.0, 0.0], "how the caller itself is compiled counts"
+    assert run(tmp_path, "caller.py") == [40.0, 1.0]
 
 
 @pytest.mark.slow

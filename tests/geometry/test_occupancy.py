@@ -85,13 +85,39 @@ def test_kinds_of_png(tmp_path: Path, mode: str) -> None:
     else:
         image = Image.fromarray(PIXELS).convert(mode)
     image.save(tmp_path / "map.png")
-    if mode in ("LA", "RGBA"):
-        # An opaque alpha channel counts as a fourth, white colour, as in map_server: black is
-        # then 1 - 255/1020 = 0.75 occupied, and the grey of unknown (0.147) passes for free.
-        expected = [[FREE, OCCUPIED, OCCUPIED], [OCCUPIED, FREE, FREE]]
-    else:
-        expected = STATE
-    assert load_map_server(path).state.tolist() == expected
+    assert load_map_server(path).state.tolist() == STATE
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("kind", ["LA", "RGBA"])
+def test_opaque_pixels_mean_what_they_mean_without_alpha(
+    tmp_path: Path, kind: str, mode: str
+) -> None:
+    """All shades, and one pixel in a corner that is not opaque."""
+    shades = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    plain = load_map_server(write_map(tmp_path, shades, image="plain.png", mode=mode)).state
+    image = Image.fromarray(shades).convert(kind)
+    image.save(tmp_path / "map.png")
+    path = write_yaml(tmp_path, image="map.png", mode=mode)
+    np.testing.assert_array_equal(load_map_server(path).state, plain)
+    image.putpixel((0, 0), (200,) * (len(kind) - 1) + (9,))
+    image.save(tmp_path / "map.png")
+    state = load_map_server(path).state
+    np.testing.assert_array_equal(np.delete(state.ravel(), 240), np.delete(plain.ravel(), 240))
+
+
+@pytest.mark.slow
+def test_real_maps_with_an_opaque_alpha_channel(data_dir: Path, tmp_path: Path) -> None:
+    for file in sorted((data_dir / "maps").glob("*.yaml")):
+        if "tiled" in file.stem:
+            continue
+        plain = load_map_server(file)
+        assert plain.image is not None
+        with Image.open(plain.image) as opened:
+            opened.convert("RGBA").save(tmp_path / plain.image.name)
+        copy = tmp_path / file.name
+        copy.write_text(file.read_text())
+        np.testing.assert_array_equal(load_map_server(copy).state, plain.state, err_msg=file.stem)
 
 
 def test_transparent_white_is_less_free_in_trinary(tmp_path: Path) -> None:

@@ -40,7 +40,9 @@ def load_map_server(yaml_path: str | Path) -> OccupancyGrid:
     p = 1 - s (p = s with `negate`):
 
     - trinary: p > occupied_thresh is occupied, p < free_thresh is free, the rest is unknown. An
-      alpha channel counts as one more colour channel of s, as map_server has it.
+      alpha of a pixel that is not opaque counts as one more colour channel of its s, as map_server
+      has it. An opaque pixel means what it means without alpha; map_server, which counts its alpha
+      too, would see it brighter and take the grey of unknown cells for free.
     - scale: the same thresholds; alpha does not enter s, and a pixel that is not opaque is
       unknown. What map_server grades between the thresholds is neither free nor occupied, so it
       is unknown here, as it is to AMCL.
@@ -194,18 +196,28 @@ def _classify(
 ) -> NDArray[np.uint8]:
     """State of each cell, row 0 at the bottom of the image."""
     has_alpha = pixels.shape[2] in (2, 4)
-    colours = pixels.shape[2] - has_alpha
-    # map_server sees three colour channels in a grey image that has alpha.
-    weight = 3 if colours == 1 and has_alpha else 1
-    with_alpha = has_alpha and mode == "trinary"
-    if colours == 1 and not with_alpha:
-        total, top = pixels[..., 0], white
-    else:
-        total = pixels[..., :colours].sum(axis=2, dtype=np.uint32) * np.uint32(weight)
-        if with_alpha:
-            total = total + pixels[..., -1]
-        top = white * (colours * weight + with_alpha)
-    # One exact decision for each possible sum, then a table look-up for each cell.
+    colours = pixels[..., :-1] if has_alpha else pixels
+
+    def classified(channels: NDArray[np.generic]) -> NDArray[np.uint8]:
+        # One exact decision for each possible sum, then a table look-up for each cell.
+        count = channels.shape[2]
+        total = channels[..., 0] if count == 1 else channels.sum(axis=2, dtype=np.uint32)
+        return _states(white * count, mode, negate, occupied, free)[total]
+
+    state = classified(colours)
+    if has_alpha and mode != "raw":
+        clear = pixels[..., -1] != white
+        if mode == "scale":
+            state[clear] = UNKNOWN
+        elif clear.any():
+            # map_server sees three colour channels in a grey image that has alpha.
+            weights = [0, 0, 0, 1] if colours.shape[2] == 1 else [0, 1, 2, 3]
+            state[clear] = classified(pixels[clear][np.newaxis][..., weights])[0]
+    return np.ascontiguousarray(state[::-1])
+
+
+def _states(top: int, mode: str, negate: bool, occupied: float, free: float) -> NDArray[np.uint8]:
+    """State of a cell by the sum of its channels, from 0 to `top`."""
     shade = np.arange(top + 1) / top
     if mode == "raw":
         percent = np.round(shade * 255.0)
@@ -215,7 +227,4 @@ def _classify(
     table = np.full(top + 1, UNKNOWN, dtype=np.uint8)
     table[chance > occupied] = OCCUPIED
     table[chance < free] = FREE
-    state = table[total]
-    if has_alpha and mode == "scale":
-        state[pixels[..., -1] != white] = UNKNOWN
-    return np.ascontiguousarray(state[::-1])
+    return table
