@@ -29,6 +29,17 @@ def sha256(*paths: Path) -> str:
     return digest.hexdigest()
 
 
+def ends_with(path: Path, mark: bytes, within: int = 4096) -> bool:
+    """Check whether a file has its closing mark among its last bytes: else it was cut off.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        file.seek(max(file.seek(0, os.SEEK_END) - within, 0))
+        return mark in file.read()
+
+
 def writable_parent(path: Path) -> Path:
     """Create and return the folder that is to hold `path`.
 

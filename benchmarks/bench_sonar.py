@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from plan_case import pairs
 
 from ambinav.ambiguity.build import build_map
-from ambinav.drive.bootstrap import bootstrap
+from ambinav.drive.bootstrap import bootstrap, share
 from ambinav.drive.drive import drive
 from ambinav.drive.drives import Drives
 from ambinav.drive.localizers import Localizer
@@ -348,7 +348,7 @@ def results(
                 cells += ["not driven yet"] * 4
                 continue
             rng = np.random.default_rng(0)
-            lost = bootstrap(100.0 * joined(own, "lost"), rng)
+            lost = share(joined(own, "lost")).scaled(100.0)
             error = bootstrap(joined(own, "error"), rng)
             cells += [
                 f"{lost.value:.0f} ({lost.low:.0f} to {lost.high:.0f})",
@@ -397,7 +397,7 @@ def in_words(rows: list[dict[str, Any]]) -> str:
     for case in unique(tuple(row[key] for key in keys) for row in rows):
         own = [row for row in rows if tuple(row[key] for key in keys) == case]
         study, open_loop, label = case
-        lost = bootstrap(100.0 * joined(own, "lost"), np.random.default_rng(0))
+        lost = share(joined(own, "lost")).scaled(100.0)
         buildings = ", ".join(dict.fromkeys(row["environment"] for row in own))
         noise = ROUGH if study == "rough odometry" else NOISE
         sentences.append(

@@ -29,46 +29,38 @@ from ambinav.threads import run_rows
 # second moment by less than a hundredth of a radian.
 NEGLIGIBLE_TURN = 12.0
 FOUR = np.float32(4.0)
+# A turn a degree tells all: to compare each scan at 7200 turns would take days for a building.
+MOST_TURNS, FEWEST_TURNS = 360, 60
 
 
 def turns(scanner: RangeScanner) -> NDArray[np.uint64]:
     """For each turn by 2 pi k / n that maps the beams onto themselves, where each beam goes.
 
     Returns:
-        uint64, shape (n, B), n the scanner's rotation order: beam b of the robot turned by
-        2 pi k / n stands where beam turns[k, b] of the unturned robot does.
+        uint64, shape (n, B), n the scanner's rotation order, or of one beyond `MOST_TURNS` its
+        largest part that is not: beam b of the robot turned by 2 pi k / n stands where beam
+        turns[k, b] of the unturned robot does.
     """
-    order = scanner.rotation_order
-    x, y, yaw = scanner.mounts.T
-    found = np.empty((order, scanner.beams), dtype=np.uint64)
-    if not scanner.level or np.ptp(scanner.upright[:, 0]) > 0.0:
-        return _turns_in_space(scanner, found)
-    for k in range(order):
-        angle = 2 * math.pi * k / order
-        c, s = math.cos(angle), math.sin(angle)
-        apart = (
-            np.abs((c * x - s * y)[:, None] - x)
-            + np.abs((s * x + c * y)[:, None] - y)
-            + np.abs(np.exp(1j * (yaw + angle))[:, None] - np.exp(1j * yaw))
-            + (scanner.sensor_of_beam[:, None] != scanner.sensor_of_beam)
-        )
-        found[k] = apart.argmin(axis=1)
-    return found
-
-
-def _turns_in_space(scanner: RangeScanner, found: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """`turns` of beams that are thousands: each is looked up by what it is."""
+    order = _turns_of(scanner.rotation_order)
     x, y, yaw = scanner.mounts.T
     rest = np.column_stack([scanner.upright, scanner.sensor_of_beam])
     tree = cKDTree(np.column_stack([x, y, np.cos(yaw), np.sin(yaw), rest]))
-    for k in range(len(found)):
-        angle = 2 * math.pi * k / len(found)
+    found = np.empty((order, scanner.beams), dtype=np.uint64)
+    for k in range(order):
+        angle = 2 * math.pi * k / order
         c, s = math.cos(angle), math.sin(angle)
         turned = np.column_stack(
             [c * x - s * y, s * x + c * y, np.cos(yaw + angle), np.sin(yaw + angle), rest]
         )
         found[k] = tree.query(turned)[1]
     return found
+
+
+def _turns_of(order: int) -> int:
+    """The turns to look at: all, or every so many of a scanner with thousands of beams."""
+    parts = [n for n in range(1, MOST_TURNS + 1) if order % n == 0]
+    # An order without such a part, a prime number say, is taken as it is.
+    return order if order <= MOST_TURNS or parts[-1] < FEWEST_TURNS else parts[-1]
 
 
 def turning_moments(

@@ -132,7 +132,8 @@ def _cell(
 ) -> Cell[RouteFigure]:
     rng = np.random.default_rng(key)
     values = _values(figure, ours)
-    value = bootstrap(values, rng, statistic=figure.statistic)
+    plain = getattr(ours, figure.source)
+    value = bootstrap(plain, rng, statistic=figure.statistic).scaled(figure.scale)
     if theirs is None:
         return Cell(figure, value, None)
     other = _values(figure, theirs)

@@ -1,8 +1,12 @@
-"""Intervals by the bootstrap: what could have come out with other seeds.
+"""Intervals by the bootstrap, and of shares: what could have come out with other seeds.
 
 The percentile interval of Efron and Tibshirani, "An Introduction to the Bootstrap" (1993),
 section 13.3: runs are drawn with replacement, and the statistic of each draw is taken. Of paired
 runs the pairs are drawn, so that what both routes have in common cancels.
+
+A share of runs has Wilson's interval (1927; Brown, Cai and DasGupta 2001, equation 4): at a share
+of 2 % in 30 runs the bootstrap's covers 45 % where it claims 95, for in most samples nothing
+happens, and then it is a point.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from ambinav.errors import InputError
 
@@ -43,6 +48,10 @@ class Interval:
     high: float
     count: int
 
+    def scaled(self, factor: float) -> Interval:
+        """The same in another unit, of which one of this is `factor` (above 0)."""
+        return Interval(factor * self.value, factor * self.low, factor * self.high, self.count)
+
     def __str__(self) -> str:
         """Value and interval."""
         return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}]"
@@ -59,8 +68,8 @@ def bootstrap(
     """A statistic of independent runs.
 
     Args:
-        values: One a run, shape (R,); nan: the run has none and is left out. Truth values count
-            as 0 and 1, so that their mean is a share.
+        values: One a run, shape (R,); nan: the run has none and is left out. Of truth values the
+            mean is a share, with the interval of `share`.
         rng: The source of randomness.
         statistic: The name "mean" or "median".
         level: Of the interval, between 0 and 1.
@@ -69,8 +78,40 @@ def bootstrap(
     Raises:
         InputError: the values are not one row, or another argument is of no use.
     """
+    if np.asarray(values).dtype == np.bool_ and statistic == "mean":
+        return share(values, level)
     rows = _row(values, "values")[:, None]
     return _interval(rows[~np.isnan(rows[:, 0])], rng, statistic, level, draws, None)
+
+
+def share(values: ArrayLike, level: float = LEVEL) -> Interval:
+    """The share of independent runs in which something happened, with Wilson's interval.
+
+    Runs of one route with other seeds are independent; runs on several routes or in several
+    buildings are so only as far as these are drawn anew.
+
+    Args:
+        values: A truth value a run, shape (R,).
+        level: Of the interval, between 0 and 1.
+
+    Raises:
+        InputError: the values are not one row, or the level is of no use.
+    """
+    happened = _row(values, "values")
+    if not 0.0 < level < 1.0:
+        raise InputError(f"level is {level}; give a number between 0 and 1.")
+    count = len(happened)
+    if count == 0:
+        return Interval(math.nan, math.nan, math.nan, 0)
+    value = float(happened.mean())
+    z = float(ndtri(0.5 + level / 2))
+    middle = (value + z * z / (2 * count)) / (1 + z * z / count)
+    half = z * math.sqrt(value * (1 - value) / count + (z / (2 * count)) ** 2)
+    half /= 1 + z * z / count
+    # At 0 and 1 an end is exact, up to rounding.
+    low = 0.0 if value == 0.0 else middle - half
+    high = 1.0 if value == 1.0 else middle + half
+    return Interval(value, low, high, count)
 
 
 def paired(

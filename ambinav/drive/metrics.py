@@ -132,7 +132,7 @@ def metrics(drives: Drives, amap: AmbiguityMap | None = None, layer: str | None 
 
 
 def summary(measured: Metrics, rng: np.random.Generator) -> dict[str, Interval]:
-    """Mean of each figure over the runs, with its bootstrap interval; of truth values the share.
+    """Mean of each figure over the runs, with its interval; of truth values the share.
 
     Args:
         measured: The runs' figures.

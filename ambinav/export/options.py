@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -10,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.config import nearest
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.schema import base_name
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 
@@ -136,6 +138,26 @@ class MapExport:
         if base_name(layer) == "zone":
             free = free & (values != NOT_FREE)
         return np.where(free, values.astype(np.float64), np.nan)
+
+    def counted(self, layer: str) -> NDArray[np.float64]:
+        """As `floor`, and nan on unexplored floor too, of which nobody knows how bad it is.
+
+        Raises:
+            InputError: see `floor`.
+        """
+        return np.where(FloorParts.of(self.amap).counted, self.floor(layer), np.nan)
+
+    def note_empty(self, path: Path, what: str) -> None:
+        """Warn that a file that is written holds nothing; a reader might take it for damaged.
+
+        Args:
+            path: The file.
+            what: What there is none of, and what it is of.
+
+        Warns:
+            InputWarning: always.
+        """
+        warnings.warn(f"{path.name}: it is empty, for {what}.", InputWarning, stacklevel=3)
 
     def zone_codes(self, usual: tuple[str, ...] = BAD) -> tuple[int, ...]:
         """Codes of the zones that were named, each once, or of those that are usual."""

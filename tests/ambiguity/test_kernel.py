@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ambinav.ambiguity import returns
+from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.heading import turning_moments, turns
 from ambinav.ambiguity.indistinguishability import evidence_table
@@ -207,3 +208,22 @@ def test_turns_are_compared_one_by_one(lattice: Lattice, kind: str, coarse: bool
             moment += times * one[0] * (angle * angle + one[7])
         # Turns that are hardly alike are left out.
         assert found[p - begin, 0] == pytest.approx(math.sqrt(moment / weight), abs=2e-3)
+
+
+def test_turns_of_a_scanner_with_thousands_of_beams() -> None:
+    """A turn a degree, and a map in seconds: one of 7200 beams did not end."""
+    sensor = RangeSensor(max_range=4.0, std=0.03, resolution=0.001)
+    few, many = (RangeScanner.planar(sensor, beams, 2 * math.pi) for beams in (360, 7200))
+    found = turns(many)
+    assert found.shape == (360, 7200)
+    np.testing.assert_array_equal(found[:, 0], np.arange(0, 7200, 20))
+    np.testing.assert_array_equal(np.sort(found[77]), np.arange(7200))
+    prime = RangeScanner.planar(sensor, 367, 2 * math.pi)
+    assert turns(prime).shape == (367, 367)
+    env = scenes.room(4.0, 3.0)
+    levels = [
+        build_map(env, scanner, 0.4, max_beams=scanner.beams, store=False).dataset
+        for scanner in (few, many)
+    ]
+    for name in ("level", "heading"):
+        np.testing.assert_allclose(levels[0][name], levels[1][name], atol=0.03)

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from ambinav.compare import criterion
 from ambinav.compare.plans import Plan
@@ -78,7 +79,8 @@ def test_a_row_does_not_depend_on_the_others() -> None:
 def test_texts() -> None:
     rows = make_rows(*zip(*CASES, strict=True), "shortest", 1)
     assert value_text(rows[0]["nees"]) == "-"
-    assert value_text(rows[2]["lost"]) == "0 [0, 0]"
+    high = 100.0 * binomtest(0, rows[2].runs).proportion_ci(0.95, "wilson").high
+    assert value_text(rows[2]["lost"]) == f"0 [0, {high:.0f}]"
     assert difference_text(rows[1]["error_p95"]) == "-0.60 [-0.60, -0.60]"
     assert difference_text(rows[3]["lost"]) == "+0 [+0, +0]"
     assert difference_text(rows[0]["lost"]) == "" == ratio_text(rows[0]["lost"])

@@ -1,4 +1,4 @@
-"""Bootstrap intervals against closed forms."""
+"""Intervals of means, differences and shares against closed forms."""
 
 from __future__ import annotations
 
@@ -6,21 +6,45 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom, norm
+from scipy.stats import binom, binomtest, norm
 
-from ambinav.drive.bootstrap import bootstrap, paired
+from ambinav.drive.bootstrap import bootstrap, paired, share
 from ambinav.errors import InputError
 
 
-@pytest.mark.parametrize(("hits", "count"), [(3, 30), (15, 30), (10, 100)])
-def test_a_share_has_the_quantiles_of_a_binomial(hits: int, count: int) -> None:
-    """Drawn with replacement, the number of hits is binomial: exactly, to the count's steps."""
+@pytest.mark.parametrize(("hits", "count"), [(0, 30), (3, 30), (15, 30), (10, 100), (7, 7)])
+def test_a_share_has_wilsons_interval(hits: int, count: int) -> None:
     lost = np.arange(count) < hits
-    found = bootstrap(lost, np.random.default_rng(1), draws=20_000)
-    want = binom.ppf([0.025, 0.975], count, hits / count) / count
+    found = bootstrap(lost, np.random.default_rng(1))
+    want = binomtest(hits, count).proportion_ci(0.95, "wilson")
     assert found.value == pytest.approx(hits / count)
-    assert (found.low, found.high) == pytest.approx(want, abs=1.0 / count + 1e-12)
-    assert found.count == count
+    assert (found.low, found.high) == pytest.approx((want.low, want.high), abs=1e-12)
+    assert found.count == count and found == share(lost.astype(float))
+    percent = found.scaled(100.0)
+    assert (percent.low, percent.high, percent.count) == (100 * found.low, 100 * found.high, count)
+
+
+@pytest.mark.parametrize("count", [30, 100, 500])
+@pytest.mark.parametrize("chance", [0.02, 0.1, 0.5])
+def test_shares_are_covered(chance: float, count: int) -> None:
+    """In the exact mean over all samples; where the bootstrap's intervals are points."""
+    hits = np.arange(count + 1)
+    weight = binom.pmf(hits, count, chance)
+    found = [share(np.arange(count) < k) for k in hits]
+    covered = np.array([one.low <= chance <= one.high for one in found])
+    assert weight @ covered > 0.93
+    drawn = binom.ppf([[0.025], [0.975]], count, hits / count) / count
+    by_draws = weight @ ((drawn[0] <= chance) & (chance <= drawn[1]))
+    print(f"p {chance}, n {count}: {weight @ covered:.3f}, drawn with replacement {by_draws:.3f}")
+    if (chance, count) == (0.02, 30):
+        assert by_draws < 0.5
+
+
+def test_a_share_of_nothing_is_none() -> None:
+    found = share(np.zeros(0, dtype=bool))
+    assert math.isnan(found.value) and found.count == 0
+    with pytest.raises(InputError, match="level is 1"):
+        share([True], 1.0)
 
 
 def test_the_mean_of_many_has_the_normal_interval() -> None:

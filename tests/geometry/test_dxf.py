@@ -391,6 +391,18 @@ def test_what_is_no_drawing_is_refused_in_one_sentence(content: bytes, tmp_path:
         load_environment(tmp_path / "none.dxf")
 
 
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.95, 0.999])
+def test_a_drawing_that_is_cut_off_is_refused(share: float, tmp_path: Path) -> None:
+    """Also behind the end of an entity or a section."""
+    path = written(tmp_path / "plan.dxf", room)
+    text = path.read_text()
+    end = int(share * len(text))
+    for mark in ("", "\n  0\n", "\nENDSEC\n"):
+        path.write_text(text[: text.rfind(mark, 0, end) + len(mark)] if mark else text[:end])
+        with pytest.raises(InputError, match=r"plan\.dxf: this .*export it again"):
+            load_environment(path)
+
+
 @pytest.mark.parametrize("damage", [("\n  0\nEOF\n", "\n"), ("$DIMTXT\n 40\n", "$DIMTXT\n 40\nx")])
 def test_a_damaged_drawing_is_refused_and_not_repaired(
     damage: tuple[str, str], tmp_path: Path

@@ -216,7 +216,7 @@ EMPTY = (
         ("PK\x03\x04", "this is no IFC file"),
         (EMPTY.format(schema="IFC4"), "there is no IfcWall in it"),
         (EMPTY.format(schema="AP214"), r"this is no IFC file \(Unsupported schema: AP214\)"),
-        (EMPTY.format(schema="IFC4")[:60], "this is no IFC file"),
+        (EMPTY.format(schema="IFC4")[:60], "this IFC file is cut off"),
     ],
 )
 def test_what_is_no_building_is_refused_in_one_sentence(
@@ -239,6 +239,18 @@ def test_a_damaged_file_is_refused_in_one_sentence(house: Path, tmp_path: Path) 
     with pytest.raises(InputError, match=r"bad\.ifc: ") as refused:
         load_environment(path)
     assert str(refused.value).count(". ") == 0
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.999])
+def test_a_file_that_is_cut_off_is_refused(share: float, house: Path, tmp_path: Path) -> None:
+    """At the end of a line too, where what is left is sound."""
+    content = house.read_bytes()
+    end = int(share * len(content))
+    for kept in (content[:end], content[: content.rfind(b";\n", 0, end) + 2]):
+        path = tmp_path / "cut.ifc"
+        path.write_bytes(kept)
+        with pytest.raises(InputError, match=r"cut\.ifc: this IFC file is cut off \(END-ISO"):
+            load_environment(path)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

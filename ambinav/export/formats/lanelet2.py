@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import shapely
 
-from ambinav.export.formats.zones import figures, zone_pieces
+from ambinav.export.formats.zones import NO_ZONES, figures, zone_pieces
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
@@ -87,6 +87,8 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         # The steps of the cells become straight lines; no edge moves by a whole cell.
         outline = shapely.simplify(piece.polygon, 0.75 * cell)
         shapes += [(part, tags) for part in without_holes(outline)]
+    if not shapes:
+        export.note_empty(path, NO_ZONES)
     path.write_bytes(osm(shapes))
     return (path,)
 

@@ -42,7 +42,7 @@ def _grids(export: MapExport, send: Send) -> None:
     shares = export.floor(layer)
     for topic, share in (
         ("/ambiguity", 100.0 * shares),
-        ("/zones", ZONE_STEP * export.floor("zone")),
+        ("/zones", ZONE_STEP * export.counted("zone")),
     ):
         drawn = np.where(np.isnan(share), -1.0, np.clip(share, 0.0, 100.0))
         _grid(send, topic, np.rint(drawn).astype(np.int8), own)

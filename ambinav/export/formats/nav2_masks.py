@@ -91,6 +91,8 @@ def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
 def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
     """100 in the zones that were named, or where a layer reaches a threshold; 0 elsewhere.
 
+    Unexplored floor is not marked: a scan that ends in unknown space says nothing of a place.
+
     Args:
         export: Map and options.
         usual: The zones where nobody names any.
@@ -99,22 +101,22 @@ def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
     if options.threshold is None:
         if options.layer is not None:
             raise InputError("--layer is for --threshold here; give both, or zones with --zone.")
-        mask = np.isin(export.floor("zone"), export.zone_codes(usual))
+        mask = np.isin(export.counted("zone"), export.zone_codes(usual))
     else:
         with np.errstate(invalid="ignore"):
-            values = export.floor(options.layer or export.amap.cost_layer)
+            values = export.counted(options.layer or export.amap.cost_layer)
             mask = values >= options.threshold
     return np.where(mask, MARKED, 0).astype(np.uint8)
 
 
 def graded(export: MapExport, most: float) -> NDArray[np.uint8]:
-    """A layer from 0 to 1 as 0 to `most`, 0 off the free floor, uint8, shape (ny, nx).
+    """A layer from 0 to 1 as 0 to `most`, 0 off the explored floor, uint8, shape (ny, nx).
 
     Raises:
         InputError: the layer does not run from 0 to 1.
     """
     layer = export.options.layer or export.amap.cost_layer
-    values = np.nan_to_num(export.floor(layer), nan=0.0)
+    values = np.nan_to_num(export.counted(layer), nan=0.0)
     if not schema.is_share(layer) and (values.min() < 0.0 or values.max() > 1.0):
         raise InputError(
             f"--layer: {layer} runs from {values.min():.3g} to {values.max():.3g}, and a mask "
@@ -126,6 +128,8 @@ def graded(export: MapExport, most: float) -> NDArray[np.uint8]:
 def _save(
     export: MapExport, path: Path, mask: NDArray[np.uint8], info: FilterInfo
 ) -> tuple[Path, ...]:
+    if not mask.any():
+        export.note_empty(path, "no explored floor of the map is to be marked")
     written = save_map_server(path, mask, Raster.of_map(export.amap), "raw", **RAW)
     params = path.with_name(f"{path.stem}_params.yaml")
     head = (

@@ -18,6 +18,7 @@ from ambinav.export.raster import Mask, Raster
 from ambinav.export.registry import Exporter
 from ambinav.maps.zones import ZONES
 
+NO_ZONES: Final = "no explored floor of the map lies in the zones"
 LEAST_AREA: Final = 0.5
 """Smaller pieces are left out where nobody says otherwise, square metres."""
 
@@ -74,12 +75,15 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
 
 
 def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
-    """Pieces of each zone that was named, or of corridor and open, with the zone's name."""
+    """Pieces of each zone that was named, or of corridor and open, with the zone's name.
+
+    They lie on explored floor (`MapExport.counted`).
+    """
     options = export.options
     least = LEAST_AREA if options.least_area is None else options.least_area
     heading = None if options.heading is None else math.radians(options.heading)
     raster, grid = Raster.of_map(export.amap), covariance_grid(export.amap, heading)
-    zone = export.floor("zone")
+    zone = export.counted("zone")
     return [
         (ZONES[code], piece)
         for code in export.zone_codes()
@@ -126,6 +130,8 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     features = [
         feature(piece.polygon, zone=name, **figures(piece)) for name, piece in zone_pieces(export)
     ]
+    if not features:
+        export.note_empty(path, NO_ZONES)
     path.write_text(collection(export, features, "zones"), encoding="utf-8")
     return (path,)
 

@@ -14,6 +14,7 @@ from ezdxf.filemanagement import readfile
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.files import ends_with
 
 DEEPEST: Final = 32
 """Blocks within blocks; deeper ones contain themselves."""
@@ -50,13 +51,18 @@ def opened(path: Path) -> Any:
         InputError: it cannot be read.
     """
     try:
-        return readfile(path)
+        document = readfile(path)
     except Exception as error:  # what a damaged file raises is not a closed set
         reason = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: this cannot be read as a DXF file ({' '.join(reason.split()).rstrip('.')}); "
             "export it again."
         ) from error
+    if not ends_with(path, b"EOF"):
+        raise InputError(
+            f"{path}: this DXF file is cut off (EOF is missing at its end); export it again."
+        )
+    return document
 
 
 def drawn_in(where: str, document: Any, tolerance: float, skipped: Counter[str]) -> Iterator[Drawn]:

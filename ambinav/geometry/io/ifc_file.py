@@ -15,7 +15,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError, InputWarning
-from ambinav.files import sha256
+from ambinav.files import ends_with, sha256
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.ifc_parts import (
     HEADROOM,
@@ -49,6 +49,8 @@ _HOLE: Final = 0.6
 _VOID: Final = 5.0
 # Metres; the grid of slabs seen from above, whose edges bound nothing that a ray meets.
 _ROUGH: Final = 1e-4
+# Bytes in which an IFC file says that it is one.
+_BEGINNING: Final = 256
 # Slabs that cover less of the floor than this share are not all of what robots drive on.
 _COVERED: Final = 0.5
 
@@ -167,11 +169,18 @@ def read_storey(
 
 def _opened(path: Path) -> Any:
     try:
+        is_whole = ends_with(path, b"END-ISO-10303-21;")
         with path.open("rb") as file:
-            file.read(1)
+            is_step = file.read(_BEGINNING).lstrip().startswith(b"ISO-10303-21;")
     except OSError as error:
         raise InputError(f"{path}: it cannot be read ({error.strerror}); name an IFC file.") from (
             error
+        )
+    # What is missing would be read as never built.
+    if is_step and not is_whole:
+        raise InputError(
+            f"{path}: this IFC file is cut off (END-ISO-10303-21 is missing at its end); "
+            "export it again."
         )
     try:
         return ifcopenshell.open(str(path))
