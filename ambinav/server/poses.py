@@ -38,6 +38,9 @@ router = APIRouter(prefix="/v1/maps/{id}", tags=["poses"])
 INLINE: Final = 512
 """Rows of a batch that are worked out at once; more would hold up other requests."""
 
+OF_BINARY: Final = ("columns", "layer", "weight", "steering", "turning_radius")
+"""Parameters of the query that say of a binary body what one in JSON says itself."""
+
 METRES: Final = 40.0
 """Of a step whose reward takes no longer than a row counts for."""
 
@@ -268,15 +271,22 @@ async def _answer(context: Context, rows: int, work: Callable[[], Response]) -> 
 
 
 def _is_binary(request: Request) -> bool:
-    """Whether a body is in the binary form.
+    """Check whether a body is in the binary form.
 
     Raises:
-        Problem: it is neither in that form nor in JSON.
+        Problem: it is neither in that form nor in JSON, or it is in JSON, which holds all that is
+            asked, and the query asks for something too.
     """
     kind = request.headers.get("content-type", "application/json").partition(";")[0].strip().lower()
     if kind == OCTETS:
         return True
     if kind == "application/json":
+        for name in OF_BINARY:
+            if name in request.query_params:
+                where = "leave it out" if name == "columns" else f"give {name!r} in the body"
+                raise Problem(
+                    422, f"{name} in the query is for a binary body; {where}.", field=name
+                )
         return False
     raise Problem(415, f"The Content-Type is {kind!r}; send application/json or {OCTETS}.")
 

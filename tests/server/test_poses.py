@@ -233,3 +233,23 @@ def test_no_step_is_longer_than_what_it_is_taken_for() -> None:
     for moves in (None, Steering("dubins", 4.0), Steering("reeds-shepp", 4.0)):
         metres = _metres(ends, moves, 1e9)
         assert (moves or Steering("se2")).lengths(a, b).sum() <= metres * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("what", "query", "remedy"),
+    [
+        ("cost", {"layer": "minor"}, "layer in the query is for a binary body; give 'layer'"),
+        ("cost", {"weight": "2"}, "give 'weight' in the body."),
+        ("level", {"columns": "x,y"}, "columns in the query is for a binary body; leave it out."),
+        ("reward", {"steering": "dubins"}, "give 'steering' in the body."),
+    ],
+)
+def test_a_query_beside_a_body_in_json_is_not_passed_over(
+    live: Live, what: str, query: dict[str, str], remedy: str
+) -> None:
+    names = STEP_COLUMNS if what == "reward" else POSE_COLUMNS
+    answer = live.http.post(
+        f"/v1/maps/narrow-room/{what}", json={name: [1.0] for name in names}, params=query
+    )
+    assert answer.status_code == 422
+    assert remedy in answer.json()["detail"] and answer.json()["field"] in query
