@@ -179,10 +179,10 @@ def test_the_content_of_a_map_counts(tmp_path: Path) -> None:
         changed(segments=replace(one.segments, kind=1 - one.segments.kind)),
         changed(free=shapely.set_precision(one.free, 1e-9).buffer(-1e-8, join_style="mitre")),
         changed(resolution=0.05),
-        changed(checksum="another"),
     }
-    assert len(digests) == 6
-    assert changed(name="other", notes=("repaired",), source=tmp_path) == changed()
+    assert len(digests) == 5
+    same = changed(name="other", notes=("repaired",), source=tmp_path, checksum="of its file")
+    assert same == changed()
 
 
 @dataclass(frozen=True)

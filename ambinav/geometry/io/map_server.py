@@ -202,7 +202,7 @@ def _classify(
         # One exact decision for each possible sum, then a table look-up for each cell.
         count = channels.shape[2]
         total = channels[..., 0] if count == 1 else channels.sum(axis=2, dtype=np.uint32)
-        return _states(white * count, mode, negate, occupied, free)[total]
+        return np.asarray(_states(white * count, mode, negate, occupied, free)[total])
 
     state = classified(colours)
     if has_alpha and mode != "raw":

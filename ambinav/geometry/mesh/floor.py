@@ -40,6 +40,9 @@ _SMALLEST: Final = 1.0
 _LEAST_SHARE: Final = 0.2
 # What is one layer of voxels higher than the floor, and no more, as a share of their edge.
 _ONE_LAYER: Final = 1.01
+# What hangs so far below everything else, metres, and is a smaller share of all faces, is a stray.
+_GAP: Final = 0.2
+_STRAYS: Final = 0.01
 # Cells around a mesh that hold nothing.
 _MARGIN: Final = 2
 
@@ -57,7 +60,9 @@ def find_floor(mesh: Mesh) -> float:
     a, b, c = (triangles[level][:, k] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
     z = (a + b + c)[:, 2] / 3.0
-    lowest, highest = mesh.bounds[:, 2]
+    lowest, highest = _lowest(triangles), mesh.bounds[1, 2]
+    lower = z >= lowest
+    z, area = z[lower], area[lower]
     lower = z <= lowest + max(_LOWER * (highest - lowest), _LOWER_LEAST)
     z, area = z[lower], area[lower]
     # Of rough floors all heights in a layer count, at either side of its edge.
@@ -79,6 +84,18 @@ def find_floor(mesh: Mesh) -> float:
     top = int(np.flatnonzero(fine >= _AS_LARGE * fine.max())[-1])
     mine = (layer == top) | (layer == top + 1)
     return float((z[mine] * area[mine]).sum() / area[mine].sum())
+
+
+def _lowest(triangles: NDArray[np.float64]) -> float:
+    """Lowest z of a building, without strays far below it: reflections in a shiny floor, say."""
+    a, b, c = triangles.swapaxes(0, 1)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    low, high = triangles[..., 2].min(axis=1), triangles[..., 2].max(axis=1)
+    order = np.argsort(low)
+    low, top, below = low[order], np.maximum.accumulate(high[order]), np.cumsum(area[order])
+    # Where nothing stands between two heights, and what lies under them is next to nothing.
+    gaps = np.flatnonzero((low[1:] - top[:-1] > _GAP) & (below[:-1] < _STRAYS * below[-1]))
+    return float(low[gaps[-1] + 1] if len(gaps) else low[0])
 
 
 def _layered(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.io.plan_units import metres_in
 from ambinav.geometry.mesh.frame import check_axis, check_size, check_upright, turned_up
+from ambinav.geometry.mesh.level import levelled
 from ambinav.geometry.mesh.mesh import Mesh
 
 SUFFIXES: Final = (".glb", ".obj", ".ply", ".stl")
@@ -32,7 +33,7 @@ def read_mesh(
         processes: See `Mesh`.
 
     Returns:
-        The mesh in metres, z up.
+        The mesh in metres, z up, its floor level (`levelled`).
 
     Raises:
         InputError: it cannot be read, trimesh is not installed, there is no triangle in it, or its
@@ -64,7 +65,7 @@ def read_mesh(
         check_size(path, "mesh", np.ptp(mesh.bounds, axis=0))
     if up is None and not gltf:
         check_upright(path, mesh)
-    return mesh
+    return levelled(mesh)
 
 
 def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

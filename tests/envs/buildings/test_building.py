@@ -14,7 +14,7 @@ from tests.envs.buildings.scenes import laser, room
 
 
 def files(cache: Path) -> list[Path]:
-    return sorted((cache / "maps").glob("*.map"))
+    return sorted((cache / "ambinav-maps").glob("*.map"))
 
 
 def test_a_building(cache: Path) -> None:
