@@ -51,8 +51,8 @@ def build(
 ) -> None:
     """Compute a building's ambiguity map for a scanner and store it.
 
-    MAP may also be a mesh (.ply, .stl, .obj, .glb), an OctoMap (.bt) or a point cloud (.las, .laz,
-    .e57, .pcd, .xyz, .txt, .ply).
+    MAP may also be a mesh (.ply, .stl, .obj, .glb), an OctoMap (.bt, .ot) or a point cloud
+    (.las, .laz, .e57, .pcd, .xyz, .txt, .ply).
 
     Example: `ambinav map office.yaml --scanner hokuyo-urg-04lx -o office.zarr`
     """

@@ -19,7 +19,8 @@ from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.sensing.robot_radius import robot_radius as own_radius
 from ambinav.sensing.scanner import RangeScanner
 
-OCTOMAP: Final = ".bt"
+OCTOMAPS: Final = (".bt", ".ot")
+"""Of OctoMaps: occupied or free, and with all that a tree holds."""
 PROCESSES: Final = 2
 """Embree holds the interpreter's lock."""
 OF_A_MESH: Final = ("robot_height", "floor", "up")
@@ -108,7 +109,7 @@ class SpaceSettings:
             )
         if not cloud:
             self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
-        if path.suffix.lower() == OCTOMAP:
+        if path.suffix.lower() in OCTOMAPS:
             self._refuse(("up",), f"{path} is an OctoMap, whose z is up; leave it out.")
             if reading.get("unit") is not None:
                 raise InputError(f"{path}: an OctoMap is in metres; leave unit out.")
@@ -134,7 +135,7 @@ class SpaceSettings:
         from ambinav.geometry.mesh.octomap import read_octomap
         from ambinav.geometry.mesh.read import read_mesh
 
-        if path.suffix.lower() == OCTOMAP:
+        if path.suffix.lower() in OCTOMAPS:
             return read_octomap(path, processes=PROCESSES)
         if not cloud:
             return read_mesh(path, unit=unit, up=self.up, processes=PROCESSES)
@@ -161,7 +162,7 @@ def _triangles_of(path: Path) -> bool | None:
         return None
     if is_cloud(path):
         return True
-    return False if suffix in (*SUFFIXES, OCTOMAP) else None
+    return False if suffix in (*SUFFIXES, *OCTOMAPS) else None
 
 
 class PlanPart(ConfigModel):

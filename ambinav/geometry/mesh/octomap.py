@@ -15,6 +15,10 @@ from ambinav.geometry.mesh.voxels import voxel_mesh
 from ambinav.kernels import kernel
 
 _MAGIC: Final = b"# Octomap OcTree binary file"
+_FULL_MAGIC: Final = b"# Octomap OcTree file"
+# Bytes of a node in a full file by the tree's id (`writeData` of its nodes, OctoMap 1.9): the log
+# odds of being occupied, colours, which are not read, and one that says which children follow.
+_NODE_BYTES: Final = {"OcTree": 4 + 1, "ColorOcTree": 4 + 3 + 1}
 _DEPTH: Final = 16
 # What two bits say of a child (Hornung et al. 2013, OctoMap 1.9: `readBinaryNode`).
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
@@ -35,15 +39,18 @@ class Leaves(NamedTuple):
 
 
 def read_octomap(path: str | Path, *, processes: int = 1) -> Mesh:
-    """Read a binary OctoMap (.bt) as the outer faces of its occupied voxels, metres, z up.
+    """Read an OctoMap (.bt, .ot) as the outer faces of its occupied voxels, metres, z up.
+
+    Plain trees and those with colours, which are not looked at. In a full file (.ot) a leaf is
+    occupied if it is so with a probability of one half or more.
 
     Args:
         path: The file.
         processes: See `Mesh`.
 
     Raises:
-        InputError: it is no binary OctoMap of a plain octree, it is cut off, or nothing in it is
-            occupied.
+        InputError: it is no OctoMap, or of another kind of tree, it is cut off, or nothing in it
+            is occupied.
     """
     path = Path(path)
     leaves, edge = read_leaves(path)
@@ -55,7 +62,7 @@ def read_octomap(path: str | Path, *, processes: int = 1) -> Mesh:
 
 
 def read_leaves(path: Path) -> tuple[Leaves, float]:
-    """The leaves of a binary OctoMap, and the edge of a voxel in metres.
+    """The leaves of an OctoMap, and the edge of a voxel in metres.
 
     Raises:
         InputError: see `read_octomap`.
@@ -64,24 +71,32 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(
-            f"{path}: it cannot be read ({error.strerror}); give a .bt file."
+            f"{path}: it cannot be read ({error.strerror}); give a .bt or .ot file."
         ) from error
     head, found, body = data.partition(b"\ndata\n")
-    if not data.startswith(_MAGIC) or not found:
+    is_full = data.startswith(_FULL_MAGIC)
+    if not (is_full or data.startswith(_MAGIC)) or not found:
         raise InputError(
-            f"{path}: it is no binary OctoMap; give a .bt file, as `octree.writeBinary` makes."
+            f"{path}: it is no OctoMap; give a .bt or .ot file, as `octree.writeBinary` and "
+            "`octree.write` make."
         )
     lines = [line.split(maxsplit=1) for line in head.decode("latin-1").splitlines()]
     fields = {line[0]: line[1] for line in lines if len(line) == 2 and line[0] != "#"}
-    if fields.get("id") != "OcTree":
-        raise InputError(f"{path}: id is {fields.get('id')!r}; only a plain OcTree can be read.")
+    kind = fields.get("id", "")
+    if kind not in _NODE_BYTES:
+        raise InputError(
+            f"{path}: id is {fields.get('id')!r}; it must be {' or '.join(_NODE_BYTES)}."
+        )
     try:
         edge = float(fields["res"])
     except (KeyError, ValueError):
         edge = math.nan
     if not 0.0 < edge < math.inf:
         raise InputError(f"{path}: res is {fields.get('res')!r}; it must be metres above 0.")
-    nodes = np.frombuffer(body[: len(body) // 2 * 2], dtype="<u2")
+    if is_full:
+        nodes = _binary_nodes(body, _NODE_BYTES[kind])
+    else:
+        nodes = np.frombuffer(body[: len(body) // 2 * 2], dtype="<u2")
     # Every node has eight children at the most.
     key = np.empty((8 * len(nodes), 3), dtype=np.int64)
     size = np.empty(len(key), dtype=np.int64)
@@ -90,6 +105,56 @@ def read_leaves(path: Path) -> tuple[Leaves, float]:
     if count < 0:
         raise InputError(f"{path}: it is cut off or damaged; copy it again.")
     return Leaves(key[:count], size[:count], occupied[:count]), edge
+
+
+def _binary_nodes(body: bytes, size: int) -> NDArray[np.uint16]:
+    """The nodes of a full file as those of a binary one; none where they are cut off."""
+    if len(body) % size or not body:
+        return np.empty(0, dtype=np.uint16)
+    table = np.frombuffer(body, dtype=np.uint8).reshape(-1, size)
+    odds = np.ascontiguousarray(table[:, :4]).view("<f4")[:, 0]
+    nodes = np.zeros(len(table), dtype=np.uint16)
+    count = _fold(np.ascontiguousarray(table[:, -1]), odds >= 0.0, nodes)
+    return nodes[:count]
+
+
+@kernel
+def _fold(children, occupied, nodes):
+    """Write inner nodes, each with the kinds of its children; how many, 0 where they do not fit.
+
+    Args:
+        children: Of every node, depth first, bit k for child k, uint8, shape (N,).
+        occupied: Of every node, bool, shape (N,).
+        nodes: Written, uint16, shape (N,).
+    """
+    if children[0] == 0:
+        return 0
+    owner = np.zeros(_DEPTH + 1, dtype=np.int64)
+    rest = np.zeros(_DEPTH + 1, dtype=np.int64)
+    rest[0] = children[0]
+    count, depth = 1, 0
+    for k in range(1, len(children)):
+        while depth >= 0 and rest[depth] == 0:
+            depth -= 1
+        if depth < 0:
+            return 0
+        i = 0
+        while (rest[depth] >> i) & 1 == 0:
+            i += 1
+        rest[depth] &= rest[depth] - 1
+        kind = _OCCUPIED if occupied[k] else _FREE
+        if children[k] != 0:
+            kind = _INNER
+        nodes[owner[depth]] |= np.uint16(kind << (2 * i))
+        if children[k] != 0:
+            if depth + 1 == _DEPTH:
+                return 0
+            depth += 1
+            owner[depth], rest[depth] = count, children[k]
+            count += 1
+    while depth >= 0 and rest[depth] == 0:
+        depth -= 1
+    return count if depth < 0 else 0
 
 
 @kernel

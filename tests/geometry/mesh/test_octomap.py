@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -57,16 +58,73 @@ def test_refused(tmp_path: Path) -> None:
         (written(tmp_path / "more.bt", [*down, node(OCCUPIED), 7]), "cut off or damaged"),
         (written(tmp_path / "deep.bt", [node(INNER)] * 20), "cut off or damaged"),
         (written(tmp_path / "free.bt", [*down, node(FREE)]), "nothing in it is occupied"),
-        (written(tmp_path / "color.bt", down, "ColorOcTree"), "id is 'ColorOcTree'"),
+        (written(tmp_path / "time.bt", down, "OcTreeStamped"), "id is 'OcTreeStamped'"),
         (written(tmp_path / "res.bt", down, res="-1"), "res is '-1'"),
         (written(tmp_path / "word.bt", down, res="fine"), "res is 'fine'"),
-        (other, "no binary OctoMap"),
+        (other, "it is no OctoMap"),
         (tmp_path / "missing.bt", "cannot be read"),
         (tmp_path, "cannot be read"),
     ):
         with pytest.raises(InputError, match=text) as caught:
             read_octomap(path)
         assert str(path) in str(caught.value)
+
+
+def test_a_colour_tree_in_binary_is_a_plain_one(tmp_path: Path) -> None:
+    down = [node(*[UNKNOWN] * 7, INNER), *[node(INNER)] * 14, node(OCCUPIED, FREE)]
+    plain, _ = read_leaves(written(tmp_path / "plain.bt", down))
+    colour, _ = read_leaves(written(tmp_path / "colour.bt", down, "ColorOcTree"))
+    for one, other in zip(plain, colour, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def full(path: Path, binary: list[int], kind: str, cut: int = 0) -> Path:
+    """Write the tree of a binary file's nodes as a full one, by recursion."""
+    colour = b"\x10\x20\x30" if kind == "ColorOcTree" else b""
+    rest = iter(binary)
+
+    def written_node(odds: float, inner: bool) -> bytes:
+        own = next(rest) if inner else 0
+        kinds = [(own >> (2 * i)) & 3 for i in range(8)]
+        mask = sum(1 << i for i, of in enumerate(kinds) if of != UNKNOWN)
+        parts = [struct.pack("<f", odds), colour, bytes([mask])]
+        parts += [
+            written_node({FREE: -0.4, OCCUPIED: 0.85, INNER: 0.2}[of], of == INNER)
+            for of in kinds
+            if of != UNKNOWN
+        ]
+        return b"".join(parts)
+
+    body = written_node(0.1, True)
+    head = HEAD.format(kind).replace(" binary", "") + "res 0.1\ndata\n"
+    path.write_bytes(head.encode() + body[: len(body) - cut])
+    return path
+
+
+@pytest.mark.parametrize("kind", ["OcTree", "ColorOcTree"])
+def test_a_full_tree_has_the_leaves_of_its_binary_file(tmp_path: Path, kind: str) -> None:
+    nodes = [
+        node(OCCUPIED, *[UNKNOWN] * 5, FREE, INNER), node(INNER, FREE, INNER, OCCUPIED),
+        node(FREE, FREE), node(*[OCCUPIED] * 8),
+    ]  # fmt: skip
+    wanted, edge = read_leaves(written(tmp_path / "tree.bt", nodes))
+    found, same = read_leaves(full(tmp_path / "tree.ot", nodes, kind))
+    assert edge == same == 0.1 and wanted.occupied.sum() == 10
+    for one, other in zip(wanted, found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    for cut in (1, 5, 8, 16, 40):
+        with pytest.raises(InputError, match="cut off or damaged"):
+            read_leaves(full(tmp_path / f"cut{cut}.ot", nodes, kind, cut))
+
+
+def test_a_recorded_building_as_a_full_colour_tree(data_dir: Path, tmp_path: Path) -> None:
+    recorded = data_dir / "mesh3d" / "geb079.bt"
+    body = recorded.read_bytes().partition(b"\ndata\n")[2]
+    nodes = np.frombuffer(body, dtype="<u2").tolist()
+    wanted, _ = read_leaves(recorded)
+    found, _ = read_leaves(full(tmp_path / "geb079.ot", nodes, "ColorOcTree"))
+    for one, other in zip(wanted, found, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_recorded_building_has_the_voxels_that_others_read_from_it(data_dir: Path) -> None:
