@@ -19,6 +19,7 @@ from ambinav.geometry.mesh.cloud_tables import (
     text_points,
 )
 from ambinav.geometry.mesh.frame import check_axis, check_size, check_upright, turned_up
+from ambinav.geometry.mesh.level import levelled_note, upright, voxel_slope
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.mesh.voxels import voxel_mesh
 
@@ -56,6 +57,7 @@ def read_cloud(
 ) -> Mesh:
     """Read LAS, LAZ, E57, PCD, a PLY without faces, or text with x, y and z in each line.
 
+    A tilted floor is levelled (`level.voxel_slope`), for which the file is read a second time.
     Colours and intensities are not read. Files are read a million points at a time; but for those
     of a packed PCD only the voxels are held.
 
@@ -95,6 +97,16 @@ def read_cloud(
     for some in _checked(path, _chunks(path, notes, unit)):
         counter.add(some)
     keys = turned_up(counter.voxels(points), up or "z")
+    slope = voxel_slope(keys)
+    if slope is not None:
+        # Points are turned, not voxels, so a file is read again.
+        middle = (keys.min(axis=0) + keys.max(axis=0) + 1) * (voxel / scale / 2.0)
+        turn = upright(slope).T
+        counter = _VoxelCounter(path, scale / voxel, voxel if unit is None else 0.0)
+        for some in _checked(path, _chunks(path, [], unit)):
+            counter.add((turned_up(some, up or "z") - middle) @ turn + middle)
+        keys = counter.voxels(points)
+        notes.append(levelled_note(str(path), slope))
     if unit is None:
         check_size(path, "point cloud", (np.ptp(keys, axis=0) + 1) * voxel)
     low = np.floor(keys.min(axis=0) * voxel)
