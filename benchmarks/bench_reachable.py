@@ -20,7 +20,7 @@ from ambinav.errors import InputWarning
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZoneShare
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -50,7 +50,7 @@ def row(environment: Environment, radius: float) -> tuple[str, ...]:
     amap = build_map(
         environment, scanner, spacing=spacing, radius=max(0.5, 1.5 * spacing), store=False
     )
-    parts = FloorParts.of(amap, reach)
+    parts = amap.judged_by(reach)
     areas = (parts.counted, parts.unexplored, parts.cut_off, parts.beside_walls)
     rim = ("", "touched", "margin")[len(reach.notes)]
     pairs = zip(amap.zone_shares(), amap.zone_shares(mask=parts.counted), strict=True)

@@ -24,8 +24,11 @@ from ambinav.geometry.outside import solid_cells
 from ambinav.geometry.principal_axes import principal_axes
 from ambinav.maps import schema
 from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.zones import NOT_FREE
 from ambinav.provenance import library_version
+from ambinav.sensing.robot_radius import robot_radius
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.version import __version__
 
@@ -71,7 +74,24 @@ def assemble(
     """
     variables = pose_layers(lattice, model, theta, found)
     variables["clearance"] = clearance_layer(lattice)
-    return with_building(variables, lattice, scanner, thinned, model, theta)
+    return with_judged(
+        with_building(variables, lattice, scanner, thinned, model, theta),
+        FloorJudge.for_robot(lattice.environment, judged_radius(scanner, model)),
+    )
+
+
+def judged_radius(scanner: RangeScanner, model: AmbiguityModel) -> float:
+    """Radius of the robot that the floor of a map is judged for, metres."""
+    return model.robot_radius or robot_radius(scanner)
+
+
+def with_judged(dataset: xr.Dataset, judge: FloorJudge) -> xr.Dataset:
+    """The dataset of a map with the layer that says which floor counts."""
+    judged = judge.floor(
+        dataset["free"].values, dataset["unknown"].values, dataset["x"].values,
+        dataset["y"].values, 0.0,
+    )  # fmt: skip
+    return dataset.assign({JUDGED: judged.layer})
 
 
 def clearance_layer(lattice: Lattice) -> xr.DataArray:

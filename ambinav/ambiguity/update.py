@@ -27,7 +27,7 @@ from scipy.ndimage import distance_transform_edt
 from ambinav.ambiguity.build import reporter
 from ambinav.ambiguity.changes import Box, Changes
 from ambinav.ambiguity.chosen import ChosenPoses
-from ambinav.ambiguity.dataset import pose_layers, with_building
+from ambinav.ambiguity.dataset import pose_layers, with_building, with_judged
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.ambiguity.neighbourhoods import disc
 from ambinav.ambiguity.returns import BEYOND
@@ -40,6 +40,7 @@ from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.zones import NOT_FREE
 from ambinav.sensing.scanner import RangeScanner
 
@@ -199,17 +200,18 @@ class _Update:
         x, y = self.after.axes(self.spacing)
         lattice = Lattice(self.env, self.spacing, x, y, self.inner(free))
         context = self.context
-        amap = AmbiguityMap(
-            with_building(
-                variables,
-                lattice,
-                self.scanner,
-                context.scanner,
-                context.model,
-                self.theta,
-                self.solid(lattice.free),
-            )
+        dataset = with_building(
+            variables,
+            lattice,
+            self.scanner,
+            context.scanner,
+            context.model,
+            self.theta,
+            self.solid(lattice.free),
         )
+        robot = self.amap.judged
+        judge = FloorJudge.for_robot(self.env, robot.radius, robot.start)
+        amap = AmbiguityMap(with_judged(dataset, judge))
         if schema.added(self.amap.dataset):
             from ambinav.ambiguity.layers.again import Changed  # only where there are some
 
@@ -367,7 +369,7 @@ class _Update:
             for name in old.data_vars
             if name in self.amap.layers
             and schema.base_name(str(name)) in CORE_LAYERS
-            and name not in ("free", "clearance")
+            and name not in ("free", "clearance", "judged")
         ]
         if patch and set(patch) != set(names):
             odd = ", ".join(sorted(set(patch) ^ set(names)))

@@ -16,7 +16,6 @@ from ambinav.ambiguity.layers.aliasing.settle import settle
 from ambinav.ambiguity.layers.context import LayerContext
 from ambinav.audit.aliased_pairs import AliasedPair, find_aliased_pairs
 from ambinav.audit.aliasing_tracks import follow
-from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -65,12 +64,11 @@ def find_aliasing(
     wanted: bool | None = None,
     *,
     letters: int = 6,
-    reach: Reach | None = None,
     report: Callable[[float], None] | None = None,
 ) -> AliasingFindings:
     """Seek the aliased poses of a map.
 
-    Unexplored poses take no part, nor do those that a robot does not reach: it never stands there.
+    Poses off the judged floor take no part (`AmbiguityMap.judged`).
 
     Those in the pose's own corridor or hall are left out of the pairs, for there the map itself
     says that the robot can slide; the share counts them.
@@ -80,14 +78,13 @@ def find_aliasing(
         environment: What it was built of.
         wanted: None: unless there are more than `MOST_POSES` poses; True: in any case.
         letters: How many regions to list with their aliased poses, at most.
-        reach: What the robot reaches; None: everything.
         report: Called with the share done.
     """
     context = LayerContext.of(amap, environment)
     spacing = max(amap.spacing, min(SPACING, context.radius))
     if spacing > amap.spacing:
         context = context.over(Lattice.over(environment, spacing))
-    context = dataclasses.replace(context, lattice=_counted(amap, context.lattice, reach))
+    context = dataclasses.replace(context, lattice=_counted(amap, context.lattice))
     poses = pose_count(context)
     if poses == 0 or not (poses <= MOST_POSES if wanted is None else wanted):
         return AliasingFindings(poses, spacing, False)
@@ -110,8 +107,8 @@ def find_aliasing(
     )
 
 
-def _counted(amap: AmbiguityMap, lattice: Lattice, reach: Reach | None) -> Lattice:
-    """The lattice with only those points free that are explored and reached."""
+def _counted(amap: AmbiguityMap, lattice: Lattice) -> Lattice:
+    """The lattice with only those points free that lie on judged floor."""
     rows, columns = np.nonzero(lattice.free)
     x, y = lattice.x[columns], lattice.y[rows]
     grid_x, grid_y = amap.dataset["x"].values, amap.dataset["y"].values
@@ -119,9 +116,7 @@ def _counted(amap: AmbiguityMap, lattice: Lattice, reach: Reach | None) -> Latti
         np.clip(np.rint((at - grid[0]) / amap.spacing).astype(int), 0, len(grid) - 1)
         for at, grid in ((x, grid_x), (y, grid_y))
     )
-    counted = ~amap.unexplored[row, column]
-    if reach is not None:
-        counted &= reach.reaches(x, y)
+    counted = amap.judged.counted[row, column]
     free = np.zeros_like(lattice.free)
     free[rows[counted], columns[counted]] = True
     return dataclasses.replace(lattice, free=free)

@@ -13,7 +13,6 @@ from shapely import MultiPoint, Polygon, minimum_rotated_rectangle
 
 from ambinav.audit.regions import Labels, find_regions, passable
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import CORRIDOR, OPEN, TRANSITION, ZONES
 
 Floats = NDArray[np.float64]
@@ -22,10 +21,6 @@ GAP = 1.0
 """Metres of other floor that a region may bridge: a doorway does not cut a corridor in two."""
 LEAST_AREA = 1.0
 """Square metres; smaller regions join a neighbour or are left out."""
-ROOM = 0.2
-"""Metres to the nearest wall from which floor counts where nobody says what a robot reaches: none
-stands in a narrower crack. Maps of real buildings have many, where the laser looked through a
-window or between chair legs."""
 _PRONOUNCED = 0.3
 """Difference of major and minor from which a weak direction is reported."""
 
@@ -89,12 +84,11 @@ def find_ambiguous_regions(
     *,
     gap: float = GAP,
     least_area: float = LEAST_AREA,
-    parts: FloorParts | None = None,
 ) -> tuple[AmbiguousRegion, ...]:
     """Find the regions of corridor and open zones, the worst first.
 
-    Where half of the beams or more end in unknown space the map ends, and nothing is said of the
-    building. Pieces of a region may lie apart on what is reachable but unexplored.
+    Regions are of judged floor (`AmbiguityMap.judged`). Pieces of one may lie apart on what is
+    reachable but unexplored.
 
     Args:
         amap: The map.
@@ -102,7 +96,6 @@ def find_ambiguous_regions(
         heading: "mean", "best", "worst" or radians, where the heading matters.
         gap: Metres, see `GAP`.
         least_area: Square metres, see `LEAST_AREA`.
-        parts: Which floor counts; None: all that is explored and at least `ROOM` from all walls.
 
     Returns:
         Places numbered from 1; empty if there are none.
@@ -114,8 +107,7 @@ def find_ambiguous_regions(
         name: amap.floor(name, heading).values
         for name in ("level", "major", "minor", "direction", "major_radius", "minor_radius")
     }
-    room = ROOM if parts is None else 0.0
-    parts = FloorParts.of(amap) if parts is None else parts
+    parts = amap.judged
     zone = np.where(parts.counted, amap.floor("zone", heading).values, TRANSITION)
     seen = np.nonzero((zone == CORRIDOR) | (zone == OPEN))
     axis = np.full(zone.shape, np.nan, dtype=floor["direction"].dtype)
@@ -125,10 +117,9 @@ def find_ambiguous_regions(
         zone,
         (CORRIDOR, OPEN),
         axis,
-        passable(parts.reachable, amap.dataset["clearance"].values, amap.spacing, room),
+        passable(parts.reachable, amap.dataset["clearance"].values, amap.spacing),
         gap=round(gap / amap.spacing),
         least=max(1, round(least_area / amap.spacing**2)),
-        rim=2 * math.ceil(max(room, 0.5 * amap.spacing) / amap.spacing),  # into a corner
     )
     within = np.nonzero(labels)
     severity = np.bincount(labels[within], weights=_numbers(floor["level"][within]))[1:]

@@ -14,7 +14,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, OPEN, ZONES, ZoneShare
 from ambinav.sensing.robot_radius import robot_radius as robot_radius
 from ambinav.sensing.scanner import RangeScanner
@@ -43,12 +43,11 @@ class Audit:
     """Where a building leaves a scanner lost.
 
     Attributes:
-        amap: The ambiguity map.
+        amap: The ambiguity map, its floor judged for this robot.
         environment: The building.
         scanner: The scanner.
         heading: Which headings the figures are for: "mean", "best", "worst" or radians.
         reach: What the robot reaches.
-        parts: Which floor counts: what is explored and reached.
         shares: Share of the floor that counts, and area, of each zone, in the order of ZONES.
         findings: The worst places, the worst first.
         regions: Number of all such places, listed or not.
@@ -62,13 +61,17 @@ class Audit:
     scanner: RangeScanner
     heading: str | float
     reach: Reach
-    parts: FloorParts
     shares: tuple[ZoneShare, ...]
     findings: tuple[Finding, ...]
     regions: int
     extents: Mapping[str, tuple[float, ...]]
     aliasing: AliasingFindings | None = None
     helps: WhatHelps | None = None
+
+    @property
+    def parts(self) -> JudgedFloor:
+        """Which floor counts: what is explored and reached."""
+        return self.amap.judged
 
     @property
     def area(self) -> float:
@@ -122,7 +125,8 @@ class Audit:
                 (self.parts.unexplored, "are unexplored (half of the beams or more end in unknown "
                  "space)"),
                 (self.parts.cut_off, "lie where the robot cannot get to"),
-                (self.parts.beside_walls, "are nearer to a wall than its centre comes"),
+                (self.parts.beside_walls, "are too close to walls for this robot"),
+                (self.parts.outside, "lie outside of the building or where the map ends"),
             )
             if (area := self.parts.area(cells)) >= _WORTH_TELLING * free
         ]  # fmt: skip
@@ -131,7 +135,7 @@ class Audit:
         listed = reasons[0]
         if len(reasons) > 1:
             listed = f"{', '.join(reasons[:-1])} and {reasons[-1]}"
-        return [f"Of the {metres2(free)} of free floor, {listed}: they do not count."]
+        return [f"Of the {metres2(free)} of free floor, {listed}: not counted."]
 
     def _worst(self) -> str:
         """The worst place, in a sentence."""
@@ -182,8 +186,9 @@ def audit(
         raise InputError(f"places: {places} is negative; give 0 or more.")
     if reach is None:
         reach = find_reach(environment, robot_radius(scanner))
-    parts = FloorParts.reached(amap, reach)
-    found = find_ambiguous_regions(amap, None, heading, parts=parts)
+    amap = amap.for_robot(reach)
+    amap.judged.check_reached(amap.spacing)
+    found = find_ambiguous_regions(amap, None, heading)
     findings = tuple(Finding(place, _look(environment, scanner, place)) for place in found[:places])
     return Audit(
         amap=amap,
@@ -191,8 +196,7 @@ def audit(
         scanner=scanner,
         heading=heading,
         reach=reach,
-        parts=parts,
-        shares=amap.zone_shares(heading, parts.counted),
+        shares=amap.zone_shares(heading, amap.judged.counted),
         findings=findings,
         regions=len(found),
         extents={

@@ -20,7 +20,7 @@ from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
 from ambinav.reports.fields import Degrees, Metres, Part, Share, SquareMetres
 
-FORMAT = "ambinav-audit/4"
+FORMAT = "ambinav-audit/5"
 
 FLOOR_ZONES = "floor-zones"
 FLOOR_LEVEL = "floor-level"
@@ -73,10 +73,14 @@ class FloorPart(Part):
         description="of that, nearer to a wall than the robot's radius"
     )
     cut_off_area_m2: SquareMetres = Field(description="of that, wide enough but cut off")
+    outside_area_m2: SquareMetres = Field(
+        description="outside of the building: a page's margin, or reached where the map ends"
+    )
     free_area_m2: SquareMetres = Field(description="all of these: the free cells of the map")
     counted_share: Share = Field(description="of the free floor")
     unexplored_share: Share = Field(description="of the free floor")
     unreachable_share: Share = Field(description="of the free floor")
+    outside_share: Share = Field(description="of the free floor")
 
 
 class ZonePart(Part):
@@ -190,7 +194,7 @@ class AliasingPart(Part):
 class Document(Part):
     """The whole audit."""
 
-    format: Literal["ambinav-audit/4"] = "ambinav-audit/4"
+    format: Literal["ambinav-audit/5"] = "ambinav-audit/5"
     created: str = Field(description="ISO 8601, UTC; when the map was built")
     ambinav_version: str
     summary: str
@@ -285,8 +289,9 @@ def _headings(audit: Audit) -> str:
 
 def _floor(audit: Audit) -> FloorPart:
     parts, free = audit.parts, audit.amap.free_area
-    counted, unexplored, unreachable = (
-        parts.area(cells) for cells in (parts.counted, parts.unexplored, parts.unreachable)
+    counted, unexplored, unreachable, outside = (
+        parts.area(cells)
+        for cells in (parts.counted, parts.unexplored, parts.unreachable, parts.outside)
     )
     return FloorPart(
         robot_radius_m=audit.reach.radius,
@@ -296,10 +301,12 @@ def _floor(audit: Audit) -> FloorPart:
         unreachable_area_m2=unreachable,
         beside_walls_area_m2=parts.area(parts.beside_walls),
         cut_off_area_m2=parts.area(parts.cut_off),
+        outside_area_m2=outside,
         free_area_m2=free,
         counted_share=counted / free,
         unexplored_share=unexplored / free,
         unreachable_share=unreachable / free,
+        outside_share=outside / free,
     )
 
 

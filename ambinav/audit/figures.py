@@ -137,6 +137,15 @@ QUANTITIES: Final[Quantities] = catalogue(
         lambda report: report.floor.cut_off_area_m2,
     ),
     Quantity(
+        "outside", "%", "share of the free floor that lies outside of the building",
+        lambda report: 100.0 * report.floor.outside_share,
+    ),
+    Quantity(
+        "outside area", "m²",
+        "area outside of the building: a page's margin, or reached where the map ends",
+        lambda report: report.floor.outside_area_m2,
+    ),
+    Quantity(
         "notes", "", "number of things that were repaired or left out in the map",
         lambda report: float(len(report.environment.notes)),
     ),

@@ -20,15 +20,15 @@ _ALIGNED = math.radians(20.0)
 """Pieces of corridor are one corridor if their weak directions differ by less."""
 
 
-def passable(free: Mask, clearance: Floats, spacing: float, room: float = 0.0) -> Mask:
-    """Free cells that no wall can pass between, at least `room` metres from all walls.
+def passable(free: Mask, clearance: Floats, spacing: float) -> Mask:
+    """Free cells that no wall can pass between.
 
     A wall may have no thickness, and then no cell of its own. Of two neighbours on either side of
     one at least one lies within half a cell of it, so without the cells close to walls no path
     along neighbours crosses a wall.
     """
     # As float64, whatever the clearance is kept in; NaN is no room.
-    return free & (clearance > np.float64(max(0.5 * spacing, room) * (1 + 1e-6)))
+    return free & (clearance > np.float64(0.5 * spacing * (1 + 1e-6)))
 
 
 def find_regions(

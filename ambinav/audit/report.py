@@ -11,7 +11,7 @@ from ambinav.audit.document import FORMAT, Document, document
 from ambinav.audit.page import audit_page
 from ambinav.audit.pictures import save_pictures
 from ambinav.files import replacing
-from ambinav.maps.floor_parts import unreachable_label
+from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
 from ambinav.plotting import style
 from ambinav.reports.pages import data_uri, fill
@@ -97,10 +97,15 @@ def _values(report: Document) -> dict[str, Any]:
     unreachable = {
         "label": unreachable_label(floor.robot_radius_m),
         "meaning": f"{metres2(floor.cut_off_area_m2)} where it would fit but cannot get to, "
-        f"{metres2(floor.beside_walls_area_m2)} nearer to a wall than its centre comes",
+        f"{metres2(floor.beside_walls_area_m2)} too close to walls for it",
         "swatch": style.UNREACHABLE,
     }
+    outside = {
+        "meaning": "the margin around the building, or reached where the map ends",
+        "swatch": style.UNKNOWN,
+    }
     return {
+        "outside": outside,
         "image_format": report.pictures[0].rpartition(".")[2],
         "unexplored": unexplored,
         "unreachable": unreachable,

@@ -146,7 +146,7 @@ def audit(
         # Before the long work: a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
         with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity"))
+            amap = making.build(environment, chosen, bars("ambiguity")).for_robot(reach)
             report = _examine(amap, environment, chosen, reach, reported, output, bars)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
@@ -173,9 +173,7 @@ def _examine(
 
     aliasing = None
     if reported.aliasing is not False:
-        aliasing = find_aliasing(
-            amap, environment, reported.aliasing, reach=reach, report=bars("aliasing")
-        )
+        aliasing = find_aliasing(amap, environment, reported.aliasing, report=bars("aliasing"))
     helps = None
     if reported.posts:
         from ambinav.audit.what_helps import find_what_helps
@@ -199,7 +197,7 @@ def _show(report: Document, output: Path) -> None:
     from rich.text import Text
 
     from ambinav.audit.audit import metres2, percent
-    from ambinav.maps.floor_parts import unreachable_label
+    from ambinav.maps.judged_floor import unreachable_label
 
     console = Console(highlight=False)
     zones = Table(box=None, pad_edge=False)
@@ -217,6 +215,7 @@ def _show(report: Document, output: Path) -> None:
             "",
             floor.unreachable_share,
         ),
+        ("outside of the building", floor.outside_area_m2, "", floor.outside_share),
         ("free", floor.free_area_m2, "", 1.0),
     ):
         zones.add_row(label, metres2(area), of_counted, percent(of_free))

@@ -18,7 +18,6 @@ from ambinav.mistaken import STORE, kind_of_path
 
 if TYPE_CHECKING:
     from ambinav.diff.document import Document
-    from ambinav.geometry.collision.reach import Reach
     from ambinav.maps.ambiguity_map import AmbiguityMap
 
 _MAP = "An ambiguity map, or with --scanner a building."
@@ -102,8 +101,8 @@ def diff(
                 _open(path, named, building, making, space, bars(f"map {letter}"))
                 for path, named, letter in zip((first, second), scanners, "AB", strict=True)
             ]
-        reach = _reach(amaps[0], robot), _reach(amaps[1], robot)
-        found = difference(amaps[0], amaps[1], reach, wall_tolerance=wall_tolerance)
+        first_map, second_map = (_for_robot(amap, robot) for amap in amaps)
+        found = difference(first_map, second_map, wall_tolerance=wall_tolerance)
         report = document(found, places)
         if output is not None:
             from ambinav.diff.report import write_report
@@ -185,25 +184,18 @@ def _open(
     return made
 
 
-def _reach(amap: AmbiguityMap, robot: ReachOptions) -> Reach:
-    """What a robot reaches in a map's building: the scanner's, where nobody says how large.
+def _for_robot(amap: AmbiguityMap, robot: ReachOptions) -> AmbiguityMap:
+    """A map whose floor is judged for the robot of the options, or for its own where none is given.
 
     Raises:
-        InputError: it fits nowhere, or not at the start.
+        InputError: the robot fits nowhere, or not at its start.
     """
-    from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
-    from ambinav.sensing.robot_radius import robot_radius as radius_of
-    from ambinav.sensing.scanner import RangeScanner
+    if robot.robot_radius is None and robot.start is None:
+        return amap
+    from ambinav.geometry.collision.reach import find_reach
 
-    robot_radius = robot.robot_radius
-    if robot_radius is None:
-        text = amap.dataset.attrs.get("scanner_yaml")
-        robot_radius = (
-            ROBOT_RADIUS
-            if text is None
-            else radius_of(RangeScanner.from_yaml_text(text, file=f"{amap.source}: scanner_yaml"))
-        )
-    return find_reach(amap.environment, robot_radius, robot.start)
+    radius = robot.robot_radius or amap.judged.radius
+    return amap.for_robot(find_reach(amap.environment, radius, robot.start))
 
 
 def _show(report: Document, output: Path | None) -> None:

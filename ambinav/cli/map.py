@@ -88,14 +88,17 @@ def build(
 def _figures(amap: AmbiguityMap) -> dict[str, Any]:
     """What --json says of a map."""
     from ambinav.maps import schema
-    from ambinav.maps.floor_parts import FloorParts
 
-    parts = FloorParts.of(amap)
+    parts = amap.judged
     return {
         "cells": int(amap.dataset["free"].sum()),
         "free_area_m2": round(amap.free_area, 2),
-        "explored_area_m2": round(parts.area(parts.counted), 2),
+        "robot_radius_m": parts.radius,
+        "judged_area_m2": round(parts.area(parts.counted), 2),
         "unexplored_area_m2": round(parts.area(parts.unexplored), 2),
+        "too_close_area_m2": round(parts.area(parts.beside_walls), 2),
+        "not_reachable_area_m2": round(parts.area(parts.cut_off), 2),
+        "outside_area_m2": round(parts.area(parts.outside), 2),
         "layers": list(schema.added(amap.dataset)),
         "cost_layer": amap.cost_layer,
         "headings": amap.dataset.sizes["theta"] if amap.has_theta else None,

@@ -12,9 +12,8 @@ from ambinav.diff.provenance import Differing, differing_parameters, same_conten
 from ambinav.diff.regions import ChangedRegion, changed_regions
 from ambinav.diff.registration import CommonLattice, ReadMap, common_lattice, read_on
 from ambinav.diff.walls import missing_walls, tolerance
-from ambinav.geometry.collision.reach import Reach
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ class Difference:
     lattice: CommonLattice
     before: ReadMap
     after: ReadMap
-    parts: tuple[FloorParts, FloorParts]
+    parts: tuple[JudgedFloor, JudgedFloor]
     regions: tuple[ChangedRegion, ...]
     new_walls: NDArray[np.float64]
     gone_walls: NDArray[np.float64]
@@ -64,16 +63,16 @@ class Difference:
 def difference(
     first: AmbiguityMap,
     second: AmbiguityMap,
-    reach: tuple[Reach | None, Reach | None] = (None, None),
     *,
     wall_tolerance: float | None = None,
 ) -> Difference:
     """Hold two maps against each other; they are registered by their frame.
 
+    Floor counts that is judged in both (`AmbiguityMap.judged`).
+
     Args:
         first: The map before.
         second: The map after.
-        reach: What a robot reaches in either; None: all explored floor counts.
         wall_tolerance: Metres that a wall may be off and still be the same, above zero; None: two
             cells of the occupancy map, at least 0.1.
 
@@ -81,7 +80,7 @@ def difference(
         InputError: the maps are in different frames, or do not overlap.
     """
     lattice = common_lattice(first, second)
-    parts = FloorParts.of(first, reach[0]), FloorParts.of(second, reach[1])
+    parts = first.judged, second.judged
     before, after = read_on(lattice, first, parts[0]), read_on(lattice, second, parts[1])
     close = wall_tolerance or tolerance(*(_resolution(amap) for amap in (first, second)))
     parameters = differing_parameters(first, second)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 
 STATES: Final = (*ZONES, "unexplored", "unreachable", "not free", "outside")
@@ -124,7 +124,7 @@ def _centres(base: AmbiguityMap, axis: str, low: float, high: float) -> NDArray[
     )
 
 
-def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: FloorParts) -> ReadMap:
+def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> ReadMap:
     """Read a map on a common lattice.
 
     Codes are of the nearest cell. Levels are too where the lattices are one, else interpolated

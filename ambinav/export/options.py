@@ -14,7 +14,6 @@ from ambinav.config import nearest
 from ambinav.errors import InputError, InputWarning
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.schema import base_name
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 
@@ -140,12 +139,12 @@ class MapExport:
         return np.where(free, values.astype(np.float64), np.nan)
 
     def counted(self, layer: str) -> NDArray[np.float64]:
-        """As `floor`, and nan on unexplored floor too, of which nobody knows how bad it is.
+        """As `floor`, and nan on floor that is not judged (`AmbiguityMap.judged`).
 
         Raises:
             InputError: see `floor`.
         """
-        return np.where(FloorParts.of(self.amap).counted, self.floor(layer), np.nan)
+        return np.where(self.amap.judged.counted, self.floor(layer), np.nan)
 
     def note_empty(self, path: Path, what: str) -> None:
         """Warn that a file that is written holds nothing; a reader might take it for damaged.

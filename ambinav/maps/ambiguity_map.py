@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import json
 import math
 from collections.abc import Callable
 from functools import cached_property
@@ -15,9 +16,12 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps import lattice_values, schema, store
+from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.kept_environment import kept_environment
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
 
@@ -180,6 +184,40 @@ class AmbiguityMap:
         """
         return kept_environment(self.dataset, self.source)
 
+    @cached_property
+    def judged(self) -> JudgedFloor:
+        """Which floor counts in every figure, and why the rest does not.
+
+        It is judged for the robot of `for_robot`, or of the map's parameters, or of the scanner.
+
+        Raises:
+            InputError: the map is of a version that kept neither this nor the occupied cells.
+        """
+        if JUDGED in self.dataset:
+            return JudgedFloor.read(self.dataset[JUDGED], self.cell_area)
+        robot = json.loads(self.dataset.attrs["parameters"]).get("robot_radius")
+        return self._judged(FloorJudge.for_robot(self.environment, robot or ROBOT_RADIUS))
+
+    def judged_by(self, reach: Reach) -> JudgedFloor:
+        """Which floor counts for another robot.
+
+        Args:
+            reach: What it reaches (`ambinav.geometry.collision.reach.find_reach`).
+        """
+        return self._judged(FloorJudge.of(self.environment, reach))
+
+    def for_robot(self, reach: Reach) -> AmbiguityMap:
+        """The same map with its floor judged for another robot, as `judged_by` has it."""
+        if (self.judged.radius, self.judged.start) == (reach.radius, reach.start):
+            return self
+        layer = self.judged_by(reach).layer
+        return AmbiguityMap(self.dataset.assign({JUDGED: layer}), source=self.source)
+
+    def _judged(self, judge: FloorJudge) -> JudgedFloor:
+        unknown = self.dataset["unknown"].values if "unknown" in self.dataset else None
+        x, y = self.dataset["x"].values, self.dataset["y"].values
+        return judge.floor(self._free, unknown, x, y, self.cell_area)
+
     @property
     def unexplored(self) -> NDArray[np.bool_]:
         """Mask, shape (ny, nx): free, but half of the beams or more end in unknown space."""
@@ -324,8 +362,8 @@ class AmbiguityMap:
 
         Args:
             heading: "mean", "best", "worst" or radians, where the heading matters.
-            mask: Cells that count, shape (ny, nx), say `FloorParts.counted`; None: all that are
-                free. Shares are of the free cells in it, 0 if there are none.
+            mask: Cells that count, shape (ny, nx), say `judged.counted`; None: all that are free.
+                Shares are of the free cells in it, 0 if there are none.
 
         Raises:
             InputError: no such heading, or the mask has another shape.
@@ -349,15 +387,14 @@ class AmbiguityMap:
         """Environment, scanner, size and shares of the zones, in a few lines."""
         ny, nx = self._free.shape
         headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
-        explored = self._free & ~self.unexplored
-        area = float(explored.sum()) * self.cell_area
-        shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares(mask=explored))
+        judged = self.judged
+        shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares(mask=judged.counted))
         return (
             f"<AmbiguityMap of {self.dataset.attrs['environment']!r} "
             f"for {self.dataset.attrs['scanner']!r}\n"
             f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
             f"{self.free_area:.0f} m^2 free\n"
-            f"  of {area:.0f} m^2 explored: {shares}\n"
+            f"  of {judged.area(judged.counted):.0f} m^2 judged: {shares}\n"
             f"  layers: {', '.join(self._layers)}\n"
             f"  costs read: {self.cost_layer}>"
         )

@@ -105,6 +105,12 @@ CORE_LAYERS: Final = {
             read="nearest",
         ),
         CoreLayer(
+            name="judged", unit="code", worse=None, source=_GEOMETRY,
+            title="0: counts in every figure; 1: unexplored, 2: too close to walls, "
+            "3: not reachable, 4: outside of the building",
+            read="nearest", required=False,
+        ),
+        CoreLayer(
             name="clearance", unit="m", worse="high",
             title="distance to the nearest wall or frontier",
             source="own: a rule of thumb, which coastal navigation improves on "

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
 from ambinav.plotting.floor import Bounds, FloorFigure, label_points
 
@@ -50,7 +50,7 @@ def plot_aliasing(
     amap: AmbiguityMap,
     pairs: Sequence[AliasedPair],
     spacing: float,
-    parts: FloorParts | None = None,
+    parts: JudgedFloor | None = None,
 ) -> Axes:
     """Draw regions with the same scans on the plain floor.
 
@@ -63,7 +63,7 @@ def plot_aliasing(
     floor = FloorFigure(amap, None, "Perceptual aliasing: regions with the same scans")
     free = amap.dataset["free"].values[..., np.newaxis]
     picture = np.where(free, to_rgba(style.FLOOR), 0.0)
-    parts = FloorParts.of(amap) if parts is None else parts
+    parts = amap.judged if parts is None else parts
     floor.paint_parts(picture, parts)
     letters = list(dict.fromkeys(pair.letter for pair in pairs))
     colour = dict(zip(letters, itertools.cycle(style.SERIES), strict=False))

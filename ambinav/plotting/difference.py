@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
@@ -72,7 +72,7 @@ class ChangeLayer:
 def plot_difference(
     first: AmbiguityMap,
     second: AmbiguityMap,
-    parts: tuple[FloorParts, FloorParts],
+    parts: tuple[JudgedFloor, JudgedFloor],
     change: ChangeLayer,
     titles: tuple[str, str],
 ) -> Figure:
@@ -136,7 +136,7 @@ def _panels(bounds: Bounds) -> tuple[list[Axes], float, float]:
 
 
 def _zone_legend(
-    first: AmbiguityMap, second: AmbiguityMap, parts: tuple[FloorParts, FloorParts]
+    first: AmbiguityMap, second: AmbiguityMap, parts: tuple[JudgedFloor, JudgedFloor]
 ) -> list[Artist]:
     """Colours of the zones, with their shares before and after."""
     shares = [

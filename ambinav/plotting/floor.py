@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
 from ambinav.plotting.canvas import fit, new_figure, root_figure
 from ambinav.plotting.strokes import weak_strokes
@@ -104,14 +104,15 @@ class FloorFigure:
         xmin, ymin, xmax, ymax = bounds or self.amap.bounds
         return self._image(values, (xmin, xmax, ymin, ymax), _CELLS, **scale)
 
-    def paint_parts(self, picture: NDArray[np.float64], parts: FloorParts) -> None:
-        """Lay stripes over unexplored floor and grey over what is not reached.
+    def paint_parts(self, picture: NDArray[np.float64], parts: JudgedFloor) -> None:
+        """Lay stripes over unexplored floor and greys over what is not reached or outside.
 
         Args:
             picture: Colours of the cells, shape (ny, nx, 4), changed in place.
             parts: Of the floor.
         """
         picture[parts.unreachable] = to_rgba(style.UNREACHABLE)
+        picture[parts.outside] = to_rgba(style.UNKNOWN)
         xmin, ymin, xmax, ymax = self.bounds
         size = max(xmax - xmin, ymax - ymin)
         half = max(round(0.5 * size / _STRIPES / self.amap.spacing), _HALF_CELLS)
@@ -121,7 +122,7 @@ class FloorFigure:
         picture[parts.unexplored & dark] = to_rgba(style.UNEXPLORED)
         picture[parts.unexplored & ~dark] = to_rgba(style.UNKNOWN)
 
-    def strokes(self, heading: Heading, parts: FloorParts) -> None:
+    def strokes(self, heading: Heading, parts: JudgedFloor) -> None:
         """Draw the weak direction, where the floor counts."""
         major, minor, direction, depth = (
             self.amap.floor(name, heading).values.astype(np.float64)
@@ -132,16 +133,19 @@ class FloorFigure:
         lines = weak_strokes(x, y, direction, strength, depth)
         self._lines(lines, zorder=_STROKES, colors=style.WALL, linewidths=1.7)
 
-    def part_patches(self, parts: FloorParts) -> list[Artist]:
+    def part_patches(self, parts: JudgedFloor) -> list[Artist]:
         """Entries of a legend for the parts of the floor that do not count, if there are any."""
         patches: list[Artist] = []
         if parts.unexplored.any():
             area = area_text(parts.area(parts.unexplored))
             patches.append(unexplored_patch(f"unexplored\n{area}"))
         if parts.unreachable.any():
-            label = f"not reachable by a\nrobot of {parts.radius or 0.0:.2f} m, "
+            label = f"not reachable by a\nrobot of {parts.radius:.2f} m, "
             label += area_text(parts.area(parts.unreachable))
             patches.append(colour_patch(style.UNREACHABLE, label))
+        if parts.outside.any():
+            label = f"outside of the\nbuilding, {area_text(parts.area(parts.outside))}"
+            patches.append(colour_patch(style.UNKNOWN, label))
         return patches
 
     def outside_patches(self) -> list[Artist]:

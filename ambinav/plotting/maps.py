@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ambinav.errors import InputError
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.plotting import style
 from ambinav.plotting.floor import LONGEST, FloorFigure, Heading, area_text, colour_patch
@@ -30,7 +30,7 @@ def plot_zones(
     strokes: bool = True,
     legend: bool = True,
     title: str | None = None,
-    parts: FloorParts | None = None,
+    parts: JudgedFloor | None = None,
     longest: float = LONGEST,
 ) -> Axes:
     """Draw the floor in the four zones, with walls and the weak direction.
@@ -44,13 +44,13 @@ def plot_zones(
         strokes: Whether to draw the weak direction.
         legend: Whether to tell the colours, with share and area of each zone.
         title: None names the environment and the scanner.
-        parts: Which floor counts; None: all that is explored. Shares in the legend are of it.
+        parts: Which floor counts; None: the map's own. Shares in the legend are of it.
         longest: Inches of the longer side in a figure of its own, about.
 
     Raises:
         InputError: no such heading.
     """
-    parts = FloorParts.of(amap) if parts is None else parts
+    parts = amap.judged if parts is None else parts
     title = title or floor_title(amap, "Zones", heading)
     floor = FloorFigure(amap, ax, title, longest=longest)
     paint_zones(floor, heading, parts)
@@ -76,7 +76,7 @@ def plot_layer(
     *,
     strokes: bool = False,
     title: str | None = None,
-    parts: FloorParts | None = None,
+    parts: JudgedFloor | None = None,
 ) -> Axes:
     """Draw one layer on a continuous scale with a colour bar; dark is badly localized.
 
@@ -107,7 +107,7 @@ def plot_layer(
     floor = FloorFigure(amap, ax, title, unknown=scale.unknown)
     image = floor.paint(scale.values, cmap=scale.colours, norm=scale.norm)
     if strokes:
-        floor.strokes(heading, FloorParts.of(amap) if parts is None else parts)
+        floor.strokes(heading, amap.judged if parts is None else parts)
     floor.colour_bar(image, label if scale.unit in ("", "1") else f"{label} ({scale.unit})")
     if parts is not None:
         others = np.zeros((*values.shape, 4))
@@ -117,12 +117,12 @@ def plot_layer(
     return floor.finish()
 
 
-def paint_zones(floor: FloorFigure, heading: Heading, parts: FloorParts) -> None:
+def paint_zones(floor: FloorFigure, heading: Heading, parts: JudgedFloor) -> None:
     """Lay the colours of the zones over a floor, stripes and grey where there is none."""
     paint_zone_codes(floor, floor.amap.floor("zone", heading).values, parts)
 
 
-def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: FloorParts) -> None:
+def paint_zone_codes(floor: FloorFigure, zone: NDArray[np.uint8], parts: JudgedFloor) -> None:
     """The same of zones that are given as codes, shape (ny, nx): of a map on the same lattice."""
     palette = np.array([*map(to_rgba, style.ZONE_COLOURS), (0.0, 0.0, 0.0, 0.0)])
     picture = palette[np.where(zone == NOT_FREE, len(ZONES), zone)]

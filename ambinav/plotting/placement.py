@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
@@ -83,7 +83,7 @@ class PlacementView:
 
 
 def plot_placement(
-    before: AmbiguityMap, after: AmbiguityMap, parts: FloorParts, shown: PlacementView
+    before: AmbiguityMap, after: AmbiguityMap, parts: JudgedFloor, shown: PlacementView
 ) -> Figure:
     """Draw the zones without and with the obstacles, side by side or one below the other.
 
@@ -216,7 +216,7 @@ def _look(shown: PlacementView) -> dict[str, Any]:
     }
 
 
-def _zone_entries(parts: FloorParts) -> list[Artist]:
+def _zone_entries(parts: JudgedFloor) -> list[Artist]:
     entries: list[Artist] = [
         colour_patch(colour, name) for colour, name in zip(style.ZONE_COLOURS, ZONES, strict=True)
     ]

@@ -16,7 +16,6 @@ from matplotlib.patheffects import Normal, Stroke
 
 from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import root_figure
@@ -78,7 +77,7 @@ def plot_routes(
     looks = route_styles({name: named[name] for name in map(_first, groups)}, kinds or {})
     lines = list(zip(looks.values(), _widths(len(groups)).tolist(), strict=True))
     floor = FloorFigure(amap, ax, title or floor_title(amap, "Routes", heading))
-    paint_zones(floor, heading, FloorParts.of(amap))
+    paint_zones(floor, heading, amap.judged)
     uncertain = False
     gap = max(np.ptp(floor.bounds[::2]), np.ptp(floor.bounds[1::2])) / 40.0
     for i, (group, (look, width)) in enumerate(zip(groups, lines, strict=True)):

@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import TOO_CLOSE, JudgedFloor
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.plotting import style
 from ambinav.plotting.canvas import new_figure
@@ -67,7 +67,7 @@ class ScannerFloor:
 
     title: str
     zone: NDArray[np.uint8]
-    parts: FloorParts
+    parts: JudgedFloor
 
 
 def plot_scanner_bars(rows: Sequence[ScannerBars], heading: str, title: str) -> Figure:
@@ -129,7 +129,7 @@ def plot_scanner_maps(floors: Sequence[ScannerFloor], amap: AmbiguityMap, title:
         )
         # Where only this scanner has no room for its sensors, the robot cannot stand either.
         cramped = anywhere & (one.zone == NOT_FREE)
-        parts = replace(one.parts, beside_walls=one.parts.beside_walls | cramped)
+        parts = replace(one.parts, code=np.where(cramped, TOO_CLOSE, one.parts.code))
         paint_zone_codes(floor, one.zone, parts)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
         axes.set_title(one.title, fontsize=_letters(w, one.title), loc="left", pad=3.0)

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import MEANINGS
 from ambinav.plotting import style
 from ambinav.reports import parameters
@@ -62,7 +61,7 @@ def _layer(served: ServedMap, name: str) -> Layer:
 def map_detail(served: ServedMap) -> MapDetail:
     """All there is to know of a map."""
     amap = served.amap
-    parts = FloorParts.of(amap)
+    parts = amap.judged
     level = amap.floor("level").values[parts.counted]
     shares = amap.zone_shares(mask=parts.counted)
     attrs = {
@@ -95,8 +94,12 @@ def map_detail(served: ServedMap) -> MapDetail:
         ],
         figures=Figures(
             free_area_m2=amap.free_area,
-            explored_area_m2=parts.area(parts.counted),
+            judged_area_m2=parts.area(parts.counted),
             unexplored_area_m2=parts.area(parts.unexplored),
+            too_close_area_m2=parts.area(parts.beside_walls),
+            not_reachable_area_m2=parts.area(parts.cut_off),
+            outside_area_m2=parts.area(parts.outside),
+            robot_radius_m=parts.radius,
             mean_level=finite(float(np.nanmean(level))) if level.size else None,
         ),
     )

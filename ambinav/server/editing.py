@@ -18,7 +18,6 @@ from ambinav.geometry.io.obstacle_file import (
     obstacles_of,
 )
 from ambinav.geometry.io.plan_writer import plan_geojson
-from ambinav.maps.floor_parts import FloorParts
 from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
 from ambinav.server.context import Context, context_of
 from ambinav.server.edits import EditedMap
@@ -96,7 +95,7 @@ class ObstacleCollection(_Plain):
 
 
 class ZoneChange(BaseModel):
-    """How much explored floor lies in a zone, before and after."""
+    """How much judged floor lies in a zone, before and after."""
 
     zone: str
     code: int = Field(description="In the layer `zone`")
@@ -212,8 +211,8 @@ async def _edited(context: Context, base: ServedMap, found: ServedMap, seconds: 
 
 
 def _areas(served: ServedMap) -> list[float]:
-    """Square metres of explored floor in each zone, as `describe.map_detail` has them."""
-    counted = FloorParts.of(served.amap).counted
+    """Square metres of judged floor in each zone, as `describe.map_detail` has them."""
+    counted = served.amap.judged.counted
     return [share.area for share in served.amap.zone_shares(mask=counted)]
 
 

@@ -67,19 +67,23 @@ class Zone(BaseModel):
     code: int = Field(description="In the layer `zone`")
     colour: str
     meaning: str
-    area_m2: float = Field(description="Square metres of explored floor")
-    share: float = Field(description="Of the explored floor, 0 to 1")
+    area_m2: float = Field(description="Square metres of judged floor")
+    share: float = Field(description="Of the judged floor, 0 to 1")
 
 
 class Figures(BaseModel):
     """The floor in figures, square metres."""
 
     free_area_m2: float
-    explored_area_m2: float
+    judged_area_m2: float = Field(description="Explored and reached: what all figures are of")
     unexplored_area_m2: float = Field(
-        description="Where half of the beams or more end in unknown space"
+        description="Reached, but half of the beams or more end in unknown space"
     )
-    mean_level: float | None = Field(description="Mean ambiguity level of explored floor, 0 to 1")
+    too_close_area_m2: float = Field(description="Nearer to a wall than the robot's radius")
+    not_reachable_area_m2: float = Field(description="The robot would fit, but cannot get there")
+    outside_area_m2: float = Field(description="Outside of the building, or where the map ends")
+    robot_radius_m: float = Field(description="Of the robot that the floor is judged for")
+    mean_level: float | None = Field(description="Mean ambiguity level of judged floor, 0 to 1")
 
 
 class MapDetail(MapInfo):

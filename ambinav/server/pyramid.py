@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.zones import NOT_FREE, ZONES
 from ambinav.server.served import layer_kind
 
@@ -22,6 +23,8 @@ TILE: Final = 256
 STATS: Final[tuple[Stat, ...]] = ("mean", "worst")
 WALLS: Final = "walls"
 """What is known to be solid, as a layer of its own among the tiles."""
+NOT_COUNTED: Final = len(ZONES)
+"""Among tiles of zones: free floor that is not judged."""
 
 
 def depth_of(shape: tuple[int, int]) -> int:
@@ -69,6 +72,9 @@ def floor_values(amap: AmbiguityMap, layer: str, heading: int | None) -> Values:
     values = data.values if heading is None else data.isel(theta=heading).values
     out = values.astype(np.float32)
     if layer_kind(layer) == "zone":
+        out[~amap.judged.counted] = NOT_COUNTED
+        out[values == NOT_FREE] = np.nan
+    elif layer == JUDGED:
         out[values == NOT_FREE] = np.nan
     return np.ascontiguousarray(out[::-1])
 
@@ -141,10 +147,11 @@ def _mean_angles(values: Values, depth: int, fold: float) -> Iterator[Values]:
 
 def _commonest(values: Values, depth: int) -> Iterator[Values]:
     """The zone of most cells of each block."""
-    codes = range(len(ZONES) - 1, -1, -1)  # of equals argmax takes the first: the worse
+    # Of equals argmax takes the first: the worse, and what does not count last.
+    codes = (*range(len(ZONES) - 1, -1, -1), NOT_COUNTED)
     each = [_sums(values == code, depth) for code in codes]
     for counts in zip(*each, strict=True):
         stacked = np.stack(counts)
-        found = (len(ZONES) - 1 - stacked.argmax(axis=0)).astype(np.float32)
+        found = np.array(codes, dtype=np.float32)[stacked.argmax(axis=0)]
         found[stacked.max(axis=0) == 0] = np.nan
         yield found

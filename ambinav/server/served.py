@@ -245,7 +245,7 @@ def layer_kind(layer: str) -> str:
     base = schema.base_name(layer)
     if base == "zone":
         return "zone"
-    if base == "free":
+    if base in ("free", "judged"):
         return "flag"
     if schema.is_axis(layer):
         return "axis"

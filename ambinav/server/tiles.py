@@ -64,7 +64,8 @@ def layer_style(served: ServedMap, layer: str) -> LayerStyle:
         return LayerStyle(Normalize(0.0, 1.0), _colours([style.SOLID]), classes=True)
     kind = layer_kind(layer)
     if kind == "zone":
-        return LayerStyle(Normalize(0.0, len(ZONES) - 1.0), _colours(style.ZONE_COLOURS), True)
+        colours = (*style.ZONE_COLOURS, style.UNREACHABLE)
+        return LayerStyle(Normalize(0.0, len(ZONES) - 1.0), _colours(colours), True)
     if kind in ("axis", "angle"):
         top = math.pi if kind == "axis" else 2.0 * math.pi
         return LayerStyle(Normalize(0.0, top), _scale("twilight"))
@@ -196,7 +197,9 @@ def legend(drawn: LayerStyle, layer: str) -> list[dict[str, object]]:
     if drawn.classes:
         return [
             {"value": float(code), "colour": _hex(colour), "label": name}
-            for code, (name, colour) in enumerate(zip(ZONES, drawn.palette, strict=True))
+            for code, (name, colour) in enumerate(
+                zip((*ZONES, "not counted"), drawn.palette, strict=True)
+            )
         ]
     shares = np.linspace(0.0, 1.0, STOPS)
     values = np.asarray(drawn.norm.inverse(shares), dtype=np.float64)

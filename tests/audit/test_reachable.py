@@ -23,7 +23,7 @@ from ambinav.geometry.io.boundary import environment_from_grid
 from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting.floor import area_text
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.style import SOLID, UNEXPLORED, UNREACHABLE
@@ -289,5 +289,5 @@ def test_shares_of_a_picture_are_of_what_counts(amap, found):
     assert f"corridor\n{corridor.share:.0%}, {area_text(corridor.area)}" in labels
     # Without a robot: of all that is explored.
     labels = [t.get_text() for t in plot_zones(amap).get_legend().get_texts()]
-    corridor = amap.zone_shares(mask=FloorParts.of(amap).counted)[2]
+    corridor = amap.zone_shares(mask=amap.judged.counted)[2]
     assert f"corridor\n{corridor.share:.0%}, {area_text(corridor.area)}" in labels

@@ -14,7 +14,7 @@ from PIL import Image
 
 import ambinav as an
 from ambinav.errors import InputWarning
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.server.describe import map_detail
 from ambinav.server.served import ServedMap
@@ -37,7 +37,7 @@ def areas(amap: an.AmbiguityMap, write: Write) -> dict[str, tuple[float, float]]
     """Square metres of open floor, and of corridor and open floor, at each outlet."""
     folder = str(amap.dataset.attrs["environment"])
     zone = np.asarray(amap.floor("zone").values)
-    counted = FloorParts.of(amap).counted
+    counted = amap.judged.counted
     cells = [np.isin(zone, codes) & counted for codes in ((OPEN,), (CORRIDOR, OPEN))]
     found = {"map": tuple(float(mask.sum()) * amap.cell_area for mask in cells)}
     pixels = [
@@ -64,7 +64,7 @@ def hold(amap: an.AmbiguityMap, write: Write) -> None:
 @pytest.mark.filterwarnings("ignore:.*it is empty")
 def test_outlets_agree_where_the_map_ends(write: Write, amap: an.AmbiguityMap) -> None:
     unexplored = log_map()
-    assert FloorParts.of(unexplored).unexplored.sum() > 30
+    assert unexplored.judged.unexplored.sum() > 30
     hold(unexplored, write)
     hold(amap, write)
 

@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
 from ambinav.plotting.difference import ChangeLayer, plot_difference
 from tests.maps import synthetic
@@ -52,7 +52,7 @@ def drawn():
         amap.bounds, rise, new, gone,
         np.array([[17.0, 5.0, 19.0, 5.0]]), np.array([[17.0, 8.0, 19.0, 8.0]]),
     )  # fmt: skip
-    parts = FloorParts.of(amap)
+    parts = amap.judged
     title = "a scanner with a very long name " * 4
     return plot_difference(amap, amap, (parts, parts), change, (f"A: {title}", "B"))
 

@@ -10,7 +10,7 @@ import shapely
 from matplotlib.lines import Line2D
 
 import ambinav as an
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting.canvas import root_figure
 from ambinav.plotting.placement import (
     MARKER,
@@ -58,7 +58,7 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
     small = shapely.Point(20.0, 10.0).buffer(0.05), shapely.box(40.0, 10.0, 40.02, 10.2)
     outlines = [small[0]] if kind == "post" else [small[1]]
     shown = PlacementView(("Before", "After"), kind, reflective, outlines)
-    figure = plot_placement(hall, hall, FloorParts.of(hall), shown)
+    figure = plot_placement(hall, hall, hall.judged, shown)
     before, after = figure.axes
     legend = after.get_legend()
     assert legend is not None
@@ -79,5 +79,5 @@ def test_an_obstacle_is_drawn_as_in_the_legend_and_never_too_small(
 
 def test_without_obstacles_the_picture_says_so_by_showing_none(hall: an.AmbiguityMap) -> None:
     shown = PlacementView(("Before", "After"), "post", False, ())
-    figure = plot_placement(hall, hall, FloorParts.of(hall), shown)
+    figure = plot_placement(hall, hall, hall.judged, shown)
     assert len(figure.axes) == 2

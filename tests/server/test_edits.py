@@ -19,7 +19,7 @@ import shapely
 
 import ambinav as an
 from ambinav.geometry.io.obstacle_file import DrawnObstacle, collection, obstacles_of
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.sensing.intensity import Intensity
 from ambinav.server import workers
 from ambinav.server.edits import SUPERSEDED, EditedMap, EditPool, Edits
@@ -95,7 +95,7 @@ def test_the_answer_compares_zones(
 ) -> None:
     assert (edited["map"], edited["obstacles"]) == ("map", 3)
     for amap, when in ((corridor, "before"), (direct, "after")):
-        shares = amap.zone_shares(mask=FloorParts.of(amap).counted)
+        shares = amap.zone_shares(mask=amap.judged.counted)
         areas = [share.area for share in shares]
         assert [zone[f"{when}_m2"] for zone in edited["zones"]] == pytest.approx(areas)
         assert edited[f"bad_{when}_m2"] == pytest.approx(areas[2] + areas[3])

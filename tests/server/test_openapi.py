@@ -12,7 +12,7 @@ from tests.server.live import Live
 
 METHODS = {"get", "post", "delete"}
 PLAIN = {
-    *("area_m2", "attrs", "bounds", "code", "colour", "cost", "environment", "explored_area_m2"),
+    *("area_m2", "attrs", "bounds", "code", "colour", "cost", "environment", "judged_area_m2"),
     *("figures", "free_area_m2", "id", "label", "layer", "layers", "legend", "level", "map"),
     *(
         "maps",

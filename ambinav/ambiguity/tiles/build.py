@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from ambinav.ambiguity.build import MapSettings, reporter
-from ambinav.ambiguity.dataset import with_building
+from ambinav.ambiguity.dataset import judged_radius, with_building
 from ambinav.ambiguity.stored import computing_digest
 from ambinav.ambiguity.tiles.access import check_access
 from ambinav.ambiguity.tiles.claim import claimed
@@ -29,7 +29,10 @@ from ambinav.errors import InputError
 from ambinav.files import move_onto
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.store import check_target
+from ambinav.maps.zones import NOT_FREE
 from ambinav.runfolder import RunFolder
 from ambinav.sensing.scanner import RangeScanner
 
@@ -129,7 +132,10 @@ def run_plan(
                 make_here(queue, work)
             else:
                 make_in_processes(queue, work, workers or os.cpu_count() or 1)
-            store.finish(_attributes(store, queue.free))
+            settings = plan.job.settings
+            radius = judged_radius(settings.scanner, settings.model)
+            judge = FloorJudge.for_robot(plan.environment, radius)
+            store.finish(_attributes(store, queue.free), judge)
     except OSError as error:
         raise InputError(
             f"{output}: the map cannot be written ({reason_of(error)}); what was made is kept: "
@@ -195,7 +201,11 @@ def _lay(plan: TilePlan, store: TileStore) -> None:
             "tile or version of ambinav); remove them, or choose another output."
         )
     _, layers = plan.sample
-    store.lay(plan.key, plan.job.shape, layers, _building(plan))
+    settings = plan.job.settings
+    radius = judged_radius(settings.scanner, settings.model)
+    blank = np.full((1, 1), NOT_FREE, dtype=np.uint8)
+    judged = xr.DataArray(JudgedFloor(blank, 0.0, radius).layer)
+    store.lay(plan.key, plan.job.shape, {**layers, JUDGED: judged}, _building(plan))
 
 
 def _building(plan: TilePlan) -> xr.Dataset:

@@ -26,6 +26,8 @@ from ambinav.ambiguity.tiles.job import Tile
 from ambinav.errors import InputError
 from ambinav.files import holding_interrupts
 from ambinav.maps import schema
+from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.maps.judged_floor import FloorJudge
 from ambinav.maps.store import FORMAT, FORMAT_ATTR, UNFINISHED
 from ambinav.maps.zones import NOT_FREE
 
@@ -83,7 +85,7 @@ class TileStore:
 
     @cached_property
     def _arrays(self) -> dict[str, zarr.Array[Any]]:
-        """Arrays of the lattice, by name; chunks that hold nothing are written too."""
+        """Arrays that tiles are written to, by name; chunks that hold nothing are written too."""
         import zarr
 
         with zarr.config.set({"array.write_empty_chunks": True}):
@@ -93,6 +95,7 @@ class TileStore:
                     self._store, mode="r+", use_consolidated=False
                 ).arrays()
                 if tuple(array.metadata.dimension_names or ())[:2] == ("y", "x")  # type: ignore[union-attr]
+                and name != JUDGED
             }
         return dict(sorted(found.items()))
 
@@ -261,14 +264,16 @@ class TileStore:
             return None
         return int.from_bytes(record[_DIGEST:], "little")
 
-    def finish(self, attributes: Mapping[str, Any]) -> None:
+    def finish(self, attributes: Mapping[str, Any], judge: FloorJudge) -> None:
         """Make it a map like others, all of whose tiles are there.
 
         Args:
             attributes: Of the map, in place of those that were laid.
+            judge: What decides which floor counts, which no tile knows by itself.
         """
         import zarr
 
+        self._judge(judge)
         if not self.is_url:
             for left in Path(self.place).rglob("*.partial"):  # by a process that was killed
                 with contextlib.suppress(FileNotFoundError):
@@ -277,6 +282,19 @@ class TileStore:
             warnings.filterwarnings("ignore", message="Consolidated metadata")
             self._group.attrs.put({**attributes, FORMAT_ATTR: FORMAT})
             zarr.consolidate_metadata(self._store, zarr_format=3)
+
+    def _judge(self, judge: FloorJudge) -> None:
+        """Write the layer that says which floor counts, tile by tile."""
+        free, unknown = self._arrays["free"], self._arrays["unknown"]
+        x, y = (np.asarray(self._group[axis][...]) for axis in ("x", "y"))  # type: ignore[index]
+        judged: Any = self._group[JUDGED]
+        for low in range(0, free.shape[0], self.cells):
+            for left in range(0, free.shape[1], self.cells):
+                window = slice(low, low + self.cells), slice(left, left + self.cells)
+                judged[window] = judge.codes(
+                    np.asarray(free[window], dtype=np.bool_), np.asarray(unknown[window]),
+                    x[window[1]], y[window[0]],
+                )  # fmt: skip
 
     def attributes(self) -> dict[str, Any]:
         """Of the map, as they were laid."""

@@ -22,7 +22,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
 from ambinav.geometry.raycasting.scans import plane_only
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.routes.files import trace
 from ambinav.sensing.scanner import RangeScanner
 
@@ -54,7 +54,7 @@ class Help:
     environment: Environment
     scanner: RangeScanner
     amap: AmbiguityMap
-    parts: FloorParts
+    parts: JudgedFloor
     regions: tuple[Region, ...]
     rules: PlaceRules
     reach: Reach
@@ -125,7 +125,7 @@ def find_help(
         )
     if len({region.unit for region in regions}) > 1:
         raise InputError("--polygon: floor and metres of routes do not add up; give one of both.")
-    parts = FloorParts.of(amap, reach)
+    parts = amap.judged_by(reach)
     reflectors = rules.reflective or environment.has_reflectors
     setting = MapSetting.of(amap, scanner, reflectors)
     lattice, _ = setting.lattice(environment)
@@ -171,7 +171,7 @@ def _examined(known: Help, effects: Effects, rng: np.random.Generator, report: R
 
 
 def _places(
-    regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: FloorParts
+    regions: Sequence[Region], lattice: Lattice, setting: MapSetting, parts: JudgedFloor
 ) -> Places:
     """What counts: of routes all of it, else floor that is explored and reached."""
     found = [region.places(lattice, setting.headings) for region in regions]

@@ -25,7 +25,7 @@ from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, OPEN, ZoneShare
 from ambinav.routes.route import Route
 from ambinav.routes.sampled import sample_routes
@@ -73,7 +73,7 @@ class ScannerRow:
     """
 
     scanner: RangeScanner
-    parts: FloorParts
+    parts: JudgedFloor
     zone: NDArray[np.uint8]
     shares: Shares
     best: Shares | None
@@ -238,7 +238,9 @@ def compare_scanners(
                 environment, scanner, store, part, spacing=spacing, radius=radius,
                 headings=headings, map_std=map_std, layers=able,
             )  # fmt: skip
-            parts = FloorParts.reached(made, reach)
+            made = made.for_robot(reach)
+            parts = made.judged
+            parts.check_reached(made.spacing)
         except InputError as error:
             unusable.append(UnusableScanner(scanner, str(error)))
             reasons.append(error)
@@ -363,7 +365,7 @@ def _timed_map(
 
 
 def _layer_means(
-    amap: AmbiguityMap, parts: FloorParts, names: Iterable[str]
+    amap: AmbiguityMap, parts: JudgedFloor, names: Iterable[str]
 ) -> dict[str, LayerMean]:
     means = {}
     for name in names:

@@ -26,7 +26,6 @@ from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.floor_parts import FloorParts
 from ambinav.routes.route import Route
 
 SCALE: Final = 3.0
@@ -80,8 +79,8 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     heading = None if options.heading is None else math.radians(options.heading)
     grid, raster = covariance_grid(export.amap, heading), Raster.of_map(export.amap)
     by_long, by_lateral = _levels(*sizes(grid[0], grid[1], grid[3], heading))
-    explored = FloorParts.of(export.amap).counted
-    worst = np.where(explored, np.maximum(by_long, by_lateral), 0)
+    judged = export.amap.judged.counted
+    worst = np.where(judged, np.maximum(by_long, by_lateral), 0)
     least = LEAST_AREA if options.least_area is None else options.least_area
     features = []
     for code in (2, 1):
@@ -94,7 +93,7 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     for file in options.routes:
         features += stretches(export.amap, route_on(export.amap, file), file.name)
     if not features:
-        export.note_empty(path, "no explored floor of the map passes Autoware's thresholds")
+        export.note_empty(path, "no judged floor of the map passes Autoware's thresholds")
     faced = "along the weak direction" if heading is None else f"{options.heading:g} deg"
     text = collection(export, features, f"localization error monitor, heading {faced}")
     path.write_text(text, encoding="utf-8")

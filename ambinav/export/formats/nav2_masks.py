@@ -91,7 +91,7 @@ def parameters(info: FilterInfo, mask: str) -> dict[str, Any]:
 def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
     """100 in the zones that were named, or where a layer reaches a threshold; 0 elsewhere.
 
-    Unexplored floor is not marked: a scan that ends in unknown space says nothing of a place.
+    Floor that is not judged is not marked: of what is unexplored or out of reach nothing is said.
 
     Args:
         export: Map and options.
@@ -110,7 +110,7 @@ def marked(export: MapExport, usual: tuple[str, ...]) -> NDArray[np.uint8]:
 
 
 def graded(export: MapExport, most: float) -> NDArray[np.uint8]:
-    """A layer from 0 to 1 as 0 to `most`, 0 off the explored floor, uint8, shape (ny, nx).
+    """A layer from 0 to 1 as 0 to `most`, 0 off the judged floor, uint8, shape (ny, nx).
 
     Raises:
         InputError: the layer does not run from 0 to 1.
@@ -129,7 +129,7 @@ def _save(
     export: MapExport, path: Path, mask: NDArray[np.uint8], info: FilterInfo
 ) -> tuple[Path, ...]:
     if not mask.any():
-        export.note_empty(path, "no explored floor of the map is to be marked")
+        export.note_empty(path, "no judged floor of the map is to be marked")
     written = save_map_server(path, mask, Raster.of_map(export.amap), "raw", **RAW)
     params = path.with_name(f"{path.stem}_params.yaml")
     head = (

@@ -18,7 +18,7 @@ from ambinav.export.raster import Mask, Raster
 from ambinav.export.registry import Exporter
 from ambinav.maps.zones import ZONES
 
-NO_ZONES: Final = "no explored floor of the map lies in the zones"
+NO_ZONES: Final = "no judged floor of the map lies in the zones"
 LEAST_AREA: Final = 0.5
 """Smaller pieces are left out where nobody says otherwise, square metres."""
 
@@ -77,7 +77,7 @@ def pieces(mask: Mask, raster: Raster, grid: NDArray[np.float32], least_area: fl
 def zone_pieces(export: MapExport) -> list[tuple[str, Piece]]:
     """Pieces of each zone that was named, or of corridor and open, with the zone's name.
 
-    They lie on explored floor (`MapExport.counted`).
+    They lie on judged floor (`MapExport.counted`).
     """
     options = export.options
     least = LEAST_AREA if options.least_area is None else options.least_area

@@ -12,6 +12,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -42,6 +43,8 @@ ON_RIM: Final = 0.1
 """Metres; a frontier this near to the rim of a map lies on it, or one cell where that is more."""
 INSIDE: Final = 0.008
 """Metres that an offered place lies inside of where the disc fits: it is rounded to 1 cm."""
+WINDOW_CORNERS: Final = 600
+"""Corners of an outline that are shrunk at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,8 @@ class Reach:
         start: x and y from which it sets out, metres; None: in the piece chosen by `find_reach`.
         fits: Everywhere that the disc fits, map frame, metres.
         floor: The connected piece of `fits` that it can reach.
+        margins: Other pieces of `fits` that lie along the map's rim as the margin of a page does:
+            outside of the building.
         notes: What was found at the rim of the map, in sentences.
     """
 
@@ -60,6 +65,7 @@ class Reach:
     start: tuple[float, float] | None
     fits: BaseGeometry
     floor: BaseGeometry
+    margins: BaseGeometry
     notes: tuple[str, ...]
 
     def reaches(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
@@ -70,8 +76,38 @@ class Reach:
         """Whether the disc fits at these places, reachable or not; metres, broadcast."""
         return _contains(self.fits, x, y)
 
+    def in_margin(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.bool_]:
+        """Whether the disc fits there in the margin around a building; metres, broadcast."""
+        return _contains(self.margins, x, y)
+
+
+class FitsNowhereError(InputError):
+    """The disc fits nowhere in the building."""
+
 
 def find_reach(
+    environment: Environment, radius: float, start: Sequence[float] | None = None
+) -> Reach:
+    """Find the floor that a disc can reach, and warn of what was found at the map's rim.
+
+    Args:
+        environment: The building.
+        radius: Of the disc, metres, above zero.
+        start: x and y of a place to set out from, metres.
+
+    Raises:
+        InputError: see `reach_of`.
+
+    Warns:
+        InputWarning: free floor touches the rim of the map.
+    """
+    reach = reach_of(environment, radius, start)
+    for note in reach.notes:
+        warnings.warn(note, InputWarning, stacklevel=2)
+    return reach
+
+
+def reach_of(
     environment: Environment, radius: float, start: Sequence[float] | None = None
 ) -> Reach:
     """Find the floor that a disc can reach.
@@ -86,10 +122,8 @@ def find_reach(
         start: x and y of a place to set out from, metres.
 
     Raises:
-        InputError: the radius is not above zero, the disc fits nowhere, or not at the start.
-
-    Warns:
-        InputWarning: free floor touches the rim of the map.
+        InputError: the radius is not above zero, the disc does not fit at the start, or it fits
+            nowhere (`FitsNowhereError`).
     """
     if not (math.isfinite(radius) and radius > 0.0):
         raise InputError(
@@ -98,18 +132,19 @@ def find_reach(
     fits = room_for(environment, radius)
     pieces = _pieces(fits)
     if not pieces:
-        raise InputError(
+        raise FitsNowhereError(
             f"{_label(environment)}: a robot of radius {radius:g} m fits nowhere, the widest place "
             f"takes {_widest(environment, radius):g} m; give a smaller robot radius."
         )
-    rim = _rim(environment)
+    frontiers, on_rim = frontier_lines(environment)
+    rim = shapely.multilinestrings(frontiers[on_rim])
     notes = _rim_notes(environment, rim)
+    shares = [_share_of_rim(environment, rim, piece, radius) for piece in pieces]
     if start is not None:
         place = _checked_start(environment, radius, start, fits)
         floor = min(pieces, key=lambda piece: float(piece.distance(shapely.Point(place))))
         where: tuple[float, float] | None = place
     else:
-        shares = [_share_of_rim(environment, rim, piece, radius) for piece in pieces]
         floor, where = pieces[_chosen(pieces, shares)], None
         if floor is not pieces[0]:
             notes.append(
@@ -117,10 +152,14 @@ def find_reach(
                 f"lies along {100 * shares[0]:.0f} % of the map's rim, as the margin of a page "
                 f"does, so the next of {floor.area:,.0f} m² is taken; --start X Y takes another."
             )
-    for note in notes:
-        warnings.warn(note, InputWarning, stacklevel=2)
-    shapely.prepare([fits, floor])
-    return Reach(float(radius), where, fits, floor, tuple(notes))
+    along_rim = [
+        piece
+        for piece, share in zip(pieces, shares, strict=True)
+        if share >= MARGIN_SHARE and piece is not floor
+    ]
+    margins = shapely.union_all(along_rim)
+    shapely.prepare([fits, floor, margins])
+    return Reach(float(radius), where, fits, floor, margins, tuple(notes))
 
 
 def room_for(environment: Environment, radius: float) -> BaseGeometry:
@@ -128,7 +167,7 @@ def room_for(environment: Environment, radius: float) -> BaseGeometry:
     inner = radius - min(SLACK, 0.5 * radius)
     # As planners have it: no cell that the map calls occupied is floor for a body.
     geometry = environment.collision
-    fits = shapely.buffer(geometry.free, -inner, quad_segs=QUAD_SEGS)
+    fits = eroded(geometry.free, inner)
     thin = geometry.thin_walls
     if len(thin):
         lines = shapely.multilinestrings(shapely.linestrings(thin.reshape(-1, 2, 2)))
@@ -159,16 +198,41 @@ def _widest(environment: Environment, radius: float) -> float:
     return float(f"{math.floor(low / unit) * unit:.2g}")
 
 
-def _rim(environment: Environment) -> BaseGeometry:
-    """The stretches of the free space's border that lie on the rim of the map; lines."""
+def eroded(free: BaseGeometry, radius: float) -> BaseGeometry:
+    """The free space shrunk by a radius, metres: of large outlines window by window.
+
+    GEOS takes time with more than the square of the corners of an outline, and near any place only
+    those within the radius decide. Windows share their borders, so that what is connected stays so.
+    """
+    corners = int(shapely.get_num_coordinates(free))
+    side = round(math.sqrt(corners / WINDOW_CORNERS))
+    if side < 2:
+        return shapely.buffer(free, -radius, quad_segs=QUAD_SEGS)
+    xmin, ymin, xmax, ymax = free.bounds
+    columns, rows = np.linspace(xmin, xmax, side + 1), np.linspace(ymin, ymax, side + 1)
+    margin = 2.0 * radius
+    pieces = []
+    for low, high in pairwise(rows.tolist()):
+        band = shapely.clip_by_rect(free, xmin, low - margin, xmax, high + margin)
+        for left, right in pairwise(columns.tolist()):
+            around = shapely.clip_by_rect(
+                band, left - margin, low - margin, right + margin, high + margin
+            )
+            shrunk = shapely.buffer(around, -radius, quad_segs=QUAD_SEGS)
+            pieces.append(shapely.clip_by_rect(shrunk, left, low, right, high))
+    return shapely.union_all(pieces)
+
+
+def frontier_lines(environment: Environment) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
+    """Frontiers to unknown space as lines, shape (N,), and which of them lie on the map's rim."""
+    segments = environment.segments
+    lines = shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
     if environment.extent is None:
-        return shapely.MultiLineString()
+        return lines, np.zeros(len(lines), dtype=np.bool_)
     near = max(ON_RIM, environment.resolution or 0.0)
     band = shapely.buffer(environment.extent.exterior, near, cap_style="flat", join_style="mitre")
     shapely.prepare(band)
-    segments = environment.segments
-    lines = shapely.linestrings(segments.xy[segments.kind == FRONTIER].reshape(-1, 2, 2))
-    return shapely.multilinestrings(lines[shapely.covers(band, lines)])
+    return lines, np.asarray(shapely.covers(band, lines), dtype=np.bool_)
 
 
 def _rim_notes(environment: Environment, rim: BaseGeometry) -> list[str]:

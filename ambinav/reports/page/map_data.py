@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ambinav.maps import schema
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.core_layers import CORE_LAYERS
-from ambinav.maps.floor_parts import FloorParts
+from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting.scales import layer_scale
 from ambinav.plotting.strokes import weak_strokes
@@ -39,7 +39,7 @@ def map_data(
     scanner: RangeScanner,
     *,
     heading: str | float = "mean",
-    parts: FloorParts | None = None,
+    parts: JudgedFloor | None = None,
 ) -> dict[str, Any]:
     """Gather what the page shows of a map; it has the form of the answers of the HTTP service.
 
@@ -47,12 +47,12 @@ def map_data(
         amap: The map.
         scanner: Its scanner, for the expected scan.
         heading: "mean", "best", "worst" or radians, where the heading matters.
-        parts: Which floor counts; None: all that is explored.
+        parts: Which floor counts; None: the map's own (`AmbiguityMap.judged`).
 
     Raises:
         InputError: no such heading.
     """
-    parts = FloorParts.of(amap) if parts is None else parts
+    parts = amap.judged if parts is None else parts
     data = amap.dataset
     level = amap.floor("level", heading).values.astype(np.float64)
     window = Window.around(
@@ -126,7 +126,7 @@ def _raster(
     }
 
 
-def _classes(amap: AmbiguityMap, heading: str | float, parts: FloorParts) -> NDArray[np.uint8]:
+def _classes(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> NDArray[np.uint8]:
     """Zone of each cell that counts, and what the others are."""
     zone = amap.floor("zone", heading).values
     codes = np.where(amap.solid, SOLID, UNKNOWN).astype(np.uint8)
@@ -134,10 +134,11 @@ def _classes(amap: AmbiguityMap, heading: str | float, parts: FloorParts) -> NDA
     codes[counted] = zone[counted]
     codes[parts.unexplored] = UNEXPLORED
     codes[parts.unreachable] = UNREACHABLE
+    codes[parts.outside] = UNKNOWN
     return codes
 
 
-def _direction(amap: AmbiguityMap, heading: str | float, parts: FloorParts) -> list[list[float]]:
+def _direction(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> list[list[float]]:
     """Strokes of the weak direction: x, y of their middles, radians, metres."""
     major, minor, direction, depth = (
         amap.floor(name, heading).values.astype(np.float64)

@@ -18,7 +18,7 @@ const OVERLAYS = [
   ["places", "Worst places"],
 ];
 // Said by other means, or no quantity of the floor.
-const HIDDEN = new Set(["free", "best_heading"]);
+const HIDDEN = new Set(["free", "judged", "best_heading"]);
 
 /** Build the panel into an element and follow the store. */
 export function layersPanel(element, store, can) {

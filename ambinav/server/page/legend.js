@@ -5,6 +5,9 @@ import { quantity, sentence } from "./format.js";
 import { UNEXPLORED, UNREACHABLE } from "./raster.js";
 import style from "./style.js";
 
+/** Free floor that is not judged, whatever the reason: the tiles of a service tell no more. */
+const NOT_COUNTED = -1;
+
 /** Follow the layer that is shown. */
 export function followLegend(element, source, store) {
   let asked = 0;
@@ -17,8 +20,11 @@ export function followLegend(element, source, store) {
   });
 }
 
-function zones({ classes = [] }) {
+function zones({ classes, figures }) {
+  const left = figures && figures.free_area_m2 - figures.judged_area_m2 > 0.005 * figures.free_area_m2;
+  const shown = classes ?? (left ? [NOT_COUNTED] : []);
   const others = [
+    [NOT_COUNTED, "Not counted", style.unreachable],
     [UNEXPLORED, "Unexplored", `repeating-linear-gradient(135deg, ${style.unknown} 0 3px, ${style.unexplored} 3px 6px)`],
     [UNREACHABLE, "Out of reach", style.unreachable],
   ];
@@ -26,7 +32,7 @@ function zones({ classes = [] }) {
     h("li", { title: meaning }, h("span", { class: "swatch", style: { background } }), name);
   return h("ul", { class: "swatches" },
     style.zones.map(({ name, colour, meaning }) => entry(sentence(name), colour, sentence(meaning))),
-    others.filter(([code]) => classes.includes(code)).map(([, name, ink]) => entry(name, ink, null)));
+    others.filter(([code]) => shown.includes(code)).map(([, name, ink]) => entry(name, ink, null)));
 }
 
 function scale({ min, max, colours, legend, log }, { long_name: name, units, worse }) {

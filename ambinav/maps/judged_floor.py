@@ -1,0 +1,236 @@
+"""Judged floor: which cells of a map every figure counts, and why the others do not count.
+
+It is a layer of the map, `judged`, made for one robot: the scanner's, unless the map was made for
+another. Audit, page, exports, differences and designs all read it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import shapely
+import xarray as xr
+from numpy.typing import NDArray
+
+from ambinav.errors import InputError
+from ambinav.geometry.collision.reach import (
+    FitsNowhereError,
+    Reach,
+    frontier_lines,
+    reach_of,
+)
+from ambinav.geometry.environment import Environment
+from ambinav.maps.core_layers import CORE_LAYERS
+from ambinav.maps.zones import NOT_FREE, UNEXPLORED
+
+Mask = NDArray[np.bool_]
+
+LAYER: Final = "judged"
+REASONS: Final = (
+    "judged",
+    "unexplored",
+    "too close to walls",
+    "not reachable",
+    "outside of the building",
+)
+"""Why a free cell counts or not; the position in the tuple is the code in the layer."""
+JUDGED, UNEXPLORED_FLOOR, TOO_CLOSE, NOT_REACHABLE, OUTSIDE = range(len(REASONS))
+
+ROBOT_RADIUS_ATTR: Final = "robot_radius"
+ROBOT_START_ATTR: Final = "robot_start"
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedFloor:
+    """Which cells of a map's free floor count. Masks are bool, shape (ny, nx); no two overlap.
+
+    Attributes:
+        code: Position in `REASONS`, uint8, shape (ny, nx); `NOT_FREE` off the free floor.
+        cell_area: Of one cell, square metres.
+        radius: Of the robot that the floor is judged for, metres.
+        start: x and y that it sets out from, metres; None: in the piece of floor that `find_reach`
+            chooses.
+    """
+
+    code: NDArray[np.uint8]
+    cell_area: float
+    radius: float
+    start: tuple[float, float] | None = None
+
+    @classmethod
+    def read(cls, layer: xr.DataArray, cell_area: float) -> JudgedFloor:
+        """Read it from a map's layer; of one without attributes the robot is a point."""
+        start = json.loads(layer.attrs.get(ROBOT_START_ATTR, "null"))
+        return cls(
+            np.asarray(layer.values, dtype=np.uint8),
+            cell_area,
+            float(layer.attrs.get(ROBOT_RADIUS_ATTR, 0.0)),
+            None if start is None else (float(start[0]), float(start[1])),
+        )
+
+    @property
+    def layer(self) -> xr.Variable:
+        """As a variable of a map's dataset."""
+        record = CORE_LAYERS[LAYER]
+        attrs: dict[str, Any] = {
+            "long_name": record.title,
+            "units": record.unit,
+            ROBOT_RADIUS_ATTR: self.radius,
+            ROBOT_START_ATTR: json.dumps(self.start),
+        }
+        return xr.Variable(("y", "x"), self.code, attrs)
+
+    @property
+    def counted(self) -> Mask:
+        """Explored, in the building, and a robot's centre can get there."""
+        return self._of(JUDGED)
+
+    @property
+    def unexplored(self) -> Mask:
+        """Reached, but half of the beams or more end in unknown space within the map."""
+        return self._of(UNEXPLORED_FLOOR)
+
+    @property
+    def beside_walls(self) -> Mask:
+        """Nearer to a wall than the robot's radius: its centre is never there."""
+        return self._of(TOO_CLOSE)
+
+    @property
+    def cut_off(self) -> Mask:
+        """In the building; a robot would fit, but cannot get there."""
+        return self._of(NOT_REACHABLE)
+
+    @property
+    def outside(self) -> Mask:
+        """The margin around a building, and floor that is unexplored since the map ends there."""
+        return self._of(OUTSIDE)
+
+    @property
+    def reachable(self) -> Mask:
+        """Where a robot's centre can get to in the building, explored or not."""
+        return self.counted | self.unexplored
+
+    @property
+    def unreachable(self) -> Mask:
+        """Free floor of the building where a robot's centre cannot get to."""
+        return self.beside_walls | self.cut_off
+
+    def _of(self, code: int) -> Mask:
+        return np.asarray(self.code == code, dtype=np.bool_)
+
+    def area(self, part: Mask) -> float:
+        """Area of some cells, square metres."""
+        return float(part.sum()) * self.cell_area
+
+    def check_reached(self, spacing: float) -> None:
+        """Check that the robot reaches some cell.
+
+        Raises:
+            InputError: it reaches none of the map's.
+        """
+        if not (self.reachable | self.outside).any():
+            raise InputError(
+                f"spacing: none of the map's cells, {spacing:g} m apart, lies on floor that a "
+                f"robot of radius {self.radius:g} m reaches; give a smaller spacing."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class FloorJudge:
+    """What decides of any cell whether it counts.
+
+    Attributes:
+        reach: What the robot reaches; None: it fits nowhere.
+        radius: Of the robot, metres.
+        frontiers: Where floor ends at unknown space, lines, shape (F,).
+        on_rim: Which of them lie on the rim of the map, shape (F,).
+    """
+
+    reach: Reach | None
+    radius: float
+    frontiers: NDArray[np.object_]
+    on_rim: Mask
+
+    @classmethod
+    def of(cls, environment: Environment, reach: Reach) -> FloorJudge:
+        """Judge the floor of a building by what a robot reaches."""
+        return cls(reach, reach.radius, *frontier_lines(environment))
+
+    @classmethod
+    def for_robot(
+        cls, environment: Environment, radius: float, start: tuple[float, float] | None = None
+    ) -> FloorJudge:
+        """Judge the floor of a building for a robot of a radius, metres, that may fit nowhere.
+
+        Raises:
+            InputError: the robot does not fit at its start, or the occupied cells of the building
+                are not known any more.
+        """
+        try:
+            reach = reach_of(environment, radius, start)
+        except FitsNowhereError:
+            return cls(None, radius, *frontier_lines(environment))
+        return cls.of(environment, reach)
+
+    def floor(
+        self,
+        free: Mask,
+        unknown: NDArray[np.floating[Any]] | None,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+        cell_area: float,
+    ) -> JudgedFloor:
+        """The judged floor of a lattice; arguments as those of `codes`."""
+        start = None if self.reach is None else self.reach.start
+        return JudgedFloor(self.codes(free, unknown, x, y), cell_area, self.radius, start)
+
+    def codes(
+        self,
+        free: Mask,
+        unknown: NDArray[np.floating[Any]] | None,
+        x: NDArray[np.float64],
+        y: NDArray[np.float64],
+    ) -> NDArray[np.uint8]:
+        """Code of each cell of a lattice, or of some of its rows.
+
+        Args:
+            free: Cells of the free floor, shape (ny, nx).
+            unknown: Share of the beams that end in unknown space, shape (ny, nx); None: 0.
+            x: Centres of the columns, metres.
+            y: Centres of the rows, metres.
+
+        Returns:
+            As `JudgedFloor.code`.
+        """
+        code = np.full(free.shape, NOT_FREE, dtype=np.uint8)
+        row, column = np.nonzero(free)
+        if self.reach is None:
+            code[row, column] = TOO_CLOSE
+            return code
+        at = x[column], y[row]
+        reached = self.reach.reaches(*at)
+        found = np.where(self.reach.has_room(*at), NOT_REACHABLE, TOO_CLOSE)
+        found[self.reach.in_margin(*at)] = OUTSIDE
+        found[reached] = JUDGED
+        if unknown is not None:
+            ends = np.flatnonzero(reached & (unknown[row, column] >= UNEXPLORED))  # NaN is not
+            found[ends] = np.where(
+                self._at_rim(at[0][ends], at[1][ends]), OUTSIDE, UNEXPLORED_FLOOR
+            )
+        code[row, column] = found
+        return code
+
+    def _at_rim(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:
+        """Whether the nearest unknown space is what lies beyond the rim of the map."""
+        if not self.on_rim.any():
+            return np.zeros(len(x), dtype=np.bool_)
+        nearest = shapely.STRtree(self.frontiers).nearest(shapely.points(x, y))
+        return np.asarray(self.on_rim[nearest], dtype=np.bool_)
+
+
+def unreachable_label(radius: float) -> str:
+    """What tables call floor that a robot of this radius, in metres, does not reach."""
+    return f"not reachable by a robot of {radius:.2f} m"
