@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ambinav.audit.aliasing import AliasingFindings
 from ambinav.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.audit.sight import Sight, look
+from ambinav.audit.verdict import Verdict
 from ambinav.audit.what_helps import WhatHelps
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach, find_reach
@@ -53,7 +54,8 @@ class Audit:
         regions: Number of all such places, listed or not.
         extents: Length of each of them in metres, by zone, the longest first.
         aliasing: Aliased pairs, or None if not asked for.
-        helps: Posts that would help, or None if not asked for.
+        helps: Posts that would help, or None if none were sought.
+        verdict: What to do (`ambinav.audit.verdict.advise`); None: nobody asked.
     """
 
     amap: AmbiguityMap
@@ -67,6 +69,7 @@ class Audit:
     extents: Mapping[str, tuple[float, ...]]
     aliasing: AliasingFindings | None = None
     helps: WhatHelps | None = None
+    verdict: Verdict | None = None
 
     @property
     def parts(self) -> JudgedFloor:
@@ -158,7 +161,6 @@ def audit(
     heading: str | float = "mean",
     aliasing: AliasingFindings | None = None,
     reach: Reach | None = None,
-    helps: WhatHelps | None = None,
 ) -> Audit:
     """Find the worst places of a map and look at each through the scanner.
 
@@ -173,7 +175,6 @@ def audit(
         aliasing: Aliased pairs to report, see `ambinav.audit.aliasing.find_aliasing`.
         reach: What the robot reaches (`ambinav.geometry.collision.reach.find_reach`); None:
             what a disc of `robot_radius(scanner)` reaches of the largest piece.
-        helps: Posts to report, see `ambinav.audit.what_helps.find_what_helps`.
 
     Raises:
         InputError: a negative number of places, no such heading, a robot that fits nowhere, or
@@ -204,7 +205,6 @@ def audit(
             for name in ZONES
         },
         aliasing=aliasing,
-        helps=helps,
     )
 
 

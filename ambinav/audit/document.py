@@ -15,6 +15,7 @@ from ambinav.audit.ambiguous_regions import AmbiguousRegion
 from ambinav.audit.audit import Audit, Finding, heading_words
 from ambinav.audit.help_part import HelpPart, help_part
 from ambinav.audit.sight import Sight
+from ambinav.audit.verdict_part import VerdictPart, verdict_part
 from ambinav.maps import schema
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting.style import ZONE_COLOURS
@@ -197,6 +198,7 @@ class Document(Part):
     format: Literal["ambinav-audit/5"] = "ambinav-audit/5"
     created: str = Field(description="ISO 8601, UTC; when the map was built")
     ambinav_version: str
+    verdict: VerdictPart | None = Field(description="what to do; null: nobody asked")
     summary: str
     headings: str = Field(description="which headings the figures are for")
     environment: EnvironmentPart
@@ -213,7 +215,7 @@ class Document(Part):
         default=None, description="perceptual aliasing; null: not asked for"
     )
     helps: HelpPart | None = Field(
-        default=None, description="posts that would help; null: not asked for"
+        default=None, description="posts that would help; null: none were sought"
     )
     pictures: tuple[str, ...]
     parameters: dict[str, Any]
@@ -226,6 +228,7 @@ def document(audit: Audit, image_format: str = "png") -> Document:
     return Document(
         created=str(attrs.get("created", "")),
         ambinav_version=str(attrs.get("ambinav_version", "")),
+        verdict=None if audit.verdict is None else verdict_part(audit.verdict),
         summary=audit.summary,
         headings=_headings(audit),
         environment=EnvironmentPart(

@@ -17,7 +17,7 @@ class HelpPart(Part):
     radius_m: Metres = Field(description="of a post")
     min_passage_m: Metres = Field(description="that is left everywhere")
     before_m2: SquareMetres | None = Field(description="bad floor without posts; null: not known")
-    after_m2: SquareMetres | None = Field(description="bad floor with all of them")
+    after_m2: SquareMetres | None = Field(description="bad floor with all of them, by a whole map")
     posts: tuple[ObstaclePart, ...] = Field(description="in the order of choice; areas in m2")
     reason: str = Field(description="why there are fewer than were asked for; else empty")
 
@@ -33,7 +33,7 @@ def help_part(helps: WhatHelps) -> HelpPart:
         radius_m=helps.rules.radius,
         min_passage_m=helps.rules.min_passage,
         before_m2=None if found is None else found.placement.before.bad,
-        after_m2=None if found is None else found.placement.after.bad,
+        after_m2=helps.after,
         posts=() if found is None else obstacle_parts(found),
         reason=reason,
     )

@@ -30,7 +30,7 @@ def audit_page(
     data["map"]["zones"] = [
         {"zone": zone.zone, "share": zone.share, "area_m2": zone.area_m2} for zone in report.zones
     ]
-    lead, stop, rest = report.summary.partition(". ")
+    lead, rest = _lead(report)
     filters: dict[str, Callable[..., str]] = {
         "percent": percent,
         "metres2": metres2,
@@ -43,7 +43,7 @@ def audit_page(
         data,
         filters,
         report=report,
-        lead=lead + stop.strip(),
+        lead=lead,
         rest=rest,
         actions=actions(report),
         parameters=map_parameters(report.parameters),
@@ -51,6 +51,14 @@ def audit_page(
         block=data["map"]["block"],
         **values,
     )
+
+
+def _lead(report: Document) -> tuple[str, str]:
+    """What the page opens with, the verdict if there is one, and what follows."""
+    if report.verdict is not None:
+        return report.verdict.sentence, report.summary
+    first, stop, rest = report.summary.partition(". ")
+    return first + stop.strip(), rest
 
 
 def _place(place: PlacePart) -> dict[str, Any]:

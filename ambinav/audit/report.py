@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -38,14 +39,19 @@ def write_report(
     folder: str | Path,
     progress: Callable[[float], None] | None = None,
     image_format: str = "png",
+    advise: Callable[[Audit], Audit] | None = None,
 ) -> Document:
     """Write the report, whole or not at all; an earlier report in `folder` is replaced.
+
+    Where advice is to come it is written twice, so that the pictures can be looked at meanwhile:
+    first without the page.
 
     Args:
         audit: What to report.
         folder: Where to.
         progress: Called with the fraction done, 0 to 1.
         image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
+        advise: Adds a verdict (`ambinav.audit.advise.advise`); None: the audit is as it is.
 
     Returns:
         What report.json holds.
@@ -58,12 +64,27 @@ def write_report(
     with replacing(path) as fresh:
         fresh.mkdir()
         save_pictures(audit, fresh, progress, image_format)
-        (fresh / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        (fresh / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
-        inlined = {name: data_uri(fresh / name) for name in _pictures(report)}
-        page = audit_page(audit, report, inlined, _values(report))
-        (fresh / HTML).write_text(page, encoding="utf-8")
+        _write_texts(audit, report, fresh, with_page=advise is None)
+    if advise is None:
+        return report
+    advised = advise(audit)
+    report = document(advised, image_format)
+    with replacing(path) as fresh:
+        fresh.mkdir()
+        for name in _pictures(report):
+            shutil.copy2(path / name, fresh / name)
+        _write_texts(advised, report, fresh, with_page=True)
     return report
+
+
+def _write_texts(audit: Audit, report: Document, folder: Path, *, with_page: bool) -> None:
+    """Write figures and texts beside the pictures."""
+    (folder / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    (folder / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
+    if with_page:
+        inlined = {name: data_uri(folder / name) for name in _pictures(report)}
+        page = audit_page(audit, report, inlined, _values(report))
+        (folder / HTML).write_text(page, encoding="utf-8")
 
 
 def render(template: str, report: Document, pictures: dict[str, str] | None = None) -> str:

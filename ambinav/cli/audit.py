@@ -17,7 +17,7 @@ from ambinav.cli.running import (
     above_zero,
     check_writable,
     note,
-    progress_bars,
+    one_bar,
     reporting,
 )
 from ambinav.cli.space_options import SpaceOptions
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ambinav.geometry.collision.reach import Reach
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
+    from ambinav.reports.conditions import Condition
     from ambinav.sensing.scanner import RangeScanner
 
 
@@ -60,13 +61,18 @@ class ReportOptions:
         ),
     ] = None
     posts: Annotated[
-        int,
+        int | None,
         typer.Option(
             "--posts",
             metavar="N",
-            help="Tell where N posts would help most; 0: do not ask, which is quicker.",
+            help="Tell where N posts would help most; 0: never.",
+            show_default="3 where they can do more than a scanner or other routes",
         ),
-    ] = 3
+    ] = None
+    no_advice: Annotated[
+        bool,
+        typer.Option("--no-advice", help="Leave out the verdict, and what is tried for it."),
+    ] = False
     pictures: options.Pictures = "png"
 
     def check(self, output: Path) -> None:
@@ -80,8 +86,10 @@ class ReportOptions:
         options.check_pictures(self.pictures)
         if self.places < 0:
             raise InputError(f"--places: {self.places} is negative; give 0 or more.")
-        if self.posts < 0:
+        if self.posts is not None and self.posts < 0:
             raise InputError(f"--posts: {self.posts} is negative; give 0 or more.")
+        if self.posts and self.no_advice:
+            raise InputError(f"--posts: {self.posts} are advice; leave --no-advice out.")
         check_writable(output)
         FOLDER.check(output)
         if self.keep is not None:
@@ -118,8 +126,9 @@ def audit(
     reported: ReportOptions,
     gate: AuditGate,
     as_json: options.AsJson = False,
+    quiet: options.Quiet = False,
 ) -> None:
-    """Report where a building leaves a scanner lost: pictures, zones, the worst places.
+    """Report where a building leaves a scanner lost, and what to do about it.
 
     Shares are of floor that is explored and that the robot reaches; the rest is listed beside.
 
@@ -145,16 +154,16 @@ def audit(
 
         # Before the long work: a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
-        with progress_bars(as_json) as bars:
-            amap = making.build(environment, chosen, bars("ambiguity")).for_robot(reach)
-            report = _examine(amap, environment, chosen, reach, reported, output, bars)
+        with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
+            amap = making.build(environment, chosen, stage("ambiguity")).for_robot(reach)
+            report = _examine(amap, environment, chosen, reach, reported, output, conditions, stage)
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
-        else:
+        elif not quiet:
             _show(report, output)
             if reported.keep is not None:
                 typer.echo(f"map: {reported.keep}")
-        gate.judge(conditions, report, map_file, as_json=as_json)
+        gate.judge(conditions, report, map_file, as_json=as_json or quiet)
 
 
 def _examine(
@@ -164,31 +173,51 @@ def _examine(
     reach: Reach,
     reported: ReportOptions,
     output: Path,
-    bars: Callable[[str], Progress],
+    conditions: tuple[Condition, ...],
+    stage: Callable[[str], Progress],
 ) -> Document:
     """Examine the map, and write the report and, where that is asked for, the map."""
+    from ambinav.audit.advise import advise
     from ambinav.audit.aliasing import find_aliasing
+    from ambinav.audit.audit import Audit
     from ambinav.audit.audit import audit as examine
+    from ambinav.audit.figures import gate_of
     from ambinav.audit.report import write_report
 
     aliasing = None
     if reported.aliasing is not False:
-        aliasing = find_aliasing(amap, environment, reported.aliasing, report=bars("aliasing"))
-    helps = None
-    if reported.posts:
-        from ambinav.audit.what_helps import find_what_helps
-
-        helps = find_what_helps(
-            environment, scanner, amap, reach, reported.posts, bars("what would help")
-        )
+        seeking = stage("aliasing")
+        aliasing = find_aliasing(amap, environment, reported.aliasing, report=seeking)
     found = examine(
-        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach,
-        helps=helps,
+        amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
+    )
+
+    def advised(found: Audit) -> Audit:
+        passes = gate_of(conditions, found) if conditions else None
+        return advise(found, posts=reported.posts, passes=passes, report=stage("advice"))
+
+    report = write_report(
+        found, output, stage("pictures"), reported.pictures,
+        None if reported.no_advice else advised,
     )  # fmt: skip
-    report = write_report(found, output, progress=bars("report"), image_format=reported.pictures)
     if reported.keep is not None:
         amap.save(reported.keep)
     return report
+
+
+def _stages(
+    making: MapOptions, environment: Environment, scanner: RangeScanner, reported: ReportOptions
+) -> dict[str, float]:
+    """Name the steps of an audit, with about how many seconds each takes."""
+    from ambinav.ambiguity.estimate import estimate
+
+    needs = estimate(environment, scanner, making.spacing, making.radius, making.headings)
+    return {
+        "ambiguity": needs.seconds,
+        "aliasing": 0.0 if reported.aliasing is False else 0.5,
+        "pictures": 0.5 + 0.25 * reported.places,
+        "advice": 0.0 if reported.no_advice else 1.5,
+    }
 
 
 def _show(report: Document, output: Path) -> None:
@@ -219,11 +248,34 @@ def _show(report: Document, output: Path) -> None:
         ("free", floor.free_area_m2, "", 1.0),
     ):
         zones.add_row(label, metres2(area), of_counted, percent(of_free))
+    if report.verdict is not None:
+        console.print(Text(report.verdict.sentence, style="bold"), "", sep="\n")
     console.print(Text(report.summary), "", zones, sep="\n")
+    _show_advice(report, console)
     _show_places(report, console)
     _show_aliasing(report, console)
     _show_help(report, console)
     console.print("", Text(f"report: {output / 'report.html'}"), sep="\n", soft_wrap=True)
+
+
+def _show_advice(report: Document, console: Console) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    from ambinav.audit.audit import metres2
+
+    if report.verdict is None or not report.verdict.tried:
+        return
+    tried = Table(box=None, pad_edge=False)
+    for title in ("tried", "bad floor then", "95 % interval", "pays"):
+        tried.add_column(title, justify="left" if title in ("tried", "pays") else "right")
+    for one in report.verdict.tried:
+        interval = f"{metres2(one.after_low_m2)} to {metres2(one.after_high_m2)}"
+        tried.add_row(
+            one.title, metres2(one.after_m2), interval if one.places else "",
+            "yes" if one in report.verdict.advice else "",
+        )  # fmt: skip
+    console.print("", Text(f"bad floor now: {metres2(report.verdict.bad_m2)}"), tried, sep="\n")
 
 
 def _show_places(report: Document, console: Console) -> None:

@@ -69,6 +69,9 @@ NoStore = Annotated[
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
 ]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Show neither progress nor result; files alone.")
+]
 Force = Annotated[
     bool,
     typer.Option(

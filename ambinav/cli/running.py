@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import sys
 import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TextIO
 
@@ -106,19 +107,50 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
         yield _ProgressLines
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     from ambinav.compiling import announce
 
     announce()
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bars:
+    times = TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()
+    with Progress(*columns, *times, console=Console(stderr=True)) as bars:
 
         def start(text: str) -> Callable[[float], None]:
             task = bars.add_task(text, total=1.0)
             return lambda fraction: bars.update(task, completed=fraction)
 
         yield start
+
+
+@contextlib.contextmanager
+def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str], Progress]]:
+    """Yield what starts a stage of one progress bar.
+
+    Given the stage's name, it returns what takes the fraction done of it.
+
+    Args:
+        quiet: Draw nothing.
+        stages: About how many seconds each takes, in order; one that is left out counts as done.
+    """
+    total = max(sum(stages.values()), 1e-9)
+    ends = dict(zip(stages, itertools.accumulate(stages.values()), strict=True))
+    with progress_bars(quiet) as bars:
+        whole = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
+
+        def start(name: str) -> Progress:
+            begin = ends[name] - stages[name]
+            return lambda fraction: whole((begin + fraction * stages[name]) / total)
+
+        yield start
+        whole(1.0)
 
 
 class _ProgressLines:
@@ -132,7 +164,9 @@ class _ProgressLines:
         now = time.monotonic()
         if now - self._last >= LINE_SECONDS:
             self._last = now
-            _say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {now - self._started:.0f} s")
+            taken = now - self._started
+            left = f", about {taken * (1.0 / fraction - 1.0):.0f} s left" if fraction > 0.0 else ""
+            _say(f"ambinav: {self._text}: {100 * fraction:.0f} % in {taken:.0f} s{left}")
 
 
 def check_writable(output: Path) -> None:

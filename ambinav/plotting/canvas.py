@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, Final
+from weakref import WeakSet
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,6 +13,8 @@ from matplotlib.figure import Figure
 DPI: Final = 160
 MARGIN: Final = 0.08
 """Inches around a picture."""
+_fitted: WeakSet[Figure] = WeakSet()
+"""Figures that end where what they hold ends."""
 
 
 def new_figure(width: float, height: float, *, laid_out: bool = True, **pads: float) -> Figure:
@@ -41,6 +44,7 @@ def root_figure(axes: Axes) -> Figure:
 def fit(axes: Axes) -> None:
     """Fit the figure around its only axes, which keep their size, and all that is beside them."""
     figure = root_figure(axes)
+    _fitted.add(figure)
     size = figure.get_size_inches()
     inner = axes.get_position()
     box = figure.get_tightbbox()
@@ -66,4 +70,7 @@ def save_figure(picture: Axes | Figure, path: Path) -> None:
         options["pil_kwargs"] = {"compress_level": 3}
     elif suffix == ".svg":
         options["metadata"] = {"Date": None}
-    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=MARGIN, **options)
+    if figure not in _fitted:
+        # It draws all of it twice.
+        options |= {"bbox_inches": "tight", "pad_inches": MARGIN}
+    figure.savefig(path, dpi=DPI, **options)

@@ -202,14 +202,22 @@ def candidates(
         )
     passages = Passages(environment, rules.min_passage)
     lines = shapely.union_all(list(routes))
+    shapely.prepare(lines)
     near = cKDTree(bad)
     spots = _Spots(environment, rules, floor, passages)
     step = STEP
+
+    def wanted(points: Points) -> Mask:
+        return np.asarray(near.query(points, distance_upper_bound=sight)[0] <= sight)
+
+    # Counted before they are made: most lie too near to each other.
+    while (count := spots.count(step, wanted)) > 2 * MANY * rules.most:
+        step *= max(math.sqrt(count / (2 * MANY * rules.most)), COARSER)
     while True:
         seen = [
             one
-            for one in spots.every(step, lambda points: np.asarray(near.query(points)[0] <= sight))
-            if not shapely.dwithin(one.obstacle.outline, lines, rules.min_passage / 2)
+            for one in spots.every(step, wanted)
+            if not shapely.dwithin(lines, one.obstacle.outline, rules.min_passage / 2)
         ]
         # To look at passages takes longest.
         if len(seen) > MANY * rules.most:
@@ -245,6 +253,16 @@ class _Spots:
         )
         shapely.prepare([self.floor, self.unknown])
 
+    def count(self, step: float, wanted: Callable[[Points], Mask]) -> int:
+        """How many points are wanted, `step` metres apart: `every` makes no more of each kind."""
+        found = 0
+        if self.rules.on_walls:
+            rings = [_at(ring, along) for ring in self.rings if len(along := _along(ring, step))]
+            found += int(wanted(np.concatenate(rings)).sum()) if rings else 0
+        if self.rules.free_standing and self.rules.kind != "tag":
+            found += len(self._grid(step, wanted))
+        return found
+
     def every(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
         """Candidates `step` metres apart at points that are wanted."""
         if self.rules.on_walls:
@@ -256,10 +274,9 @@ class _Spots:
     def _beside(
         self, ring: shapely.LinearRing, step: float, wanted: Callable[[Points], Mask]
     ) -> Iterator[Candidate]:
-        count = int(ring.length / step)
-        if count == 0:
+        along = _along(ring, step)
+        if not len(along):
             return
-        along = (np.arange(count) + 0.5) * ring.length / count
         at = _at(ring, along)
         kept = wanted(at)
         half = self.rules.width / 2 if self.rules.kind == "tag" else THICKNESS
@@ -294,18 +311,8 @@ class _Spots:
         return self._strip(wall + np.outer((-half, half), (tx, ty)), TAG_THICKNESS, True)
 
     def _on_floor(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
-        if self.wide.is_empty:
-            return
-        xmin, ymin, xmax, ymax = self.wide.bounds
-        # Points of a grid that is the same for all buildings.
-        xs = np.arange(math.ceil(xmin / step), math.floor(xmax / step) + 1) * step
-        ys = np.arange(math.ceil(ymin / step), math.floor(ymax / step) + 1) * step
-        grid = np.stack([axis.ravel() for axis in np.meshgrid(xs, ys)], axis=1)
-        grid = grid[wanted(grid)]
-        points = shapely.points(grid)
-        grid = grid[shapely.intersects(self.wide, points) & shapely.intersects(self.floor, points)]
         rules = self.rules
-        for x, y in grid.tolist():
+        for x, y in self._grid(step, wanted).tolist():
             if rules.kind == "post":
                 yield self._post(x, y, False)
                 continue
@@ -313,6 +320,18 @@ class _Spots:
                 dx, dy = rules.width / 2 * math.cos(angle), rules.width / 2 * math.sin(angle)
                 ends = np.array([(x - dx, y - dy), (x + dx, y + dy)])
                 yield self._strip(ends, THICKNESS, False)
+
+    def _grid(self, step: float, wanted: Callable[[Points], Mask]) -> Points:
+        """Wanted points of the floor, of a grid that all buildings share, shape (N, 2)."""
+        if self.wide.is_empty:
+            return np.empty((0, 2))
+        xmin, ymin, xmax, ymax = self.wide.bounds
+        xs = np.arange(math.ceil(xmin / step), math.floor(xmax / step) + 1) * step
+        ys = np.arange(math.ceil(ymin / step), math.floor(ymax / step) + 1) * step
+        grid = np.stack([axis.ravel() for axis in np.meshgrid(xs, ys)], axis=1)
+        grid = grid[wanted(grid)]
+        inside = shapely.intersects_xy(self.wide, grid) & shapely.intersects_xy(self.floor, grid)
+        return np.asarray(grid[inside], dtype=np.float64)
 
     def _post(self, x: float, y: float, on_wall: bool) -> Candidate:
         kind = "reflector" if self.rules.reflective else "post"
@@ -335,6 +354,12 @@ def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
     """The rings of a polygon, its inside to the left of each."""
     turned = shapely.geometry.polygon.orient(part)
     return [turned.exterior, *turned.interiors]
+
+
+def _along(ring: shapely.LinearRing, step: float) -> NDArray[np.float64]:
+    """How far along a ring places about `step` metres apart lie, metres; none on a short one."""
+    count = int(ring.length / step)
+    return np.asarray((np.arange(count) + 0.5) * (ring.length / max(count, 1)))
 
 
 def _at(ring: shapely.LinearRing, along: NDArray[np.float64]) -> Points:

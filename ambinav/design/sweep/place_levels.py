@@ -10,13 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.ambiguity.model import AmbiguityModel, independent_tau, thin
+from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.neighbourhoods import points_near
-from ambinav.ambiguity.panorama import View, view_radii
-from ambinav.ambiguity.standing import AT_CENTRE, can_stand, standing_lattice
+from ambinav.ambiguity.panorama import view_radii
+from ambinav.ambiguity.standing import standing_lattice
 from ambinav.ambiguity.tensor import classify
 from ambinav.design.explored import explored
 from ambinav.design.region import Places, Region
+from ambinav.design.views import mask_of, scanner_views
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import Reach
 from ambinav.geometry.environment import Environment
@@ -125,13 +126,13 @@ def place_levels(
             "than can be kept; sample fewer places, or vary in wider steps."
         )
     x, y = (axis[places.point] for axis in lattice.points)
-    near = points_near(lattice, _mask(places.point, len(lattice.rows_columns)), radius)
+    near = points_near(lattice, mask_of(places.point, len(lattice.rows_columns)), radius)
     lattice, point = lattice.among(near), np.searchsorted(np.flatnonzero(near), places.point)
     level = np.full(shape, np.nan, dtype=np.float32)
     zone = np.full(shape, NOT_FREE, dtype=np.uint8)
     done = 0.0
     for here, angles in _groups(places, headings, on_route):
-        views, possible = _views(lattice, scanners, order, angles)
+        views, possible = scanner_views(lattice, scanners, order, angles)
         pieces = view_radii(lattice, possible, point[here], [one.view for one in views], model)
         for numbers, at, major, minor in pieces:
             levels, zones = (major + minor) / 2, classify(major, minor, model.low, model.high)
@@ -144,15 +145,6 @@ def place_levels(
     return PlaceLevels(x, y, places, amount, headings, level, zone, model)
 
 
-@dataclass(frozen=True, eq=False)
-class _ScannerView:
-    """What a scanner sees at one heading, or at several that it does not tell apart."""
-
-    scanner: int
-    headings: NDArray[np.intp]
-    view: View
-
-
 def _groups(
     places: Places, headings: NDArray[np.float64], on_route: bool
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
@@ -162,43 +154,3 @@ def _groups(
         return
     for heading in np.unique(places.heading):
         yield np.flatnonzero(places.heading == heading), headings[heading : heading + 1]
-
-
-def _views(
-    lattice: Lattice,
-    scanners: Sequence[RangeScanner],
-    order: Sequence[int] | None,
-    headings: NDArray[np.float64],
-) -> tuple[list[_ScannerView], NDArray[np.bool_]]:
-    """Views of all scanners, and whether the robot can stand at the lattice's points for each.
-
-    The second is of shape (N, S): `View.standing` names a column.
-    """
-    x, y = lattice.points
-    views: list[_ScannerView] = []
-    column: dict[tuple[bytes, float], int] = {}
-    possible: list[NDArray[np.bool_]] = []
-    for number in range(len(scanners)) if order is None else order:
-        scanner = scanners[number]
-        around = scanner.looks_all_around
-        mounted = scanner.centred if around else scanner
-        thinned = thin(mounted)
-        tau = independent_tau(thinned)
-        origins = np.unique(np.round(mounted.mounts[:, :2], 9), axis=0)
-        off_centre = bool(np.hypot(*origins.T).max() > AT_CENTRE)
-        for h, theta in enumerate([0.0] if around else headings.tolist()):
-            # Sensors in the robot's centre stand where it does at every heading.
-            key = (origins.tobytes(), theta) if off_centre else (b"", 0.0)
-            if key not in column:
-                column[key] = len(possible)
-                stands = can_stand(lattice.environment, mounted, x, y, theta)
-                possible.append(stands)
-            at = np.arange(len(headings)) if around else np.array([h])
-            views.append(_ScannerView(number, at, View(thinned, theta, tau, column[key])))
-    return views, np.stack(possible, axis=1)
-
-
-def _mask(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
-    mask = np.zeros(count, dtype=np.bool_)
-    mask[numbers] = True
-    return mask
