@@ -11,6 +11,7 @@ import numpy as np
 from ambinav.audit.audit import Audit, metres2, percent
 from ambinav.audit.counterfactual.posts import could_pay, find_posts
 from ambinav.audit.counterfactual.search import (
+    PAYS,
     Counterfactual,
     as_good,
     find_counterfactuals,
@@ -24,8 +25,6 @@ from ambinav.maps.zones import CORRIDOR, OPEN
 Passes = Callable[[Sequence[float]], bool]
 """Whether a gate passes with so much judged floor in each zone, square metres."""
 
-PAYS: Final = 0.1
-"""Share of the bad floor that a change must remove to be named, unless it reaches the gate."""
 LITTLE: Final = 0.01
 """Share of the judged floor up to which bad floor is not worth a change."""
 SEED: Final = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from ambinav.audit.counterfactual.search import Counterfactual
+from ambinav.audit.counterfactual.search import PAYS, Counterfactual
 from ambinav.audit.verdict import Verdict
 from ambinav.maps.zones import ZONES
 from ambinav.reports.fields import Part, SquareMetres
@@ -24,6 +24,7 @@ class CounterfactualPart(Part):
     zones_m2: dict[str, SquareMetres] | None = Field(
         description="judged floor in each zone then; null: not known"
     )
+    pays: bool = Field(description="whether it removes a tenth of the bad floor or more")
     scanner: str | None = Field(description="the other scanner; null: the present one")
 
 
@@ -69,5 +70,6 @@ def _part(one: Counterfactual) -> CounterfactualPart:
         after_high_m2=one.after.high,
         places=one.after.count,
         zones_m2=None if one.zones is None else dict(zip(ZONES, one.zones, strict=True)),
+        pays=one.removed >= PAYS * one.before,
         scanner=None if one.scanner is None else one.scanner.name,
     )

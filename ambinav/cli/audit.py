@@ -273,7 +273,7 @@ def _show_advice(report: Document, console: Console) -> None:
         interval = f"{metres2(one.after_low_m2)} to {metres2(one.after_high_m2)}"
         tried.add_row(
             one.title, metres2(one.after_m2), interval if one.places else "",
-            "yes" if one in report.verdict.advice else "",
+            "yes" if one.pays else "",
         )  # fmt: skip
     console.print("", Text(f"bad floor now: {metres2(report.verdict.bad_m2)}"), tried, sep="\n")
 

@@ -22,6 +22,8 @@ RANGES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.
 """Metres that range scanners are sold for."""
 LONGER: Final = 1.25
 """A longer range is longer by this factor at least."""
+SLIGHT: Final = math.radians(5.0)
+"""Apertures that differ by less are alike."""
 APERTURES: Final = (180.0, 270.0, 360.0)
 """Degrees."""
 
@@ -119,7 +121,10 @@ def other_mounts(scanner: RangeScanner) -> Iterator[ScannerChange]:
 
 
 def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
-    """Presets of the same kind of sensor, in the present scanner's place where it has one."""
+    """Presets of the same kind of sensor, in the present scanner's place where it has one.
+
+    Those that see neither farther nor wider are left out, and those that see less wide.
+    """
     mount = (
         scanner.parts[0].layout.mount[:2]
         if len(scanner.parts) == 1 and isinstance(scanner.parts[0].layout, Planar)
@@ -128,6 +133,9 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
     for name in preset_names():
         other = RangeScanner.from_preset(name)
         if other.kind != scanner.kind or name == scanner.name or other.upright.any():
+            continue
+        wider = other.aperture - scanner.aperture
+        if wider < -SLIGHT or (wider < SLIGHT and other.max_range <= scanner.max_range):
             continue
         if len(other.parts) == 1 and isinstance(other.parts[0].layout, Planar):
             part = other.parts[0]

@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from ambinav.audit.counterfactual.sample import BAD
-from ambinav.audit.counterfactual.search import AS_GOOD
+from ambinav.audit.counterfactual.search import AS_GOOD, PAYS
 from ambinav.audit.counterfactual.trips import Trips
 from ambinav.audit.what_helps import WhatHelps
 from ambinav.design.place.candidates import Candidate, PlaceRules, candidates
@@ -41,8 +41,6 @@ ABREAST: Final = 0.5
 """Two robots pass each other wherever they could, with so much between them, metres."""
 MOST_STANDS: Final = 200
 """Places at which it is asked how much bad floor is in sight."""
-PAYS: Final = 0.1
-"""Share of the bad floor that posts must be able to see, or they are not tried."""
 
 
 def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: int = 3) -> bool:

@@ -26,10 +26,12 @@ from ambinav.maps.zones import CORRIDOR, NOT_FREE, ZONES
 from ambinav.sensing.scanner import RangeScanner
 
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
-SCREENED: Final = (60, 40)
-"""Bad places, and others, at which all scanners are tried."""
-VERIFIED: Final = (250, 300)
-"""Those at which the best of each kind are."""
+PAYS: Final = 0.1
+"""Share of the bad floor that a change must remove to be named, unless it reaches a gate."""
+ROUNDS: Final = ((30, 10), (80, 60), (200, 250))
+"""Bad places, and others, at which scanners are tried: all of them, then ever fewer."""
+KEPT: Final = (4, 2, 2)
+"""So many of each kind go on from a round."""
 AS_GOOD: Final = 0.9
 """What removes this share of the bad floor that the best removes is as good, if it is less work."""
 
@@ -178,7 +180,7 @@ def _scanners(
     report: Callable[[float], None],
 ) -> list[Counterfactual]:
     """The best scanner of each kind of change."""
-    changes = [
+    changes: list[ScannerChange] = [
         *other_mounts(scanner),
         *longer_ranges(scanner, environment),
         *wider_apertures(scanner),
@@ -187,23 +189,25 @@ def _scanners(
     if not changes:
         return []
     floor = FloorSample.of(amap, environment, scanner)
-    screened = _tried(floor, changes, SCREENED, rng, lambda share: report(0.1 + 0.5 * share))
-    most = max(one.removed for one in screened)
-    finalists: list[ScannerChange] = []
-    for kind in KINDS:
-        mine = [
-            (one, change)
-            for one, change in zip(screened, changes, strict=True)
-            if one.kind == kind and one.removed > 0.0
-        ]
-        if not mine:
-            continue
-        finalists.append(min(mine, key=lambda pair: pair[0].after.value)[1])
-        # Of growing ranges and apertures the least that will do, and the next in case it will not.
-        enough = [change for one, change in mine if one.removed >= AS_GOOD * most]
-        if kind in ("range", "aperture"):
-            finalists += [change for change in enough[:2] if change is not finalists[-1]]
-    return _tried(floor, finalists, VERIFIED, rng, lambda share: report(0.6 + 0.4 * share))
+    for number, counts in enumerate(ROUNDS):
+        found = _tried(floor, changes, counts, rng)
+        report(0.1 + 0.9 * (number + 1) / len(ROUNDS))
+        most = max(one.removed for one in found)
+        kept = [at for kind in KINDS for at in _best(kind, found, AS_GOOD * most, KEPT[number])]
+        changes = [changes[at] for at in kept]
+        if not changes:
+            return []
+    return [found[at] for at in kept]
+
+
+def _best(kind: Kind, found: Sequence[Counterfactual], enough: float, count: int) -> list[int]:
+    """Numbers of the best of a kind, and of ranges and apertures of the least that will do."""
+    mine = [i for i, one in enumerate(found) if one.kind == kind and one.removed > 0.0]
+    best = sorted(mine, key=lambda i: found[i].after.value)[:count]
+    if kind in ("range", "aperture"):
+        doing = [i for i in mine if found[i].removed >= enough]
+        best = sorted({*best[:1], *doing[: count - 1]})
+    return best
 
 
 def _tried(
@@ -211,14 +215,13 @@ def _tried(
     changes: Sequence[ScannerChange],
     counts: tuple[int, int],
     rng: np.random.Generator,
-    report: Callable[[float], None],
 ) -> list[Counterfactual]:
     """Each of some scanners at the same places."""
     bad, others = floor.drawn(*counts, rng)
     point = np.union1d(bad, others)
     was_bad = np.isin(point, bad)
     found = []
-    for done, change in enumerate(changes, start=1):
+    for change in changes:
         zone = floor.zones([change.scanner], point)[0]
         parts = zone[was_bad], zone[~was_bad]
         found.append(
@@ -233,5 +236,4 @@ def _tried(
                 change.value,
             )
         )
-        report(done / len(changes))
     return found
