@@ -20,7 +20,6 @@ from ambinav.errors import InputWarning
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, find_reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZoneShare
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor

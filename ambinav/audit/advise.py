@@ -105,6 +105,11 @@ def decide(
         f"{first.title}: floor where {found.scanner.name} leaves the robot lost falls from "
         f"{metres2(before)} to {_after(first.after)} of {metres2(found.area)}."
     )
+    if first.kind == "routes":
+        sentence = (
+            f"{first.title}: {metres2(before)} of {metres2(found.area)} leave the robot lost with "
+            f"{found.scanner.name}. {first.detail}"
+        )
     if passes is not None:
         sentence += " Then the gate passes." if gated else " The gate fails even then."
     return Verdict(first.kind, sentence, before, (first, *others.values()), tuple(tried), gated)

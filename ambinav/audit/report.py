@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,19 +42,20 @@ def write_report(
     folder: str | Path,
     progress: Callable[[float], None] | None = None,
     image_format: str = "png",
-    advise: Callable[[Audit], Audit] | None = None,
+    advise: Callable[[Audit, Callable[[], None]], Audit] | None = None,
 ) -> Document:
     """Write the report, whole or not at all; an earlier report in `folder` is replaced.
 
-    Where advice is to come it is written twice, so that the pictures can be looked at meanwhile:
-    first without the page.
+    Advice is sought in a thread while pictures are drawn. Where these are done first they are
+    written at once, without the page, so that they can be looked at.
 
     Args:
         audit: What to report.
         folder: Where to.
         progress: Called with the fraction done, 0 to 1.
         image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
-        advise: Adds a verdict (`ambinav.audit.advise.advise`); None: the audit is as it is.
+        advise: Adds a verdict (`ambinav.audit.advise.advise`); it calls what it is given now and
+            then, which raises where it is to end. None: the audit is as it is.
 
     Returns:
         What report.json holds.
@@ -60,31 +64,57 @@ def write_report(
         InputError: see `RunFolder.check`; or the place is not writable.
     """
     path = FOLDER.check(folder).absolute()
-    report = document(audit, image_format)
-    with replacing(path) as fresh:
-        fresh.mkdir()
-        save_pictures(audit, fresh, progress, image_format)
-        _write_texts(audit, report, fresh, with_page=advise is None)
     if advise is None:
-        return report
-    advised = advise(audit)
-    report = document(advised, image_format)
+        with replacing(path) as fresh:
+            fresh.mkdir()
+            save_pictures(audit, fresh, progress, image_format)
+            return _write_texts(audit, fresh, image_format)
+    with _aside(advise, audit) as advice:
+        with replacing(path) as fresh:
+            fresh.mkdir()
+            save_pictures(audit, fresh, progress, image_format)
+            if advice.done():
+                return _write_texts(advice.result(), fresh, image_format)
+            _write_texts(audit, fresh, image_format, with_page=False)
+        advised = advice.result()
     with replacing(path) as fresh:
         fresh.mkdir()
-        for name in _pictures(report):
+        for name in _pictures(document(advised, image_format)):
             shutil.copy2(path / name, fresh / name)
-        _write_texts(advised, report, fresh, with_page=True)
-    return report
+        return _write_texts(advised, fresh, image_format)
 
 
-def _write_texts(audit: Audit, report: Document, folder: Path, *, with_page: bool) -> None:
+@contextlib.contextmanager
+def _aside(
+    advise: Callable[[Audit, Callable[[], None]], Audit], audit: Audit
+) -> Iterator[Future[Audit]]:
+    """Seek advice in a thread; it ends at its next report where the block is left by an error."""
+    ended = threading.Event()
+
+    def go_on() -> None:
+        if ended.is_set():
+            raise InterruptedError
+
+    with ThreadPoolExecutor(1, thread_name_prefix="advice") as executor:
+        try:
+            yield executor.submit(advise, audit, go_on)
+        except BaseException:
+            ended.set()
+            raise
+
+
+def _write_texts(
+    audit: Audit, folder: Path, image_format: str, *, with_page: bool = True
+) -> Document:
     """Write figures and texts beside the pictures."""
+    report = document(audit, image_format)
     (folder / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
     (folder / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
     if with_page:
         inlined = {name: data_uri(folder / name) for name in _pictures(report)}
         page = audit_page(audit, report, inlined, _values(report))
         (folder / HTML).write_text(page, encoding="utf-8")
+    return report
 
 
 def render(template: str, report: Document, pictures: dict[str, str] | None = None) -> str:

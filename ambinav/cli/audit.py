@@ -192,9 +192,15 @@ def _examine(
         amap, environment, scanner, places=reported.places, aliasing=aliasing, reach=reach
     )
 
-    def advised(found: Audit) -> Audit:
+    advising = stage("advice")
+
+    def advised(found: Audit, go_on: Callable[[], None]) -> Audit:
+        def report(share: float) -> None:
+            go_on()
+            advising(share)
+
         passes = gate_of(conditions, found) if conditions else None
-        return advise(found, posts=reported.posts, passes=passes, report=stage("advice"))
+        return advise(found, posts=reported.posts, passes=passes, report=report)
 
     report = write_report(
         found, output, stage("pictures"), reported.pictures,

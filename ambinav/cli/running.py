@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import math
 import sys
 import tempfile
@@ -134,20 +133,23 @@ def progress_bars(quiet: bool) -> Iterator[Callable[[str], Progress]]:
 def one_bar(quiet: bool, stages: Mapping[str, float]) -> Iterator[Callable[[str], Progress]]:
     """Yield what starts a stage of one progress bar.
 
-    Given the stage's name, it returns what takes the fraction done of it.
+    Given the stage's name, it returns what takes the fraction done of it; stages may overlap.
 
     Args:
         quiet: Draw nothing.
-        stages: About how many seconds each takes, in order; one that is left out counts as done.
+        stages: About how many seconds each takes, in order.
     """
     total = max(sum(stages.values()), 1e-9)
-    ends = dict(zip(stages, itertools.accumulate(stages.values()), strict=True))
+    done = dict.fromkeys(stages, 0.0)
     with progress_bars(quiet) as bars:
         whole = bars(" and ".join([", ".join(list(stages)[:-1]), list(stages)[-1]]))
 
         def start(name: str) -> Progress:
-            begin = ends[name] - stages[name]
-            return lambda fraction: whole((begin + fraction * stages[name]) / total)
+            def report(fraction: float) -> None:
+                done[name] = fraction * stages[name]
+                whole(sum(done.values()) / total)
+
+            return report
 
         yield start
         whole(1.0)

@@ -322,6 +322,7 @@ def audits(line: Connection) -> None:
 
 def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
     from ambinav.ambiguity.build import build_map
+    from ambinav.audit.advise import advise
     from ambinav.audit.audit import audit
     from ambinav.audit.report import write_report
     from ambinav.geometry.io.load import load_environment
@@ -347,7 +348,7 @@ def _audit(task: AuditTask, report: Callable[[str, float], None]) -> None:
         )
         report("report", 0.0)
         found = audit(amap, environment, scanner)
-        write_report(found, folder / "report", progress=lambda done: report("report", done))
+        write_report(advise(found), folder / "report", progress=lambda done: report("report", done))
     except InputError as error:
         raise InputError(_without(folder, str(error))) from None
     write_dataset(amap.dataset, folder / "map.npz")

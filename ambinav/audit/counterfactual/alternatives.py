@@ -45,6 +45,16 @@ class ScannerChange:
     value: float = 0.0
 
 
+def scanner_changes(scanner: RangeScanner, environment: Environment) -> list[ScannerChange]:
+    """All scanners that might be taken instead of one in a building."""
+    return [
+        *other_mounts(scanner),
+        *longer_ranges(scanner, environment),
+        *wider_apertures(scanner),
+        *other_models(scanner),
+    ]
+
+
 def longer_ranges(scanner: RangeScanner, environment: Environment) -> tuple[ScannerChange, ...]:
     """The scanner with longer ranges, up to the first that spans the building; ascending."""
     xmin, ymin, xmax, ymax = environment.bounds

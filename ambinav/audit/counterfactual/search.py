@@ -9,14 +9,7 @@ from typing import Final, get_args
 
 import numpy as np
 
-from ambinav.audit.counterfactual.alternatives import (
-    Kind,
-    ScannerChange,
-    longer_ranges,
-    other_models,
-    other_mounts,
-    wider_apertures,
-)
+from ambinav.audit.counterfactual.alternatives import Kind, ScannerChange, scanner_changes
 from ambinav.audit.counterfactual.sample import BAD, FloorSample
 from ambinav.audit.counterfactual.trips import Trips
 from ambinav.drive.bootstrap import Interval
@@ -161,8 +154,7 @@ def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
     after = before * trips.aware_bad / trips.bad
     detail = (
         f"In the mean of {trips.count} trips between places {trips.aware_bad:.1f} m instead of "
-        f"{trips.bad:.1f} m run over bad floor, and a trip is {longer:.0f} % longer; bad floor is "
-        "counted by how much of it is driven."
+        f"{trips.bad:.1f} m run over it, and a trip is {longer:.0f} % longer."
     )
     interval = Interval(after, after, after, 0)
     return [
@@ -180,12 +172,7 @@ def _scanners(
     report: Callable[[float], None],
 ) -> list[Counterfactual]:
     """The best scanner of each kind of change."""
-    changes: list[ScannerChange] = [
-        *other_mounts(scanner),
-        *longer_ranges(scanner, environment),
-        *wider_apertures(scanner),
-        *other_models(scanner),
-    ]
+    changes = scanner_changes(scanner, environment)
     if not changes:
         return []
     floor = FloorSample.of(amap, environment, scanner)

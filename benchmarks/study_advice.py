@@ -1,0 +1,185 @@
+"""The audit's first advice against the best of all that could be advised, computed in full.
+
+For each map and preset the audit decides by samples of places. Here every scanner that it might
+have named, every heading and other routes are computed at all places of the judged floor, and the
+bad floor that the first advice removes is held against what the best of them removes. Posts are
+left out. Large maps are cut to a piece; maps are coarser than an audit's, to get through all pairs.
+
+    python benchmarks/study_advice.py --rows out/advice.jsonl      goes on where it was ended
+    python benchmarks/study_advice.py --rows out/advice.jsonl --report --out benchmarks/results/advice.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from harness import add_out, report, table
+
+import ambinav as an
+from ambinav.audit.advise import advise
+from ambinav.audit.audit import audit
+from ambinav.audit.counterfactual.alternatives import scanner_changes
+from ambinav.audit.counterfactual.sample import BAD, FloorSample
+from ambinav.demo import BUILDING
+from ambinav.drive.bootstrap import share
+from ambinav.errors import InputError
+from ambinav.sensing.presets import preset_names
+
+TITLE = "First advice of the audit against all counterfactuals"
+SPACING, RADIUS = 0.25, 0.5
+SIDE = 24.0
+"""Metres of the piece that is cut out of a larger map."""
+
+
+def buildings(data: Path) -> Iterator[tuple[str, an.Environment]]:
+    """All recorded maps, cut where they are large, and the bundled building."""
+    yield "demo", an.load_environment(BUILDING)
+    for folder in sorted(data.glob("*maps*")):
+        for file in sorted(folder.glob("*.yaml")):
+            env = an.load_environment(file)
+            middle = env.free.representative_point()
+            box = shapely.box(
+                middle.x - SIDE / 2, middle.y - SIDE / 2, middle.x + SIDE / 2, middle.y + SIDE / 2
+            )
+            if not shapely.covers(box, shapely.box(*env.bounds)):
+                env = an.environment_from_shapes(
+                    list(shapely.get_parts(env.free.intersection(box))),
+                    openings=[box.exterior],
+                    name=file.stem,
+                )
+            yield file.stem, env
+
+
+def case(env: an.Environment, scanner: an.RangeScanner) -> dict[str, Any] | None:
+    """One building and scanner; None where the robot has no floor there."""
+    try:
+        amap = an.build_map(env, scanner, spacing=SPACING, radius=RADIUS, store=False)
+        found = audit(amap, env, scanner, places=0)
+    except InputError:
+        return None
+    start = time.process_time()
+    verdict = advise(found, posts=0).verdict
+    seconds = time.process_time() - start
+    assert verdict is not None
+    row: dict[str, Any] = {
+        "area": found.area, "bad": verdict.before, "decision": verdict.decision,
+        "seconds": seconds,
+    }  # fmt: skip
+    if verdict.decision in ("nothing", "unknown"):
+        return row
+    floor = FloorSample.of(found.amap, env, scanner)
+    after = {}
+    for change in scanner_changes(scanner, env):
+        zone = floor.zones([change.scanner], floor.floor)[0]
+        after[change.title] = float(np.isin(zone, BAD).sum()) * floor.cell_area
+    exact = {one.title: one.after.value for one in verdict.tried if one.after.count == 0}
+    sampled = [one for one in verdict.tried if one.title in after and one.after.count]
+    row["held"] = [
+        one.after.low - 1e-6 <= after[one.title] <= one.after.high + 1e-6 for one in sampled
+    ]
+    every = exact | after
+    row["tried"] = len(every)
+    row["best"], row["best_after"] = min(every.items(), key=lambda pair: pair[1])
+    if verdict.advice:
+        row["first"] = verdict.advice[0].title
+        row["first_after"] = every[verdict.advice[0].title]
+    return row
+
+
+def run(path: Path, seconds: float) -> None:
+    """Add rows to a file, in a drawn order, as long as there is time."""
+    warnings.simplefilter("ignore")
+    data = Path(os.environ["AMBINAV_DATA"])
+    done = {(row["map"], row["scanner"]) for row in _rows(path)}
+    found = dict(buildings(data))
+    pairs = [(name, preset) for name in found for preset in preset_names()]
+    end = time.monotonic() + seconds
+    for at in np.random.default_rng(0).permutation(len(pairs)):
+        name, preset = pairs[at]
+        if (name, preset) in done:
+            continue
+        if time.monotonic() > end:
+            break
+        scanner = an.RangeScanner.from_preset(preset)
+        row = None if scanner.upright.any() else case(found[name], scanner)
+        with path.open("a", encoding="utf-8") as out:
+            out.write(json.dumps({"map": name, "scanner": preset, **(row or {})}) + "\n")
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def text(rows: list[dict[str, Any]]) -> str:
+    """The tables of the report."""
+    known = [row for row in rows if "decision" in row]
+    advised = [row for row in known if "first" in row]
+    none = [row for row in known if row["decision"] == "none"]
+    ratio = np.array(
+        [(row["bad"] - row["first_after"]) / (row["bad"] - row["best_after"]) for row in advised]
+    )
+    missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
+    useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
+    held = [one for row in known for one in row.get("held", ())]
+    figures = [
+        ("buildings", f"{len({row['map'] for row in known})}"),
+        ("presets", f"{len({row['scanner'] for row in known})}"),
+        ("pairs of both", f"{len(known)}"),
+        ("nothing to do", f"{sum(row['decision'] == 'nothing' for row in known)}"),
+        ("nothing explored", f"{sum(row['decision'] == 'unknown' for row in known)}"),
+        ("nothing that pays", f"{len(none)}"),
+        ("of these something does, in full", f"{len(missed)}"),
+        ("advice", f"{len(advised)}"),
+        (
+            "share of the best one's gain that the first advice has, median",
+            f"{np.median(ratio):.2f}",
+        ),
+        ("the same, 5th percentile", f"{np.quantile(ratio, 0.05):.2f}"),
+        ("the same, least", f"{ratio.min():.2f}"),
+        ("first advice has 0.8 of it or more", f"{share(ratio >= 0.8)}"),
+        ("first advice removes less than a tenth, in full", f"{share(useless)}"),
+        ("95 % intervals that hold the figure in full", f"{share(held)}"),
+        (
+            "processor time of the advice, s, median",
+            f"{np.median([r['seconds'] for r in known]):.2f}",
+        ),
+    ]
+    worst = sorted(zip(ratio.tolist(), advised, strict=True), key=lambda pair: pair[0])[:10]
+    listed = [
+        (row["map"], row["scanner"], f"{row['bad']:.0f}", row["first"], f"{row['first_after']:.0f}",
+         row["best"], f"{row['best_after']:.0f}", f"{value:.2f}")
+        for value, row in worst
+    ]  # fmt: skip
+    head = ("map", "scanner", "bad m²", "first advice", "then m²", "best", "then m²", "share")
+    return "\n\n".join(
+        (table(("figure", "value"), figures), "The ten worst:", table(head, listed, 2))
+    )
+
+
+def main() -> None:
+    """Run or report."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rows", type=Path, required=True, help="JSON lines, one a pair")
+    parser.add_argument("--seconds", type=float, default=1e9, help="stop after so many")
+    parser.add_argument("--report", action="store_true", help="write the report of what is there")
+    add_out(parser)
+    given = parser.parse_args()
+    if not given.report:
+        given.rows.parent.mkdir(parents=True, exist_ok=True)
+        run(given.rows, given.seconds)
+    report(TITLE, ("numpy", "numba", "shapely"), text(_rows(given.rows)), given.out)
+
+
+if __name__ == "__main__":
+    main()
