@@ -5,8 +5,8 @@ have named, every heading and other routes are computed at all places of the jud
 bad floor that the first advice removes is held against what the best of them removes. Posts are
 left out. Large maps are cut to a piece; maps are coarser than an audit's, to get through all pairs.
 
-    python benchmarks/study_advice.py --rows out/advice.jsonl      goes on where it was ended
-    python benchmarks/study_advice.py --rows out/advice.jsonl --report --out benchmarks/results/advice.md
+    python benchmarks/study_advice.py --rows out/advice.jsonl           goes on where it was ended
+    python benchmarks/study_advice.py --rows out/advice.jsonl --report --out FILE.md
 """
 
 from __future__ import annotations
@@ -132,6 +132,7 @@ def text(rows: list[dict[str, Any]]) -> str:
     missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
     useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
     held = [one for row in known for one in row.get("held", ())]
+    seconds = np.median([row["seconds"] for row in known])
     figures = [
         ("buildings", f"{len({row['map'] for row in known})}"),
         ("presets", f"{len({row['scanner'] for row in known})}"),
