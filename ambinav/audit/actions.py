@@ -30,6 +30,12 @@ def actions(report: Document) -> tuple[Action, ...]:
 
 
 def _action(one: CounterfactualPart) -> Action:
+    if one.kind == "routes":
+        return Action(
+            one.title,
+            f"{one.detail} Weighed by how much of it is driven, bad floor is "
+            f"{metres2(one.after_m2)} instead of {metres2(one.before_m2)}.",
+        )
     text = f"Bad floor: {metres2(one.before_m2)} now, {metres2(one.after_m2)} then"
     if one.places:
         text += (

@@ -150,5 +150,5 @@ def other_models(scanner: RangeScanner) -> Iterator[ScannerChange]:
         if len(other.parts) == 1 and isinstance(other.parts[0].layout, Planar):
             part = other.parts[0]
             other = replace(other, parts=(replace(part, layout=part.layout.moved(*mount)),))
-        title = f"Take a {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
+        title = f"Take {name} ({other.max_range:g} m, {math.degrees(other.aperture):.0f}°)"
         yield ScannerChange("scanner", title, other)

@@ -154,12 +154,12 @@ def _routes(before: float, trips: Trips | None) -> list[Counterfactual]:
     after = before * trips.aware_bad / trips.bad
     detail = (
         f"In the mean of {trips.count} trips between places {trips.aware_bad:.1f} m instead of "
-        f"{trips.bad:.1f} m run over it, and a trip is {longer:.0f} % longer."
+        f"{trips.bad:.1f} m run over bad floor, and a trip is {longer:.0f} % longer."
     )
     interval = Interval(after, after, after, 0)
     return [
         Counterfactual(
-            "routes", "Plan routes around bad floor (`ambinav plan`)", detail, before, interval
+            "routes", "Plan routes around bad floor with ambinav plan", detail, before, interval
         )
     ]
 
