@@ -6,6 +6,7 @@ unexplored or not reached, a scale bar, strokes of the weak direction, round lab
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -268,11 +269,25 @@ class FloorFigure:
     def _backdrop(self) -> None:
         """Fill what is not free, below everything: what is solid, and what is not known."""
         padding = 3 + max(self.amap.solid.shape) // 50
-        solid = padded_solid(self.amap, padding)[..., np.newaxis]
-        picture = np.where(solid, to_rgba(style.SOLID), to_rgba(self._unknown))
-        out = padding * self.amap.spacing
-        xmin, ymin, xmax, ymax = self.amap.bounds
-        self._image(picture, (xmin - out, xmax + out, ymin - out, ymax + out), _BACKDROP)
+        solid = padded_solid(self.amap, padding)
+        step, (left, low, *_) = self.amap.spacing, self.amap.bounds
+        left, low = left - padding * step, low - padding * step
+        # What is shown alone: pictures of places show little of a large building.
+        spans = []
+        for begin, end, size, origin in (
+            (self.bounds[1], self.bounds[3], solid.shape[0], low),
+            (self.bounds[0], self.bounds[2], solid.shape[1], left),
+        ):
+            first = min(max(math.floor((begin - origin) / step) - 1, 0), size - 1)
+            last = max(min(math.ceil((end - origin) / step) + 1, size), first + 1)
+            spans.append((first, last))
+        (bottom, top), (west, east) = spans
+        colours = np.rint(255 * np.array([to_rgba(self._unknown), to_rgba(style.SOLID)]))
+        picture = colours.astype(np.uint8)[solid[bottom:top, west:east].astype(np.uint8)]
+        extent = (
+            left + west * step, left + east * step, low + bottom * step, low + top * step
+        )  # fmt: skip
+        self._image(picture, extent, _BACKDROP)
 
     def _image(
         self, values: NDArray[Any], extent: Bounds, zorder: float, **scale: Any

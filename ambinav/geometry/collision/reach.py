@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -81,6 +82,10 @@ class Reach:
         return _contains(self.margins, x, y)
 
 
+# A map and its audit ask for the same.
+_known: WeakKeyDictionary[Environment, dict[object, Reach]] = WeakKeyDictionary()
+
+
 class FitsNowhereError(InputError):
     """The disc fits nowhere in the building."""
 
@@ -125,6 +130,14 @@ def reach_of(
         InputError: the radius is not above zero, the disc does not fit at the start, or it fits
             nowhere (`FitsNowhereError`).
     """
+    key = float(radius), None if start is None else tuple(map(float, start))
+    known = _known.setdefault(environment, {})
+    if key not in known:
+        known[key] = _reach_of(environment, radius, start)
+    return known[key]
+
+
+def _reach_of(environment: Environment, radius: float, start: Sequence[float] | None) -> Reach:
     if not (math.isfinite(radius) and radius > 0.0):
         raise InputError(
             f"robot radius: {radius:g} is not above zero; give metres, e.g. {ROBOT_RADIUS:g}."
