@@ -18,22 +18,19 @@ from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.dxf_layers import roles_of
 from ambinav.geometry.io.dxf_lines import Drawn, drawn_in, opened, swing
+from ambinav.geometry.io.outline import outline_of
 from ambinav.geometry.io.plan_units import LARGEST, UNITS, metres_in
 from ambinav.geometry.io.section_floor import (
     DOORS,
     GLASS,
     PlanSection,
     check_choice,
-    closed,
     environment_of,
-    filled,
 )
 from ambinav.geometry.io.wall_bodies import beside, bodies_in, capped, noded
 
 TOLERANCE: Final = 1e-3
 """Metres; the chords of arcs and splines lie this near to them."""
-DOORWAY: Final = 1.3
-"""Metres; openings in the outer walls up to this width are doors: outside is beyond."""
 # What $INSUNITS says, as far as buildings are drawn in it, and its name.
 _INSUNITS: Final = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m"}
 _SPELLED: Final = {"in": "inch", "ft": "foot", "mm": "millimetre", "cm": "centimetre", "m": "metre"}
@@ -183,8 +180,13 @@ def _section(
         panes += beside(glazing, [*panes, *solids])
     drawn = shapely.union_all([shapely.LineString(line) for line in lines.get("doors", ())])
     leaves = _leaves(arcs, drawn, shapely.union_all([standing, *panes]))
-    bounds = [standing, *panes, *leaves]
-    bounds += [shapely.LineString(line) for line in lines.get("floor", ())]
+    glazed = [pane for pane in panes if pane.geom_type.endswith("Polygon")]
+    outline = outline_of(
+        [*solids, *glazed],
+        [*thin, *(pane for pane in panes if not pane.geom_type.endswith("Polygon"))],
+        leaves,
+        [shapely.LineString(line) for line in lines.get("floor", ())],
+    )
     if doors_closed:
         solids += [shapely.buffer(leaf, 0.5 * _THICK, cap_style="flat") for leaf in leaves]
     if furniture and lines.get("furniture"):
@@ -196,7 +198,7 @@ def _section(
         solids=solids,
         walls=thin,
         panes=panes,
-        region=filled(closed(shapely.union_all(bounds), DOORWAY)),
+        region=outline.region,
     )
 
 
