@@ -8,11 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.geometry.edit import polygons_of
 from ambinav.geometry.io.mesh_section import GRAIN
-from ambinav.geometry.io.wall_gaps import DOORWAY, gaps_in
+from ambinav.geometry.io.wall_gaps import DOORWAY, Gaps, gaps_in
 
 # Shares of its border by which a space may be open to the outside: any, and one into which two
 # openings or more lead, or that stands alone.
@@ -20,7 +22,7 @@ _OPEN, _OPEN_HALL = 0.2, 1.0 / 3.0
 # Metres; the grid of the lines, and how near a piece lies to the line that it is of.
 _NEAR: Final = 1e-4
 # Metres; a shorter stretch of a border is a touch. Square metres; less floor is none.
-_TOUCH, _ROOM = 0.1, 1.0
+_TOUCH, _DOOR, _ROOM = 0.1, 0.05, 1.0
 
 
 class Outline(NamedTuple):
@@ -45,11 +47,12 @@ def outline_of(
 ) -> Outline:
     """Find what lies within a building whose walls are known, and its openings.
 
-    Within is what walls, shut doors and edges of floors enclose once walls go on across their gaps
-    (`gaps_in`). A space that is open at its end, between corners, is within if a fifth of its border
-    at the most is open, or a third where two openings or more lead into it; and if from each
-    building beside it an opening leads into it: a corridor is, a niche in a front or the gap
-    between two buildings is not.
+    Within is what walls, shut doors and edges of floors enclose once walls go on across gaps in
+    line (`gaps_in`). A space that is open between corners, or between the end of a wall and what
+    it faces, is within if a fifth of its border at the most is open, a third where two openings
+    lead into it or it stands alone (of the second kind twice as much); and if from each building
+    beside it an opening leads into it. A corridor is, a niche in a front or the gap between two
+    buildings is not.
 
     Args:
         solids: Polygons.
@@ -64,11 +67,11 @@ def outline_of(
     within = shapely.union_all([*_faces(closed), solid], grid_size=GRAIN)
     outside: list[BaseGeometry] = []
     accepted: list[BaseGeometry] = []
-    if gaps.mouths:
-        accepted, outside = _spaces(closed, gaps.mouths, within, solid, net)
+    if gaps.facing or gaps.mouths:
+        accepted, outside = _spaces(closed, gaps, within, solid, net)
     region = shapely.union_all([within, *accepted], grid_size=GRAIN)
     border = shapely.boundary(region)
-    openings = shapely.union_all([*gaps.inline, *gaps.mouths], grid_size=GRAIN)
+    openings = shapely.union_all([*gaps.inline, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
     bare = shapely.difference(openings, shapely.union_all([net, *leaves, *edges]), grid_size=GRAIN)
     rim = shapely.line_merge(shapely.intersection(bare, border, grid_size=GRAIN))
     mouths = [line for line in shapely.get_parts(rim) if line.length > DOORWAY]
@@ -81,72 +84,59 @@ def _faces(net: BaseGeometry) -> NDArray[np.object_]:
 
 def _spaces(
     closed: BaseGeometry,
-    mouths: Sequence[BaseGeometry],
+    gaps: Gaps,
     within: BaseGeometry,
     solid: BaseGeometry,
     net: BaseGeometry,
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
     """Spaces behind mouths: those that are within, and the others."""
-    every = shapely.union_all([closed, *mouths], grid_size=GRAIN)
+    every = shapely.union_all([closed, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
     faces = _faces(every)
-    inner = shapely.point_on_surface(faces)
     shapely.prepare(within)
-    faces = faces[~shapely.contains(within, inner)]
+    faces = faces[~shapely.contains(within, shapely.point_on_surface(faces))]
     if not len(faces):
         return [], []
     pieces = shapely.get_parts(every)
+    length = shapely.length(pieces)
     middles = shapely.line_interpolate_point(pieces, 0.5, normalized=True)
-    is_mouth = ~shapely.dwithin(closed, middles, _NEAR)
-    tree = shapely.STRtree(faces)
-    piece, face = tree.query(middles, predicate="dwithin", distance=_NEAR)
+    is_mouth = ~_on(closed, middles)
+    is_wall = _on(net, middles)
+    faces_one = is_mouth & _on(shapely.union_all(gaps.facing), middles)
+    open_ = length * is_mouth * np.where(faces_one, 0.5, 1.0)
+    piece, face = shapely.STRtree(faces).query(middles, predicate="dwithin", distance=_NEAR)
     # Faces on both sides of a mouth are one space.
-    root = list(range(len(faces)))
-
-    def top(k: int) -> int:
-        while root[k] != k:
-            root[k] = root[root[k]]
-            k = root[k]
-        return k
-
-    sides: dict[int, list[int]] = {}
-    for p, f in zip(piece.tolist(), face.tolist(), strict=True):
-        if is_mouth[p]:
-            sides.setdefault(p, []).append(f)
-    for both in sides.values():
-        for other in both[1:]:
-            root[top(both[0])] = top(other)
-    buildings = [
-        (one, shapely.difference(one, solid).area > _ROOM) for one in shapely.get_parts(within)
-    ]
-    walls = shapely.buffer(net, _NEAR)
+    across = coo_array((is_mouth[piece], (face, piece)), shape=(len(faces), len(pieces))).tocsr()
+    _, space = connected_components(across @ across.T, directed=False)
+    buildings = shapely.get_parts(within)
+    has_floor = shapely.area(shapely.difference(buildings, solid)) > _ROOM
+    beside, building = shapely.STRtree(buildings).query(
+        middles, predicate="dwithin", distance=_NEAR
+    )
     inside, outside = [], []
-    for group in sorted({top(k) for k in range(len(faces))}):
-        space = shapely.union_all(faces[[top(k) == group for k in range(len(faces))]])
-        belongs = _is_within(space, closed, buildings, walls, within)
-        (inside if belongs else outside).append(space)
+    for one in range(int(space.max()) + 1):
+        mine, sides = np.unique(piece[space[face] == one], return_counts=True)
+        rim = mine[sides == 1]
+        near = np.isin(beside, rim)
+        leads = near & ~is_wall[beside]
+        # Both sides of a gap may be joined by two lines, which differ by rounding.
+        doors = shapely.buffer(shapely.union_all(pieces[np.unique(beside[leads])]), _DOOR)
+        neighbours = [
+            k
+            for k in np.unique(building[near]).tolist()
+            if has_floor[k] and length[beside[near & (building == k)]].sum() > _TOUCH
+        ]
+        share = open_[rim].sum() / length[rim].sum()
+        hall = not neighbours or shapely.get_num_geometries(doors) > 1
+        belongs = share <= (_OPEN_HALL if hall else _OPEN)
+        if len(neighbours) > 1 or (is_mouth & ~faces_one)[rim].any():
+            belongs &= all((leads & (building == k)).any() for k in neighbours)
+        (inside if belongs else outside).append(shapely.union_all(faces[space == one]))
     return inside, outside
 
 
-def _is_within(
-    space: BaseGeometry,
-    closed: BaseGeometry,
-    buildings: Sequence[tuple[BaseGeometry, bool]],
-    walls: BaseGeometry,
-    within: BaseGeometry,
-) -> bool:
-    border = shapely.boundary(space)
-    open_ = shapely.difference(border, shapely.buffer(closed, _NEAR)).length
-    share = open_ / border.length
-    # Openings: where floor within borders on it and no wall is between.
-    bare = shapely.difference(border, walls)
-    leading = shapely.line_merge(shapely.intersection(bare, shapely.buffer(within, _NEAR)))
-    doors = [part for part in shapely.get_parts(leading) if part.length > 0.5 * _TOUCH]
-    alone = True
-    for building, has_floor in buildings:
-        near = shapely.buffer(building, _NEAR)
-        if not has_floor or shapely.intersection(border, near).length < _TOUCH:
-            continue
-        alone = False
-        if not any(shapely.intersects(near, door) for door in doors):
-            return False
-    return bool(share <= (_OPEN_HALL if alone or len(doors) > 1 else _OPEN))
+def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> NDArray[np.bool_]:
+    """Mask of the points that lie on lines."""
+    found = np.zeros(len(points), dtype=np.bool_)
+    tree = shapely.STRtree(shapely.get_parts(lines))
+    found[tree.query(points, predicate="dwithin", distance=_NEAR)[0]] = True
+    return found

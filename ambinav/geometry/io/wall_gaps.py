@@ -33,13 +33,14 @@ class Gaps(NamedTuple):
     """Straight lines, each a LineString.
 
     Attributes:
-        inline: Between two ends of walls in line, from an end to what stands before it, and
-            doors.
+        inline: Between two ends of walls in line, and doors.
+        facing: From an end of a wall to what it faces, wider than a door.
         mouths: Between corners, or between ends of walls side by side: a corridor that is open at
             its end, or the gap between two buildings.
     """
 
     inline: list[BaseGeometry]
+    facing: list[BaseGeometry]
     mouths: list[BaseGeometry]
 
 
@@ -60,11 +61,12 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     """
     ends = _segments(net)
     if not len(ends):
-        return Gaps([], [])
+        return Gaps([], [], [])
     points, where = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
     pairs = where.reshape(-1, 2)
     stubs = _stubs(points, pairs, solid)
     inline: list[BaseGeometry] = []
+    facing: list[BaseGeometry] = []
     mouths: list[tuple[int, int, BaseGeometry]] = []
     jambs: set[int] = set()
     lines = shapely.linestrings(ends.reshape(-1, 2, 2))
@@ -83,9 +85,11 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
                 jambs |= {here, there}
             elif faces[stub] <= WIDEST_MOUTH:
                 face = points[here] + faces[stub] * some.ahead[stub]
-                inline.append(shapely.LineString([points[here], face]))
+                line = shapely.LineString([points[here], face])
+                (inline if faces[stub] <= DOORWAY else facing).append(line)
     return Gaps(
         [*inline, *_doors(points, pairs, ends, tree, stubs)],
+        facing,
         # The jambs of two doors that face each other are no ends of walls side by side.
         [gap for a, b, gap in mouths if a not in jambs and b not in jambs],
     )
