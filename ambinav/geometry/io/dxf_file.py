@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +19,7 @@ from ambinav.errors import InputError
 from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.dxf_layers import roles_of
-from ambinav.geometry.io.dxf_lines import Drawn, drawn_in, opened, swing
+from ambinav.geometry.io.dxf_lines import Drawn, Written, drawn_in, opened, swing
 from ambinav.geometry.io.outline import outline_of
 from ambinav.geometry.io.plan_units import LARGEST, UNITS, metres_in
 from ambinav.geometry.io.section_floor import (
@@ -41,6 +43,8 @@ _LEAF: Final = (0.5, 1.6)
 _THICK: Final = 0.04
 # Metres. Nearer to the middle of a leaf than this, something that is drawn is that leaf.
 _BESIDE: Final = 0.06
+# In a room's name.
+_WORD: Final = r"[^\W\d_]{3,}"
 # Radians. A door is drawn half or fully open.
 _OPEN: Final = (0.6, 1.7)
 
@@ -81,8 +85,9 @@ def load_dxf(
     said = _INSUNITS.get(int(document.header.get("$INSUNITS", 0)))
     scale = scale if unit else UNITS.get(said or "m", 1.0)
     skipped: Counter[str] = Counter()
+    texts: list[Written] = []
     try:
-        drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped))
+        drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped, texts))
     except InputError:
         raise
     except Exception as error:  # what ezdxf raises of damaged entities is not a closed set
@@ -113,14 +118,16 @@ def load_dxf(
         ]
         for role, some in by_role.items()
     }
+    section, mouths = _section(lines, [scale * arc for arc in arcs], doors == "closed", furniture)
+    section = replace(section, rooms=_rooms(texts, roles, scale, section.region))
     options = f"{scale=} {doors=} {glass=} {furniture=} {sorted(roles.items())}"
     return environment_of(
-        _section(lines, [scale * arc for arc in arcs], doors == "closed", furniture),
+        section,
         path.stem,
         clear_glass=glass == "clear",
         source=path,
         checksum=hashlib.sha256(f"{sha256(path)} {options}".encode()).hexdigest(),
-        notes=_notes(path, roles, left_out, skipped),
+        notes=_notes(path, roles, left_out, skipped, mouths),
     )
 
 
@@ -161,8 +168,8 @@ def _section(
     arcs: Sequence[NDArray[np.float64]],
     doors_closed: bool,
     furniture: bool,
-) -> PlanSection:
-    """What bounds the floor, and where it is, from corners in metres."""
+) -> tuple[PlanSection, list[BaseGeometry]]:
+    """What bounds the floor, and where it is, from corners in metres; wide openings to outdoors."""
     net = capped(noded(lines.get("walls", ())))
     walls = bodies_in(net)
     columns = noded(lines.get("columns", ()))
@@ -194,12 +201,30 @@ def _section(
         pieces = bodies_in(inside, None)
         solids.append(shapely.union_all(pieces))
         thin += beside(inside, pieces)
-    return PlanSection(
+    section = PlanSection(
         solids=solids,
         walls=thin,
         panes=panes,
         region=outline.region,
+        beyond=outline.outside,
+        doors=leaves,
+        remedy="draw a line across each opening of the outline on a layer of the role floor, or "
+        "check the layers and the unit",
     )
+    return section, outline.mouths
+
+
+def _rooms(
+    texts: Sequence[Written], roles: Mapping[str, str], scale: float, region: BaseGeometry
+) -> list[tuple[str, BaseGeometry]]:
+    """The texts that may be rooms' names: words within the building, of no part of it."""
+    hull = shapely.convex_hull(region)
+    return [
+        (one.text, point)
+        for one in texts
+        if roles.get(one.layer, "floor") == "floor" and re.search(_WORD, one.text)
+        if hull.contains(point := shapely.Point(scale * np.array(one.at)))
+    ]
 
 
 def _leaves(
@@ -232,7 +257,11 @@ def _is_drawn(leaf: BaseGeometry, drawn: BaseGeometry) -> bool:
 
 
 def _notes(
-    path: Path, roles: Mapping[str, str], left_out: Sequence[str], skipped: Mapping[str, int]
+    path: Path,
+    roles: Mapping[str, str],
+    left_out: Sequence[str],
+    skipped: Mapping[str, int],
+    mouths: Sequence[BaseGeometry],
 ) -> list[str]:
     """What was taken for what, and what was left out."""
     taken = ", ".join(f"{name}: {role}" for name, role in sorted(roles.items()))
@@ -242,4 +271,7 @@ def _notes(
     if skipped:
         counted = ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items()))
         notes.append(f"{path}: left out without lines: {counted}.")
+    if mouths:
+        widths = ", ".join(f"{width:.3g}" for width in sorted(line.length for line in mouths))
+        notes.append(f"{path}: openings to outdoors wider than a door, in metres: {widths}.")
     return notes
