@@ -45,7 +45,8 @@ class Coverage:
     Attributes:
         where: The file.
         left_out: Areas that could be floor and are not, in square metres, each with the number of
-            pieces and why.
+            pieces and why, which ends a sentence.
+        expected: Those of `left_out`, by why, that are never warned about: hollows in walls.
         doors: Each a line where it shuts, metres.
         rooms: Their names, and the polygons that they fill or points in them.
         walls: Polygons and lines.
@@ -53,8 +54,9 @@ class Coverage:
 
     where: str
     left_out: list[tuple[float, int, str]] = field(default_factory=list)
+    expected: Sequence[str] = ()
     doors: Sequence[BaseGeometry] = ()
-    rooms: Sequence[tuple[str, BaseGeometry]] = ()
+    rooms: list[tuple[str, BaseGeometry]] = field(default_factory=list)
     walls: Sequence[BaseGeometry] = ()
 
     def leave_out(self, pieces: Sequence[BaseGeometry], why: str) -> None:
@@ -88,7 +90,7 @@ class Coverage:
             (
                 f"{self.where}: {area:.3g} m² in {count} piece{'s'[: count > 1]} "
                 f"{'are' if count > 1 else 'is'} not taken for floor: {why}.",
-                area >= WARNED_SHARE * floor,
+                why not in self.expected and area >= WARNED_SHARE * floor,
             )
             for area, count, why in self.left_out
             if area >= max(NOTED, NOTED_SHARE * floor)
@@ -117,7 +119,8 @@ class Coverage:
         named = ", ".join(empty[:_NAMED])
         more = f" and {len(empty) - _NAMED} more" if len(empty) > _NAMED else ""
         text = (
-            f"{self.where}: {len(empty)} of {len(self.rooms)} rooms hold no floor: {named}{more}."
+            f"{self.where}: no floor is found in {len(empty)} of {len(self.rooms)} named rooms: "
+            f"{named}{more}."
         )
         return [(text, True)]
 

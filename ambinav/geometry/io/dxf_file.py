@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.dxf_layers import roles_of
@@ -43,6 +44,10 @@ _LEAF: Final = (0.5, 1.6)
 _THICK: Final = 0.04
 # Metres. Nearer to the middle of a leaf than this, something that is drawn is that leaf.
 _BESIDE: Final = 0.06
+# A part of a drawing with a smaller share of the floor of the largest is not worth a word; more
+# parts than this are hardly buildings.
+_PART: Final = 0.05
+_BUILDINGS: Final = 2
 # In a room's name.
 _WORD: Final = r"[^\W\d_]{3,}"
 # Radians. A door is drawn half or fully open.
@@ -127,7 +132,7 @@ def load_dxf(
         clear_glass=glass == "clear",
         source=path,
         checksum=hashlib.sha256(f"{sha256(path)} {options}".encode()).hexdigest(),
-        notes=_notes(path, roles, left_out, skipped, mouths),
+        notes=[*_notes(path, roles, left_out, skipped, mouths), *_parts(path, section)],
     )
 
 
@@ -254,6 +259,23 @@ def _leaves(
 
 def _is_drawn(leaf: BaseGeometry, drawn: BaseGeometry) -> bool:
     return bool(shapely.dwithin(leaf.interpolate(0.5, normalized=True), drawn, _BESIDE))
+
+
+def _parts(path: Path, section: PlanSection) -> list[str]:
+    """Say that a drawing shows several buildings, or a plan beside its elevations."""
+    solid = shapely.union_all(list(section.solids))
+    parts = [part.difference(solid).area for part in shapely.get_parts(section.region)]
+    parts = sorted((area for area in parts if area > _PART * max(parts)), reverse=True)
+    if len(parts) < 2:
+        return []
+    sizes = ", ".join(f"{area:.3g}" for area in parts)
+    note = (
+        f"{path}: {len(parts)} parts of it do not touch, of {sizes} m² of floor; if they are a "
+        "plan beside its elevations or another storey, put the plan alone into the model space."
+    )
+    if len(parts) > _BUILDINGS:
+        warnings.warn(note, InputWarning, stacklevel=4)
+    return [note]
 
 
 def _notes(

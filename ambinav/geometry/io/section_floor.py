@@ -36,6 +36,7 @@ PANE: Final = 0.01
 # Metres. A border that is bare for less is a corner's rounding; see `environment_from_shapes`.
 _BARE: Final = 1e-2
 _NEAR: Final = 1e-3
+_CAVITY: Final = f"they are nowhere {NARROWEST:g} m wide, cavities in walls"
 _BEYOND: Final = (
     "they lie behind openings in the outline, or between buildings, and count as outdoors; draw a "
     "line across each opening on a layer of the role floor to have them"
@@ -109,7 +110,8 @@ def environment_of(
     opaque = solid if clear_glass else merged([solid, *panes])
     walls = [*plan.walls, *([] if clear_glass else sheets)]
     free = shapely.difference(plan.region, opaque, grid_size=GRAIN)
-    covered = Coverage(f"{source}", doors=plan.doors, rooms=plan.rooms)
+    covered = Coverage(f"{source}", expected=(_CAVITY,), doors=plan.doors)
+    covered.rooms += plan.rooms
     covered.walls = [*shapely.get_parts(solid), *walls, *sheets, *panes]
     why = [_why_no_floor(part, plan.within) for part in shapely.get_parts(free)]
     for reason in sorted({reason for reason in why if reason}):
@@ -207,7 +209,7 @@ def _why_no_floor(part: BaseGeometry, within: BaseGeometry) -> str:
     if part.geom_type != "Polygon" or part.area < LEAST_FLOOR:
         return f"each is smaller than {LEAST_FLOOR:g} m²"
     if shapely.buffer(part, -0.5 * NARROWEST).is_empty:
-        return f"they are nowhere {NARROWEST:g} m wide, cavities in walls"
+        return _CAVITY
     if within.is_empty or shapely.intersection(part, within).area > 0.5 * part.area:
         return ""
     return "they lie on no slab and in no space of the storey"

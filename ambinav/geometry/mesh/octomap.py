@@ -58,7 +58,9 @@ def read_octomap(path: str | Path, *, processes: int = 1) -> Mesh:
     if not len(voxels):
         raise InputError(f"{path}: nothing in it is occupied; give a map of a building.")
     middle = 1 << (_DEPTH - 1)
-    return voxel_mesh(voxels - middle, edge, name=path.stem, source=path, processes=processes)
+    return voxel_mesh(
+        voxels - middle, edge, name=path.stem, source=path, processes=processes, scanned=True
+    )
 
 
 def read_leaves(path: Path) -> tuple[Leaves, float]:
