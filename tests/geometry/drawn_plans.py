@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import ezdxf
 import numpy as np
 import shapely
-from shapely.affinity import rotate, translate
+from numpy.typing import NDArray
+from shapely.affinity import rotate
 from shapely.geometry.base import BaseGeometry
 
 THICK = 0.3
@@ -45,7 +46,6 @@ class DrawnPlan:
     labels: Sequence[tuple[str, float, float]] = ()
     style: str = "outlines"
     angle: float = 0.0
-    options: dict[str, object] = field(default_factory=dict)
 
     @property
     def thickness(self) -> float:
@@ -117,14 +117,14 @@ class DrawnPlan:
         return path
 
 
-def _rings(shape: BaseGeometry) -> Iterator[np.ndarray]:
+def _rings(shape: BaseGeometry) -> Iterator[NDArray[np.float64]]:
     for part in shapely.get_parts(shape):
         if isinstance(part, shapely.Polygon):
             for ring in (part.exterior, *part.interiors):
                 yield shapely.get_coordinates(ring)
 
 
-def _bends(ring: np.ndarray) -> np.ndarray:
+def _bends(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     """A closed ring without corners at which it does not bend."""
     corners = ring[:-1]
     before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
@@ -188,9 +188,11 @@ def hall(gate: float, columns: bool = False) -> DrawnPlan:
 
 
 def two_buildings(apart: float, doors: str = "away") -> DrawnPlan:
-    """Two buildings of two rooms, with a gap between their walls; doors "away" from it or "one" in it.
+    """Two buildings of two rooms each, with open entrances of 2 m on their far sides.
 
-    Each has an open entrance of 2 m on its far side.
+    Args:
+        apart: Width of the gap between them, metres, of walls of two lines.
+        doors: "away": none leads into the gap; "one": one of the first building does.
     """
     x = 10 + THICK + apart
     first, second = rectangle(0, 0, 10, 8), rectangle(x, 0, x + 10, 8)
@@ -206,15 +208,18 @@ def two_buildings(apart: float, doors: str = "away") -> DrawnPlan:
 
 
 def courtyard(mouth: float) -> DrawnPlan:
-    """Four wings around a court with two doors to it; or three of them, and the court open (`mouth`)."""
-    outer, inner = shapely.box(0, 0, 24, 20), shapely.box(6, 6, 18, 14)
+    """Four wings around a court with two doors to it; or three of them, the court open at an end.
+
+    Args:
+        mouth: Between the axes of the walls there, metres; 0: the court is closed.
+    """
     if not mouth:
         walls = [*rectangle(0, 0, 24, 20), *rectangle(6, 6, 18, 14)]
         return DrawnPlan(
             "closed court",
             walls,
             [(6, 9, 6, 10), (18, 9, 18, 10), (0, 2, 0, 5)],
-            outer,
+            shapely.box(0, 0, 24, 20),
         )
     x1 = 6 + mouth
     walls = [
@@ -222,7 +227,6 @@ def courtyard(mouth: float) -> DrawnPlan:
         (x1, 20, x1 + 6, 20), (6, 6, 6, 20), (x1, 6, x1, 20), (6, 6, x1, 6),
     ]  # fmt: skip
     within = shapely.box(0, 0, x1 + 6, 20) - shapely.box(6, 6, x1, 20)
-    del inner
     return DrawnPlan(
         f"court open for {mouth:g} m",
         walls,
@@ -293,11 +297,3 @@ def plans() -> list[DrawnPlan]:
         row_of_columns(),
     ]
     return [replace(plan, style=style) for plan in found for style in STYLES]
-
-
-Draw = Callable[[Path], Path]
-
-
-def moved(shape: BaseGeometry, x: float, y: float) -> BaseGeometry:
-    """A shape that is shifted."""
-    return translate(shape, x, y)

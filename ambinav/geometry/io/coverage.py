@@ -22,8 +22,9 @@ WARNED_SHARE: Final = 0.05
 """From this share of the floor on, and of doors or walls, what is missing is a warning."""
 BARE_WALLS: Final = 0.1
 """Walls along which there is no floor are noted from this share of all of them on."""
-# Metres. Floor is looked for from here to there on both sides of a door, on the middle part of it.
-_NEAREST, _FURTHEST, _MIDDLE = 0.05, 0.8, 0.6
+# Metres. Floor is looked for from here, beyond a wall, to there on both sides of a door, along the
+# middle part of it.
+_NEAREST, _FURTHEST, _MIDDLE = 0.45, 0.9, 0.6
 # Share of that which has to be floor.
 _ENOUGH: Final = 0.1
 # Metres. Where no wall stands within this behind a door, outdoors is.

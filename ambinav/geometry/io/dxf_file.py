@@ -212,6 +212,7 @@ def _section(
         panes=panes,
         region=outline.region,
         beyond=outline.outside,
+        doubtful=outline.doubtful,
         doors=leaves,
         remedy="draw a line across each opening of the outline on a layer of the role floor, or "
         "check the layers and the unit",

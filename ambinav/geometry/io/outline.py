@@ -31,12 +31,14 @@ class Outline(NamedTuple):
     Attributes:
         region: Its walls and all that is within, polygons.
         mouths: Openings to the outside that are wider than a door, lines.
-        outside: Spaces behind openings that count as outside, polygons.
+        outside: Spaces behind openings that count as outside, polygons,
+        doubtful: and those of them into which two openings or more lead.
     """
 
     region: BaseGeometry
     mouths: list[BaseGeometry]
     outside: list[BaseGeometry]
+    doubtful: list[BaseGeometry]
 
 
 def outline_of(
@@ -67,15 +69,16 @@ def outline_of(
     within = shapely.union_all([*_faces(closed), solid], grid_size=GRAIN)
     outside: list[BaseGeometry] = []
     accepted: list[BaseGeometry] = []
+    doubtful: list[BaseGeometry] = []
     if gaps.facing or gaps.mouths:
-        accepted, outside = _spaces(closed, gaps, within, solid, net)
+        accepted, outside, doubtful = _spaces(closed, gaps, within, solid, net)
     region = shapely.union_all([within, *accepted], grid_size=GRAIN)
     border = shapely.boundary(region)
     openings = shapely.union_all([*gaps.inline, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
     bare = shapely.difference(openings, shapely.union_all([net, *leaves, *edges]), grid_size=GRAIN)
     rim = shapely.line_merge(shapely.intersection(bare, border, grid_size=GRAIN))
     mouths = [line for line in shapely.get_parts(rim) if line.length > DOORWAY]
-    return Outline(region, mouths, outside)
+    return Outline(region, mouths, outside, doubtful)
 
 
 def _faces(net: BaseGeometry) -> NDArray[np.object_]:
@@ -88,14 +91,14 @@ def _spaces(
     within: BaseGeometry,
     solid: BaseGeometry,
     net: BaseGeometry,
-) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
-    """Spaces behind mouths: those that are within, and the others."""
+) -> tuple[list[BaseGeometry], list[BaseGeometry], list[BaseGeometry]]:
+    """Spaces behind mouths: those that are within, others, and those that may be either."""
     every = shapely.union_all([closed, *gaps.facing, *gaps.mouths], grid_size=GRAIN)
     faces = _faces(every)
     shapely.prepare(within)
     faces = faces[~shapely.contains(within, shapely.point_on_surface(faces))]
     if not len(faces):
-        return [], []
+        return [], [], []
     pieces = shapely.get_parts(every)
     length = shapely.length(pieces)
     middles = shapely.line_interpolate_point(pieces, 0.5, normalized=True)
@@ -112,7 +115,7 @@ def _spaces(
     beside, building = shapely.STRtree(buildings).query(
         middles, predicate="dwithin", distance=_NEAR
     )
-    inside, outside = [], []
+    inside, outside, doubtful = [], [], []
     for one in range(int(space.max()) + 1):
         mine, sides = np.unique(piece[space[face] == one], return_counts=True)
         rim = mine[sides == 1]
@@ -126,12 +129,14 @@ def _spaces(
             if has_floor[k] and length[beside[near & (building == k)]].sum() > _TOUCH
         ]
         share = open_[rim].sum() / length[rim].sum()
-        hall = not neighbours or shapely.get_num_geometries(doors) > 1
+        several = not doors.is_empty and shapely.get_num_geometries(doors) > 1
+        hall = not neighbours or several
         belongs = share <= (_OPEN_HALL if hall else _OPEN)
         if len(neighbours) > 1 or (is_mouth & ~faces_one)[rim].any():
             belongs &= all((leads & (building == k)).any() for k in neighbours)
-        (inside if belongs else outside).append(shapely.union_all(faces[space == one]))
-    return inside, outside
+        kind = inside if belongs else doubtful if several else outside
+        kind.append(shapely.union_all(faces[space == one]))
+    return inside, outside, doubtful
 
 
 def _on(lines: BaseGeometry, points: NDArray[np.object_]) -> NDArray[np.bool_]:

@@ -41,6 +41,7 @@ _BEYOND: Final = (
     "they lie behind openings in the outline, or between buildings, and count as outdoors; draw a "
     "line across each opening on a layer of the role floor to have them"
 )
+_DOUBTFUL: Final = f"several openings lead there, but {_BEYOND}"
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class PlanSection:
         within: Floor counts if more than half of it lies in these polygons; empty: all does.
         barred: Polygons that rays pass and robots do not: stairs, holes of the floor.
         beyond: Spaces that are enclosed but for an opening and count as outdoors, polygons.
+        doubtful: Those of them that several openings lead into.
         doors: Each a line where it shuts.
         rooms: Their names, and the polygons that they fill or points in them.
         remedy: What to do where there is no floor.
@@ -67,6 +69,7 @@ class PlanSection:
     within: BaseGeometry = field(default_factory=shapely.MultiPolygon)
     barred: Sequence[BaseGeometry] = ()
     beyond: Sequence[BaseGeometry] = ()
+    doubtful: Sequence[BaseGeometry] = ()
     doors: Sequence[BaseGeometry] = ()
     rooms: Sequence[tuple[str, BaseGeometry]] = ()
     remedy: str = "check the storey, the height of the section and the unit"
@@ -110,13 +113,14 @@ def environment_of(
     opaque = solid if clear_glass else merged([solid, *panes])
     walls = [*plan.walls, *([] if clear_glass else sheets)]
     free = shapely.difference(plan.region, opaque, grid_size=GRAIN)
-    covered = Coverage(f"{source}", expected=(_CAVITY,), doors=plan.doors)
+    covered = Coverage(f"{source}", expected=(_CAVITY, _BEYOND), doors=plan.doors)
     covered.rooms += plan.rooms
     covered.walls = [*shapely.get_parts(solid), *walls, *sheets, *panes]
     why = [_why_no_floor(part, plan.within) for part in shapely.get_parts(free)]
     for reason in sorted({reason for reason in why if reason}):
         covered.leave_out(shapely.get_parts(free)[[one == reason for one in why]], reason)
     covered.leave_out(plan.beyond, _BEYOND)
+    covered.leave_out(plan.doubtful, _DOUBTFUL)
     parts = shapely.get_parts(free)[[not reason for reason in why]]
     if not len(parts):
         raise InputError(
