@@ -168,7 +168,7 @@ def floor_environment(
     covered.left_out += [
         (cells * cell**2, pieces, hollow),
         (
-            _raised(mesh, z + step, env.free.area), 1,
+            _raised(mesh, z + step, env.free.area) if floor is None else 0.0, 1,
             "it is level and up to a metre above the floor; give its height with floor to have it",
         ),
     ]  # fmt: skip

@@ -111,7 +111,7 @@ def storey_height(mesh: Mesh) -> float:
     tilt = np.abs(mesh.surface_normal[:, 2])
     level, upright = tilt > _LEVEL, tilt < _UPRIGHT
     z, low = corners[..., 2].mean(axis=1), float(mesh.bounds[0, 2])
-    layer = np.floor((z[level] - low) / _LAYER).astype(np.int64)
+    layer = np.maximum(np.floor((z[level] - low) / _LAYER), 0).astype(np.int64)
     of = np.bincount(layer, weights=area[level], minlength=1)
     of = of + np.append(of[1:], 0.0)
     plan = float(np.prod(np.ptp(mesh.bounds[:, :2], axis=0)))

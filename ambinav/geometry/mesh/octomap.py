@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
-from ambinav.geometry.io.plan_units import metres_in
+from ambinav.geometry.io.plan_units import SMALLEST, metres_in
 from ambinav.geometry.mesh.frame import check_size, check_storey
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.mesh.voxels import voxel_mesh
@@ -71,7 +71,10 @@ def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 
         voxels - middle, edge, name=path.stem, source=path, processes=processes, scanned=True
     )
     if unit is None:
-        check_size(path, "OctoMap", np.ptp(mesh.bounds, axis=0))
+        # That of a shelf alone is one too.
+        size = np.ptp(mesh.bounds, axis=0)
+        if max(size[:2]) >= SMALLEST:
+            check_size(path, "OctoMap", size)
         mesh.notes = (*mesh.notes, *check_storey(path, mesh))
     return mesh
 
