@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -91,11 +92,13 @@ class DrawnPlan:
             for line in shapely.get_parts(shapely.line_merge(bodies)):
                 space.add_lwpolyline(line.coords[:], dxfattribs={"layer": "Walls"})
         for ring in _rings(bodies):
-            ring = _bends(ring)
+            corners = _bends(ring)
             if self.style == "outlines":
-                space.add_lwpolyline(ring[:-1].tolist(), close=True, dxfattribs={"layer": "Walls"})
+                space.add_lwpolyline(
+                    corners[:-1].tolist(), close=True, dxfattribs={"layer": "Walls"}
+                )
                 continue
-            for a, b in zip(ring[:-1], ring[1:], strict=True):
+            for a, b in itertools.pairwise(corners):
                 if not math.isclose(math.dist(a, b), THICK, rel_tol=1e-6):
                     space.add_line(a.tolist(), b.tolist(), dxfattribs={"layer": "Walls"})
         for solid in self.solids:
@@ -138,7 +141,12 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> list[Box]:
 
 
 def office(
-    mouths: float, *, mouth: float = 2.0, doors: float = 0.9, corridor: float = 2.5, arcs: bool = False
+    mouths: float,
+    *,
+    mouth: float = 2.0,
+    doors: float = 0.9,
+    corridor: float = 2.5,
+    arcs: bool = False,
 ) -> DrawnPlan:
     """A corridor with four rooms on either side, open at one or at both of its ends.
 
@@ -279,7 +287,10 @@ def row_of_columns() -> DrawnPlan:
 def plans() -> list[DrawnPlan]:
     """All of them."""
     found = [
-        *(office(1, mouth=w, corridor=max(2.5, w + 0.5)) for w in (0.8, 1.2, 1.6, 2.0, 3.0, 4.0, 6.0)),
+        *(
+            office(1, mouth=w, corridor=max(2.5, w + 0.5))
+            for w in (0.8, 1.2, 1.6, 2.0, 3.0, 4.0, 6.0)
+        ),
         *(office(1, mouth=w, corridor=w) for w in (1.2, 1.6, 2.0, 3.0, 4.0, 6.0)),
         *(office(2, mouth=w, corridor=max(2.5, w + 0.5)) for w in (1.2, 2.0, 4.0)),
         *(office(2, mouth=w, corridor=w) for w in (1.2, 2.0, 3.0)),

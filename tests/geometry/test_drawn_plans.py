@@ -6,6 +6,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import ezdxf
 import pytest
 import shapely
 
@@ -72,8 +73,6 @@ def test_what_counts_as_outdoors_is_said(tmp_path: Path) -> None:
     assert "4.05 m² in 1 piece is not taken for floor" in note and "draw a line across" in note
     # And so it becomes floor.
     path = tmp_path / "plan.dxf"
-    import ezdxf
-
     document = ezdxf.readfile(path)
     y = -THICK / 2
     document.modelspace().add_line((4.5, y), (7.5, y), dxfattribs={"layer": "Floor"})
@@ -110,7 +109,7 @@ def test_a_passage_between_buildings_with_doors_on_both_sides_is_floor(tmp_path:
 
 def test_an_outline_that_is_open_everywhere_is_refused_with_a_remedy(tmp_path: Path) -> None:
     plan = DrawnPlan("corner", [(0, 0, 8, 0), (0, 0, 0, 8)], [], shapely.box(0, 0, 8, 8))
-    with pytest.raises(InputError, match="no floor is left .* draw a line across each opening"):
+    with pytest.raises(InputError, match=r"no floor is left .* draw a line across each opening"):
         load_environment(plan.write(tmp_path / "plan.dxf"))
 
 
@@ -124,8 +123,6 @@ def test_walls_of_one_outline_with_a_wide_pier_are_walls(tmp_path: Path) -> None
     plan = hall(3.0)
     pier = shapely.box(-0.4, 11, 0.4, 11.8)
     body = shapely.union(plan.bodies(), pier)
-    import ezdxf
-
     document = ezdxf.new()
     document.header["$INSUNITS"] = 6
     for part in shapely.get_parts(body):

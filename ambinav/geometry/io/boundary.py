@@ -129,10 +129,12 @@ def _coverage(
     grid: OccupancyGrid, contours: Contours, free: BaseGeometry, gap: float, min_area: float
 ) -> list[str]:
     """What of the free cells is no floor."""
-    found = Coverage(f"{grid.source or 'grid'}")
+    # Scanners see many of these through windows and legs of chairs.
+    specks = f"each is smaller than {min_area:g} m²"
+    found = Coverage(f"{grid.source or 'grid'}", expected=(specks,))
     square = grid.resolution**2
     for (cells, pieces), why in (
-        (contours.small, f"each is smaller than {min_area:g} m²"),
+        (contours.small, specks),
         (contours.narrow, f"they are no wider than {gap:g} m, which gap closes"),
     ):
         found.left_out.append((cells * square, pieces, why))

@@ -106,7 +106,9 @@ class Coverage:
         nowhere = [door for door in doors if _bare_sides(door, free, standing)]
         if not nowhere:
             return []
-        x, y = shapely.get_coordinates(shapely.line_interpolate_point(nowhere[0], 0.5, normalized=True))[0]
+        x, y = shapely.get_coordinates(
+            shapely.line_interpolate_point(nowhere[0], 0.5, normalized=True)
+        )[0]
         text = (
             f"{self.where}: {len(nowhere)} of {len(doors)} doors open onto nothing that is taken "
             f"for floor, the first at ({x:.2f}, {y:.2f})."

@@ -82,7 +82,7 @@ def outline_of(
 
 
 def _faces(net: BaseGeometry) -> NDArray[np.object_]:
-    return shapely.get_parts(shapely.polygonize(shapely.get_parts(net).tolist()))
+    return np.asarray(shapely.get_parts(shapely.polygonize(shapely.get_parts(net).tolist())))
 
 
 def _spaces(
@@ -115,7 +115,9 @@ def _spaces(
     beside, building = shapely.STRtree(buildings).query(
         middles, predicate="dwithin", distance=_NEAR
     )
-    inside, outside, doubtful = [], [], []
+    inside: list[BaseGeometry] = []
+    outside: list[BaseGeometry] = []
+    doubtful: list[BaseGeometry] = []
     for one in range(int(space.max()) + 1):
         mine, sides = np.unique(piece[space[face] == one], return_counts=True)
         rim = mine[sides == 1]

@@ -23,6 +23,7 @@ _BESIDE, _FLUSH = 0.5 * THICKEST, 0.05
 _SAME, _ON, _AHEAD = 0.98, math.cos(math.radians(20.0)), 0.5
 # Metres. Nearer than this a ray is still at its start, and a point is still in the wall.
 _START, _INSIDE = 1e-4, 2e-3
+# Rays that are cast at a time.
 _AT_ONCE: Final = 1000
 
 END, CAP, CORNER = 0, 1, 2
@@ -73,7 +74,8 @@ def gaps_in(net: BaseGeometry, solid: BaseGeometry) -> Gaps:
     tree = shapely.STRtree(lines)
     far = float(np.hypot(*np.ptp(points, axis=0))) + 1.0
     for first in range(0, len(stubs.node), _AT_ONCE):
-        some = _Stubs(*(part[first : first + _AT_ONCE] for part in stubs))
+        part = slice(first, first + _AT_ONCE)
+        some = _Stubs(stubs.node[part], stubs.ahead[part], stubs.kind[part])
         faces = _first_hits(points, pairs, ends, tree, some, far)
         for stub in range(len(some.node)):
             here, there = int(some.node[stub]), _met(points, stubs, some, stub, float(faces[stub]))
@@ -129,66 +131,85 @@ def _segments(net: BaseGeometry) -> NDArray[np.float64]:
     return np.concatenate([np.empty((0, 4)), *pieces])
 
 
-def _stubs(
-    points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeometry
-) -> _Stubs:
+class _Net:
+    """Nodes of lines, and which of them a line joins."""
+
+    def __init__(self, points: NDArray[np.float64], pairs: NDArray[np.int64]) -> None:
+        self.points = points
+        self.around: list[list[int]] = [[] for _ in points]
+        for a, b in pairs.tolist():
+            self.around[a].append(b)
+            self.around[b].append(a)
+
+    def run(self, start: int, end: int) -> tuple[NDArray[np.float64], float]:
+        """Direction and length of the line from one node to another."""
+        away = self.points[end] - self.points[start]
+        length = float(np.hypot(*away))
+        return away / length, length
+
+    def ends(self) -> list[tuple[int, int]]:
+        """Lines, by the nodes from and to, that no other one goes on from without a bend."""
+        found = []
+        for here, others in enumerate(self.around):
+            ahead = [self.run(other, here)[0] for other in others]
+            for k, other in enumerate(others):
+                if all(float(-one @ ahead[k]) <= _ON for m, one in enumerate(ahead) if m != k):
+                    found.append((other, here))
+        return found
+
+    def beyond(self, here: int, other: int) -> int:
+        """The node beside `here` that is not `other`, of two."""
+        a, b = self.around[here]
+        return b if a == other else a
+
+    def is_cap(self, here: int, other: int, free: set[tuple[int, int]]) -> bool:
+        """Whether the line between two nodes closes the end of a wall.
+
+        Args:
+            here: A node.
+            other: A node beside it.
+            free: The lines, from and to, beyond which there is free space.
+        """
+        if len(self.around[here]) != 2 or len(self.around[other]) != 2:
+            return False
+        if self.run(here, other)[1] > THICKEST or not {(here, other), (other, here)} <= free:
+            return False
+        a, b = self.beyond(here, other), self.beyond(other, here)
+        if (a, here) not in free or (b, other) not in free:
+            return False
+        return bool(self.run(a, here)[0] @ self.run(b, other)[0] > _SAME)
+
+
+def _stubs(points: NDArray[np.float64], pairs: NDArray[np.int64], solid: BaseGeometry) -> _Stubs:
     """Where lines may go on: beyond a node, neither along another line nor into a solid."""
-    around: list[list[int]] = [[] for _ in points]
-    for a, b in pairs.tolist():
-        around[a].append(b)
-        around[b].append(a)
-    towards = {}
-    for node, others in enumerate(around):
-        for other in others:
-            run = points[node] - points[other]
-            towards[other, node] = run / np.hypot(*run), float(np.hypot(*run))
-    node, ahead, kind, back = [], [], [], []
-    for (other, here), (direction, _) in towards.items():
-        leaving = [-towards[third, here][0] for third in around[here] if third != other]
-        if any(float(one @ direction) > _ON for one in leaving):
-            continue
-        node.append(here)
-        ahead.append(direction)
-        back.append(other)
-    probes = np.array([points[n] + _INSIDE * d for n, d in zip(node, ahead, strict=True)])
+    net = _Net(points, pairs)
+    ends = net.ends()
+    ahead = np.array([net.run(a, b)[0] for a, b in ends]).reshape(-1, 2)
+    probes = points[[b for _, b in ends]].reshape(-1, 2) + _INSIDE * ahead
     shapely.prepare(solid)
-    free = ~shapely.contains_xy(solid, probes) if len(probes) else np.empty(0, dtype=np.bool_)
-    open_ = {(b, n) for b, n, f in zip(back, node, free, strict=True) if f}
-
-    def is_cap(here: int, other: int) -> bool:
-        """Whether the line between two nodes closes the end of a wall."""
-        if len(around[here]) != 2 or len(around[other]) != 2:
-            return False
-        if towards[other, here][1] > THICKEST or not {(here, other), (other, here)} <= open_:
-            return False
-        sides = []
-        for one, away in ((here, other), (other, here)):
-            (third,) = [n for n in around[one] if n != away] or [away]
-            if (third, one) not in open_:
-                return False
-            sides.append(towards[third, one][0])
-        return bool(sides[0] @ sides[1] > _SAME)
-
+    free = {
+        end for end, hit in zip(ends, shapely.contains_xy(solid, probes), strict=True) if not hit
+    }
     found: list[tuple[int, NDArray[np.float64], int]] = []
-    for here, direction, other, is_free in zip(node, ahead, back, free, strict=True):
-        if not is_free:
+    for end, direction in zip(ends, ahead, strict=True):
+        if end not in free:
             continue
+        other, here = end
         what = CORNER
-        if len(around[here]) == 1:
+        if len(net.around[here]) == 1:
             what = END
             across = np.array([-direction[1], direction[0]])
             found += [(here, across, CAP), (here, -across, CAP)]
-        elif len(around[here]) == 2:
-            (third,) = [n for n in around[here] if n != other] or [other]
-            if is_cap(here, third):
+        elif len(net.around[here]) == 2:
+            if net.is_cap(here, net.beyond(here, other), free):
                 what = END
-            elif is_cap(here, other):
+            elif net.is_cap(here, other, free):
                 what = CAP
         found.append((here, direction, what))
     return _Stubs(
-        np.array([one[0] for one in found], dtype=np.int64),
-        np.array([one[1] for one in found]).reshape(-1, 2),
-        np.array([one[2] for one in found], dtype=np.int64),
+        np.array([node for node, _, _ in found], dtype=np.int64),
+        np.array([direction for _, direction, _ in found]).reshape(-1, 2),
+        np.array([what for _, _, what in found], dtype=np.int64),
     )
 
 

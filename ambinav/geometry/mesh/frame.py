@@ -119,7 +119,9 @@ def storey_height(mesh: Mesh) -> float:
     floor = low + _LAYER * float(large[0]) if len(large) else low
     if len(large):
         first = of[large[0]]
-        above = large[(large - large[0] > _THICKEST / _LAYER) & (of[large] >= _CEILING_SHARE * first)]
+        above = large[
+            (large - large[0] > _THICKEST / _LAYER) & (of[large] >= _CEILING_SHARE * first)
+        ]
         if len(above):
             return low + _LAYER * float(above[0]) - floor
     if not upright.any():

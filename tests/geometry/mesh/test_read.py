@@ -76,7 +76,9 @@ def test_millimetres_are_asked_about_and_not_guessed(
 
 def test_feet_that_are_taken_for_metres_are_warned_about(tmp_path: Path) -> None:
     path = saved(house(3.2808), tmp_path / "house.ply")
-    with pytest.warns(InputWarning, match=r"storey is 9\.75 m high, 3 m if its numbers are ft; say"):
+    with pytest.warns(
+        InputWarning, match=r"storey is 9\.75 m high, 3 m if its numbers are ft; say"
+    ):
         mesh = read_mesh(path)
     assert any("storey is 9.75 m high" in note for note in mesh.notes)
     assert read_mesh(path, unit="m").notes == ()
