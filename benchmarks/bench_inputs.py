@@ -27,14 +27,13 @@ from harness import ROOT, add_out, environment_path, report, table
 
 if str(ROOT) not in sys.path:
     sys.path.append(str(ROOT))
-from tests.geometry.drawn_plans import plans
-
 from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.io.ifc_file import read_storey
 from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.mesh.cloud import is_cloud, read_cloud
 from ambinav.geometry.mesh.octomap import read_octomap
 from ambinav.geometry.mesh.read import read_mesh
+from tests.geometry.drawn_plans import plans
 
 FILES: list[tuple[str, dict[str, Any]]] = [
     ("barcelona_pavilion.dxf", {}),
