@@ -65,14 +65,28 @@ def main() -> None:
         done = subprocess.run(words, env=environment, check=True, capture_output=True, text=True)
         before = json.loads(done.stdout.splitlines()[-1])
     parts = [
-        f"## {title}\n\n"
-        + table(
-            ("input", "before", "after"),
-            [(name, before.get(title, {}).get(name, ""), now) for name, now in rows.items()],
-        )
+        f"## {title}\n\n{side_by_side(before.get(title, {}), rows)}"
         for title, rows in after.items()
     ]
     report("What is read of inputs", ("shapely", "ezdxf"), "\n\n".join(parts), options.out)
+
+
+def side_by_side(before: dict[str, str], after: dict[str, str]) -> str:
+    """A table of the cells of two checkouts; of floor, lost and invented a column each."""
+    if not any(", " in cell for cell in after.values()):
+        rows = [(name, before.get(name, ""), cell) for name, cell in after.items()]
+        return table(("input", "before", "after"), rows)
+    rows = []
+    for name, cell in after.items():
+        floor, *now = cell.split(", ")
+        then = before.get(name, "").split(", ")[1:]
+        rows.append((name, floor, *_pair(then), *_pair(now)))
+    header = ("input", "floor", "lost before", "invented before", "lost", "invented")
+    return table(header, rows)
+
+
+def _pair(off: list[str]) -> tuple[str, str]:
+    return (off[0], off[-1]) if off else ("", "")
 
 
 def measured(folder: Path) -> dict[str, dict[str, str]]:
@@ -83,19 +97,19 @@ def measured(folder: Path) -> dict[str, dict[str, str]]:
             f"{name} {options.get('level', '')}".strip(): floor_of(data / name, options)
             for name, options in FILES
         },
-        "Storeys drawn as DXF: m² of floor in the IFC file, lost, invented": {
+        "Storeys drawn as DXF, m² of floor (that of the IFC file), lost and invented": {
             f"{name} {level}": storey_row(data / f"{name}.ifc", level, folder)
             for name, level in STOREYS
         },
-        "Drawn plans: m² of floor, lost, invented": {},
+        "Drawn plans, m² of floor, lost and invented": {},
     }
-    drawn = found["Drawn plans: m² of floor, lost, invented"]
+    drawn = found["Drawn plans, m² of floor, lost and invented"]
     for plan in plans():
         drawn[f"{plan.name}, {plan.style}"] = compared(
             plan.floor(), plan.write(folder / "plan.dxf")
         )
     wrong = sum(is_wrong(cell) for cell in drawn.values())
-    drawn["plans that are off by 1 % or more"] = f"{wrong} of {len(drawn)}"
+    found["Drawn plans that are off by 1 % or more"] = {f"of {len(drawn)}": f"{wrong}"}
     found["Units of 3D buildings, read as metres"] = {
         f"{path.name} in {unit}": asked(path, scale, folder)
         for path in sorted((data.parent / "mesh3d").iterdir())
