@@ -74,8 +74,8 @@ def main() -> None:
 def side_by_side(before: dict[str, str], after: dict[str, str]) -> str:
     """A table of the cells of two checkouts; of floor, lost and invented a column each."""
     if not any(", " in cell for cell in after.values()):
-        rows = [(name, before.get(name, ""), cell) for name, cell in after.items()]
-        return table(("input", "before", "after"), rows)
+        pairs = [(name, before.get(name, ""), cell) for name, cell in after.items()]
+        return table(("input", "before", "after"), pairs)
     rows = []
     for name, cell in after.items():
         floor, *now = cell.split(", ")
