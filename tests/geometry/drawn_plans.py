@@ -284,8 +284,29 @@ def row_of_columns() -> DrawnPlan:
     )
 
 
+def random_rooms(rng: np.random.Generator) -> DrawnPlan:
+    """Rooms in rows and columns, openings of any width in most walls and in some outer ones."""
+    xs, ys = (
+        [0.0, *np.cumsum(rng.uniform(2.5, 8.0, rng.integers(1, 5))).tolist()] for _ in range(2)
+    )
+    walls: list[Box] = []
+    openings: list[Box] = []
+    for across, along, turned in ((ys, xs, False), (xs, ys, True)):
+        for k, at in enumerate(across):
+            runs = [(along[0], along[-1])]
+            gaps = []
+            for a, b in itertools.pairwise(along):
+                if rng.random() < (0.25 if k in (0, len(across) - 1) else 0.8):
+                    wide = rng.uniform(0.7, b - a - 1.2)
+                    start = rng.uniform(a + 0.5, b - 0.5 - wide)
+                    gaps.append((start, start + wide))
+            for lines, found in ((runs, walls), (gaps, openings)):
+                found += [(at, a, at, b) if turned else (a, at, b, at) for a, b in lines]
+    return DrawnPlan("rooms", walls, openings, shapely.box(0, 0, xs[-1], ys[-1]))
+
+
 def plans() -> list[DrawnPlan]:
-    """All of them."""
+    """All of them but the random ones."""
     found = [
         *(
             office(1, mouth=w, corridor=max(2.5, w + 0.5))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import ezdxf
+import numpy as np
 import pytest
 import shapely
 
@@ -15,6 +16,7 @@ from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.load import load_environment
 from ambinav.geometry.segments import FRONTIER
 from tests.geometry.drawn_plans import (
+    STYLES,
     THICK,
     DrawnPlan,
     courtyard,
@@ -22,6 +24,7 @@ from tests.geometry.drawn_plans import (
     niche,
     office,
     plans,
+    random_rooms,
     two_buildings,
 )
 
@@ -57,6 +60,17 @@ def test_a_plan_that_is_turned_has_the_same_floor(angle: float, tmp_path: Path) 
         env, warned = read(turned, tmp_path)
         assert error(turned, env) < 0.01, plan.name
         assert not warned, plan.name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", STYLES)
+def test_random_rooms_have_their_floor(style: str, tmp_path: Path) -> None:
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        plan = replace(random_rooms(rng), style=style, angle=float(rng.uniform(0.0, 3.0)))
+        env, warned = read(plan, tmp_path)
+        assert error(plan, env) < 0.01, seed
+        assert not warned, seed
 
 
 def test_an_opening_to_outdoors_is_a_frontier_and_said(tmp_path: Path) -> None:
