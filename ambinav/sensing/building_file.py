@@ -111,8 +111,6 @@ class SpaceSettings:
             self._refuse(OF_A_CLOUD, f"{path} is no point cloud; leave it out.")
         if path.suffix.lower() in OCTOMAPS:
             self._refuse(("up",), f"{path} is an OctoMap, whose z is up; leave it out.")
-            if reading.get("unit") is not None:
-                raise InputError(f"{path}: an OctoMap is in metres; leave unit out.")
         from ambinav.geometry.mesh.floor import floor_environment
 
         if not path.is_file():
@@ -136,7 +134,7 @@ class SpaceSettings:
         from ambinav.geometry.mesh.read import read_mesh
 
         if path.suffix.lower() in OCTOMAPS:
-            return read_octomap(path, processes=PROCESSES)
+            return read_octomap(path, unit=unit, processes=PROCESSES)
         if not cloud:
             return read_mesh(path, unit=unit, up=self.up, processes=PROCESSES)
         return read_cloud(

@@ -8,11 +8,13 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
 from ambinav.geometry.collision.collision_geometry import drivable_space
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.contour import Contours, trace
+from ambinav.geometry.io.coverage import Coverage
 from ambinav.geometry.io.edge_fit import furthest, strays
 from ambinav.geometry.io.ring_checks import crossing, enclosures
 from ambinav.geometry.io.simplify import simplify_ring
@@ -108,6 +110,7 @@ def environment_from_grid(
         # Not seen on any map so far; the contours themselves are valid but for rounding.
         steps = 0.5 * steps if steps > 0.25 else 0.0
         notes.append(f"Walls follow the grid to {steps * cell:g} m: coarser ones would cross.")
+    notes += _coverage(grid, contours, free, gap, min_area)
     return Environment(
         Segments(edges, kind),
         free,
@@ -120,6 +123,22 @@ def environment_from_grid(
         occupancy=grid,
         drivable=drivable_space(grid, free),
     )
+
+
+def _coverage(
+    grid: OccupancyGrid, contours: Contours, free: BaseGeometry, gap: float, min_area: float
+) -> list[str]:
+    """What of the free cells is no floor."""
+    # Scanners see many of these through windows and legs of chairs.
+    specks = f"each is smaller than {min_area:g} m²"
+    found = Coverage(f"{grid.source or 'grid'}", expected=(specks,))
+    square = grid.resolution**2
+    for (cells, pieces), why in (
+        (contours.small, specks),
+        (contours.narrow, f"they are no wider than {gap:g} m, which gap closes"),
+    ):
+        found.left_out.append((cells * square, pieces, why))
+    return found.notes(free, stacklevel=5)
 
 
 class _Rings:

@@ -30,6 +30,8 @@ class Contours:
         start: int64, shape (rings + 1,): ring k is start[k]:start[k+1], not closed by repetition.
         component: int64, shape (rings,): the free component that the ring bounds.
         area: int64, shape (rings,): enclosed cells, negative for the holes of a component.
+        small: How many free cells are left out as components of too few, and in how many pieces.
+        narrow: The same of those in passages that were closed, without the rims of others.
     """
 
     xy: NDArray[np.float64]
@@ -37,6 +39,8 @@ class Contours:
     start: NDArray[np.int64]
     component: NDArray[np.int64]
     area: NDArray[np.int64]
+    small: tuple[int, int] = (0, 0)
+    narrow: tuple[int, int] = (0, 0)
 
 
 def trace(
@@ -80,6 +84,8 @@ def trace(
     cells = np.bincount(labels.ravel())
     keep = cells >= min_cells
     keep[0] = False
+    less = cells[1:][~keep[1:]]
+    narrow = _passages((padded == FREE) & ~free, min_cells) if gap > 0 else (0, 0)
     labels[~keep[labels]] = 0
     cracks = 2 * int(
         np.count_nonzero((labels[:, 1:] == 0) & (labels[:, :-1] != 0))
@@ -91,7 +97,20 @@ def trace(
     found = _trace(labels, padded, reach, xy, kind, ring)
     xy += shift[::-1]
     start = np.append(ring[:found, 0], cracks)
-    return Contours(xy, kind, start, ring[:found, 1].copy(), ring[:found, 2].copy())
+    return Contours(
+        xy, kind, start, ring[:found, 1].copy(), ring[:found, 2].copy(),
+        (int(less.sum()), len(less)), narrow,
+    )  # fmt: skip
+
+
+def _passages(closed: NDArray[np.bool_], least: float) -> tuple[int, int]:
+    """Cells in components of at least so many, and the number of these components."""
+    if np.count_nonzero(closed) < least:
+        return 0, 0
+    labels, _ = ndimage.label(closed)
+    cells = np.bincount(labels.ravel())[1:]
+    large = cells[cells >= least]
+    return int(large.sum()), len(large)
 
 
 def opened(free: NDArray[np.bool_], gap: int) -> NDArray[np.bool_]:

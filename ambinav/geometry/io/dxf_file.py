@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import re
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -13,27 +16,24 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.dxf_layers import roles_of
-from ambinav.geometry.io.dxf_lines import Drawn, drawn_in, opened, swing
+from ambinav.geometry.io.dxf_lines import Drawn, Written, drawn_in, opened, swing
+from ambinav.geometry.io.outline import outline_of
 from ambinav.geometry.io.plan_units import LARGEST, UNITS, metres_in
 from ambinav.geometry.io.section_floor import (
     DOORS,
     GLASS,
     PlanSection,
     check_choice,
-    closed,
     environment_of,
-    filled,
 )
 from ambinav.geometry.io.wall_bodies import beside, bodies_in, capped, noded
 
 TOLERANCE: Final = 1e-3
 """Metres; the chords of arcs and splines lie this near to them."""
-DOORWAY: Final = 1.3
-"""Metres; openings in the outer walls up to this width are doors: outside is beyond."""
 # What $INSUNITS says, as far as buildings are drawn in it, and its name.
 _INSUNITS: Final = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m"}
 _SPELLED: Final = {"in": "inch", "ft": "foot", "mm": "millimetre", "cm": "centimetre", "m": "metre"}
@@ -44,6 +44,12 @@ _LEAF: Final = (0.5, 1.6)
 _THICK: Final = 0.04
 # Metres. Nearer to the middle of a leaf than this, something that is drawn is that leaf.
 _BESIDE: Final = 0.06
+# A part of a drawing with a smaller share of the floor of the largest is not worth a word; more
+# parts than this are hardly buildings.
+_PART: Final = 0.05
+_BUILDINGS: Final = 2
+# In a room's name.
+_WORD: Final = r"[^\W\d_]{3,}"
 # Radians. A door is drawn half or fully open.
 _OPEN: Final = (0.6, 1.7)
 
@@ -84,8 +90,9 @@ def load_dxf(
     said = _INSUNITS.get(int(document.header.get("$INSUNITS", 0)))
     scale = scale if unit else UNITS.get(said or "m", 1.0)
     skipped: Counter[str] = Counter()
+    texts: list[Written] = []
     try:
-        drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped))
+        drawn = list(drawn_in(f"{path}", document, TOLERANCE / scale, skipped, texts))
     except InputError:
         raise
     except Exception as error:  # what ezdxf raises of damaged entities is not a closed set
@@ -116,14 +123,16 @@ def load_dxf(
         ]
         for role, some in by_role.items()
     }
+    section, mouths = _section(lines, [scale * arc for arc in arcs], doors == "closed", furniture)
+    section = replace(section, rooms=_rooms(texts, roles, scale, section.region))
     options = f"{scale=} {doors=} {glass=} {furniture=} {sorted(roles.items())}"
     return environment_of(
-        _section(lines, [scale * arc for arc in arcs], doors == "closed", furniture),
+        section,
         path.stem,
         clear_glass=glass == "clear",
         source=path,
         checksum=hashlib.sha256(f"{sha256(path)} {options}".encode()).hexdigest(),
-        notes=_notes(path, roles, left_out, skipped),
+        notes=[*_notes(path, roles, left_out, skipped, mouths), *_parts(path, section)],
     )
 
 
@@ -164,8 +173,8 @@ def _section(
     arcs: Sequence[NDArray[np.float64]],
     doors_closed: bool,
     furniture: bool,
-) -> PlanSection:
-    """What bounds the floor, and where it is, from corners in metres."""
+) -> tuple[PlanSection, list[BaseGeometry]]:
+    """What bounds the floor, and where it is, from corners in metres; wide openings to outdoors."""
     net = capped(noded(lines.get("walls", ())))
     walls = bodies_in(net)
     columns = noded(lines.get("columns", ()))
@@ -183,8 +192,13 @@ def _section(
         panes += beside(glazing, [*panes, *solids])
     drawn = shapely.union_all([shapely.LineString(line) for line in lines.get("doors", ())])
     leaves = _leaves(arcs, drawn, shapely.union_all([standing, *panes]))
-    bounds = [standing, *panes, *leaves]
-    bounds += [shapely.LineString(line) for line in lines.get("floor", ())]
+    glazed = [pane for pane in panes if pane.geom_type.endswith("Polygon")]
+    outline = outline_of(
+        [*solids, *glazed],
+        [*thin, *(pane for pane in panes if not pane.geom_type.endswith("Polygon"))],
+        leaves,
+        [shapely.LineString(line) for line in lines.get("floor", ())],
+    )
     if doors_closed:
         solids += [shapely.buffer(leaf, 0.5 * _THICK, cap_style="flat") for leaf in leaves]
     if furniture and lines.get("furniture"):
@@ -192,12 +206,31 @@ def _section(
         pieces = bodies_in(inside, None)
         solids.append(shapely.union_all(pieces))
         thin += beside(inside, pieces)
-    return PlanSection(
+    section = PlanSection(
         solids=solids,
         walls=thin,
         panes=panes,
-        region=filled(closed(shapely.union_all(bounds), DOORWAY)),
+        region=outline.region,
+        beyond=outline.outside,
+        doubtful=outline.doubtful,
+        doors=leaves,
+        remedy="draw a line across each opening of the outline on a layer of the role floor, or "
+        "check the layers and the unit",
     )
+    return section, outline.mouths
+
+
+def _rooms(
+    texts: Sequence[Written], roles: Mapping[str, str], scale: float, region: BaseGeometry
+) -> list[tuple[str, BaseGeometry]]:
+    """The texts that may be rooms' names: words within the building, of no part of it."""
+    hull = shapely.convex_hull(region)
+    return [
+        (one.text, point)
+        for one in texts
+        if roles.get(one.layer, "floor") == "floor" and re.search(_WORD, one.text)
+        if hull.contains(point := shapely.Point(scale * np.array(one.at)))
+    ]
 
 
 def _leaves(
@@ -229,8 +262,29 @@ def _is_drawn(leaf: BaseGeometry, drawn: BaseGeometry) -> bool:
     return bool(shapely.dwithin(leaf.interpolate(0.5, normalized=True), drawn, _BESIDE))
 
 
+def _parts(path: Path, section: PlanSection) -> list[str]:
+    """Say that a drawing shows several buildings, or a plan beside its elevations."""
+    solid = shapely.union_all(list(section.solids))
+    parts = [part.difference(solid).area for part in shapely.get_parts(section.region)]
+    parts = sorted((area for area in parts if area > _PART * max(parts)), reverse=True)
+    if len(parts) < 2:
+        return []
+    sizes = ", ".join(f"{area:.3g}" for area in parts)
+    note = (
+        f"{path}: {len(parts)} parts of it do not touch, of {sizes} m² of floor; if they are a "
+        "plan beside its elevations or another storey, put the plan alone into the model space."
+    )
+    if len(parts) > _BUILDINGS:
+        warnings.warn(note, InputWarning, stacklevel=4)
+    return [note]
+
+
 def _notes(
-    path: Path, roles: Mapping[str, str], left_out: Sequence[str], skipped: Mapping[str, int]
+    path: Path,
+    roles: Mapping[str, str],
+    left_out: Sequence[str],
+    skipped: Mapping[str, int],
+    mouths: Sequence[BaseGeometry],
 ) -> list[str]:
     """What was taken for what, and what was left out."""
     taken = ", ".join(f"{name}: {role}" for name, role in sorted(roles.items()))
@@ -240,4 +294,7 @@ def _notes(
     if skipped:
         counted = ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items()))
         notes.append(f"{path}: left out without lines: {counted}.")
+    if mouths:
+        widths = ", ".join(f"{width:.3g}" for width in sorted(line.length for line in mouths))
+        notes.append(f"{path}: openings to outdoors wider than a door, in metres: {widths}.")
     return notes

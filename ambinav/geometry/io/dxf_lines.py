@@ -24,6 +24,15 @@ _DRAWN: Final = (
     "LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "SOLID", "TRACE",
     "3DFACE", "MLINE",
 )  # fmt: skip
+_WRITTEN: Final = ("TEXT", "MTEXT", "ATTRIB")
+
+
+class Written(NamedTuple):
+    """A text in a drawing: its layer, what it says, and where, x and y in the drawing's unit."""
+
+    layer: str
+    text: str
+    at: tuple[float, float]
 
 
 class Drawn(NamedTuple):
@@ -65,7 +74,13 @@ def opened(path: Path) -> Any:
     return document
 
 
-def drawn_in(where: str, document: Any, tolerance: float, skipped: Counter[str]) -> Iterator[Drawn]:
+def drawn_in(
+    where: str,
+    document: Any,
+    tolerance: float,
+    skipped: Counter[str],
+    texts: list[Written] | None = None,
+) -> Iterator[Drawn]:
     """All that is drawn in the model space of a document, on layers that are shown.
 
     Args:
@@ -73,6 +88,7 @@ def drawn_in(where: str, document: Any, tolerance: float, skipped: Counter[str])
         document: See `opened`.
         tolerance: How far chords may lie from curves, in the drawing's unit.
         skipped: Entities without lines (texts, hatches ...) are counted here by their type.
+        texts: Texts are put here.
 
     Raises:
         InputError: a block contains itself.
@@ -95,6 +111,8 @@ def drawn_in(where: str, document: Any, tolerance: float, skipped: Counter[str])
                 yield Drawn(layer, kind, outlines, _arc(entity) if kind == "ARC" else None)
         else:
             skipped[kind] += 1
+            if kind in _WRITTEN and texts is not None:
+                texts.append(_written(layer, entity))
 
 
 def _taken_apart(
@@ -107,10 +125,21 @@ def _taken_apart(
         own = entity.dxf.get("layer", "0")
         own = layer if layer is not None and own == "0" else own
         if entity.dxftype() == "INSERT":
+            # The tags of rooms are such.
+            yield from ((own, attribute) for attribute in entity.attribs)
             for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
                 yield from _taken_apart(where, one.virtual_entities(), own, depth + 1)
         else:
             yield own, entity
+
+
+def _written(layer: str, entity: Any) -> Written:
+    aligned = entity.dxftype() != "MTEXT" and entity.dxf.get("halign", 0)
+    point = entity.dxf.get("align_point", None) if aligned else None
+    point = entity.dxf.insert if point is None else point
+    if entity.dxftype() != "MTEXT":
+        point = entity.ocs().to_wcs(point)
+    return Written(layer, " ".join(entity.plain_text().split()), (point.x, point.y))
 
 
 def _outlines(entity: Any, tolerance: float) -> Iterator[NDArray[np.float64]]:

@@ -7,10 +7,12 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import ifcopenshell
+import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -23,6 +25,7 @@ from ambinav.geometry.io.ifc_parts import (
     Parts,
     elements_of,
     meshes,
+    part_role,
     parts_at,
 )
 from ambinav.geometry.io.ifc_storeys import WHOLE, Storey, base_of, chosen_storey, storeys_of
@@ -51,6 +54,8 @@ _VOID: Final = 5.0
 _ROUGH: Final = 1e-4
 # Bytes in which an IFC file says that it is one.
 _BEGINNING: Final = 256
+# Metres above the floor. Where a door has no part as low, it is a hatch.
+_SILL: Final = 0.5
 # Slabs that cover less of the floor than this share are not all of what robots drive on.
 _COVERED: Final = 0.5
 
@@ -153,7 +158,11 @@ def read_storey(
         warnings.warn(note, InputWarning, stacklevel=5)
         notes.append(note)
     slab = closed(shapely.union_all(parts.floor, grid_size=_ROUGH), _REVEAL)
-    cut = _section(parts, slab, doors == "closed")
+    cut = replace(
+        _section(parts, slab, doors == "closed"),
+        doors=_doors(parts, storey.elevation),
+        rooms=parts.rooms,
+    )
     environment = environment_of(
         cut,
         path.stem if len(storeys) < 2 else f"{path.stem} {storey.name}",
@@ -221,6 +230,24 @@ def _base(path: Path, model: Any) -> float:
 def carries(slab: BaseGeometry, within: BaseGeometry) -> bool:
     """Whether slabs are what robots drive on, and not some of it alone."""
     return bool(shapely.intersection(slab, within).area > _COVERED * within.area)
+
+
+def _doors(parts: Parts, floor: float) -> list[BaseGeometry]:
+    """Lines along the doors, in the middle of their walls."""
+    lines = []
+    for element, vertices, _, _ in parts.meshes:
+        if part_role(element) not in ("door", "leaf"):
+            continue
+        low = vertices[vertices[:, 2] <= floor + _SILL]
+        box = shapely.oriented_envelope(shapely.MultiPoint(low[:, :2]))
+        if box.geom_type != "Polygon":
+            continue
+        corners = shapely.get_coordinates(box)
+        middles = (corners[:-1] + corners[1:]) / 2.0
+        across = np.hypot(*(corners[1:3] - corners[:2]).T)
+        first = int(across[1] > across[0])
+        lines.append(shapely.LineString(middles[[1 - first, 3 - first]]))
+    return lines
 
 
 def _section(parts: Parts, slab: BaseGeometry, doors_closed: bool) -> PlanSection:

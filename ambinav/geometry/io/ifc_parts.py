@@ -85,6 +85,7 @@ class Parts:
         barred: Stairs above the floor, seen from above.
         shapeless: Elements whose body cannot be made.
         meshes: Of the elements that were cut.
+        rooms: The names of spaces, and their sections.
     """
 
     areas: dict[str, list[BaseGeometry]] = field(default_factory=dict)
@@ -94,6 +95,7 @@ class Parts:
     barred: list[BaseGeometry] = field(default_factory=list)
     shapeless: int = 0
     meshes: list[ElementMesh] = field(default_factory=list)
+    rooms: list[tuple[str, BaseGeometry]] = field(default_factory=list)
 
     def of(self, *roles: str) -> list[BaseGeometry]:
         """The polygons of roles."""
@@ -199,6 +201,9 @@ def parts_at(model: Any, elements: Sequence[Any], floor: float, height: float) -
                 continue
             area = filled(area) if role in _WHOLE and not area.is_empty else area
             parts.areas.setdefault(role, []).extend(_polygons(area))
+            if role == "space" and not area.is_empty:
+                words = (getattr(element, "LongName", None), element.Name)
+                parts.rooms.append((next((w for w in words if w), "a space"), area))
             parts.lines.setdefault(role, []).extend(_nonempty(lines))
     return parts
 

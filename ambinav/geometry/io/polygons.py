@@ -8,7 +8,7 @@ import json
 import math
 import reprlib
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -20,9 +20,10 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError, InputWarning
 from ambinav.files import sha256
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.coverage import Coverage
 from ambinav.geometry.io.plan_levels import chosen_level, in_order, levels_of
 from ambinav.geometry.io.plan_units import Sizes, check_frame, check_size, metres_in
-from ambinav.geometry.io.shapes import checked, environment_from_shapes, sound_polygon
+from ambinav.geometry.io.shapes import NEAR, checked, environment_from_shapes, sound_polygon
 from ambinav.mistaken import PLAN, kind_of, refuse
 
 __all__ = ["environment_from_shapes", "load_polygons"]
@@ -42,6 +43,16 @@ DEPTH: Final = {
 }
 
 
+# Polygons without `kind` that fill as much of the rooms which they lie in may be rooms.
+_FILLED: Final = 0.5
+_GUESSED: Final = (
+    "polygons that lie in another one are obstacles unless their kind says room; say it of rooms, "
+    "and leave the outline around them out"
+)
+# Share of walls and obstacles outside of all rooms from which on there is a warning.
+_BESIDE: Final = 0.1
+
+
 class _Tags(NamedTuple):
     """What the properties of a feature say of its geometry.
 
@@ -49,11 +60,13 @@ class _Tags(NamedTuple):
         kind: One of `KINDS`, if it says so.
         thickness: Of a wall, in the unit of the coordinates; 0 if it does not say.
         levels: The floors that it belongs to; none: every one.
+        name: What it is called.
     """
 
     kind: str | None = None
     thickness: float = 0.0
     levels: tuple[str, ...] = ()
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +143,23 @@ def load_polygons(
     floor = chosen_level(f"{path}", names, level)
     items = _scaled(_on_floor(path, items, names, floor, notes), scale)
     shapes: dict[str, list[BaseGeometry]] = {kind: [] for kind in KINDS}
-    for kind, geometry in _tagged(items, notes):
+    covered = Coverage(f"{path}")
+    guessed: list[BaseGeometry] = []
+    for item, kind, geometry in _tagged(items, notes):
         shapes[kind].append(geometry)
+        if kind == "room" and item.tags.name:
+            covered.rooms.append((item.tags.name, geometry))
+        if kind == "obstacle" and item.tags.kind is None and item.geometry.geom_type in POLYGONS:
+            guessed.append(geometry)
+    if sum(g.area for g in guessed) >= _FILLED * shapely.union_all(shapes["room"]).area:
+        covered.leave_out(guessed, _GUESSED)
+    notes += _beside(f"{path}", shapes)
     # What is read of the file depends on both.
     checksum = sha256(path)
     if len(names) > 1 or scale != 1.0:
         read = f"{checksum} level={floor} unit={unit}"
         checksum = hashlib.sha256(read.encode()).hexdigest()
-    return environment_from_shapes(
+    environment = environment_from_shapes(
         shapes["room"],
         shapes["obstacle"],
         shapes["wall"],
@@ -149,6 +171,26 @@ def load_polygons(
         checksum=checksum,
         notes=notes,
     )
+    environment.notes += tuple(covered.notes(environment.free))
+    return environment
+
+
+def _beside(where: str, shapes: Mapping[str, Sequence[BaseGeometry]]) -> list[str]:
+    """What walls and obstacles lie outside of all rooms, where they change nothing."""
+    if not shapes["room"]:
+        return []
+    rooms = shapely.union_all(shapes["room"])
+    things = [*shapes["wall"], *shapes["obstacle"]]
+    away = [thing for thing in things if not shapely.dwithin(rooms, thing, NEAR)]
+    if not away:
+        return []
+    note = (
+        f"{where}: {len(away)} of {len(things)} walls and obstacles lie outside of its rooms and "
+        "change nothing; draw a room around them if there is floor."
+    )
+    if len(away) > _BESIDE * len(things):
+        warnings.warn(note, InputWarning, stacklevel=3)
+    return [note]
 
 
 def _json(path: Path, text: str) -> dict[str, Any]:
@@ -235,7 +277,9 @@ def _properties(label: str, properties: dict[str, Any]) -> _Tags:
         raise InputError(
             f"{label}: thickness is {reprlib.repr(thickness)}; it must be at least 0 m."
         )
-    return _Tags(kind, float(thickness), levels_of(label, properties.get("level")))
+    name = properties.get("name")
+    levels = levels_of(label, properties.get("level"))
+    return _Tags(kind, float(thickness), levels, name if isinstance(name, str) else "")
 
 
 def _check_coordinates(label: str, node: object, depth: int) -> None:
@@ -348,8 +392,8 @@ def _scaled(items: list[_Item], scale: float) -> list[_Item]:
     ]
 
 
-def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[str, BaseGeometry]]:
-    """Each item's kind and geometry, its polygons sound; thick walls become obstacles."""
+def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[_Item, str, BaseGeometry]]:
+    """Each item, its kind and geometry, its polygons sound; thick walls become obstacles."""
     sound = []
     for item in items:
         kind = item.tags.kind
@@ -382,4 +426,4 @@ def _tagged(items: list[_Item], notes: list[str]) -> Iterator[tuple[str, BaseGeo
             )
             if geometry.is_empty:
                 raise InputError(f"{item.label} has no length; give it two different points.")
-        yield kind or "wall", geometry
+        yield item, kind or "wall", geometry

@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.errors import InputError
 from ambinav.geometry.edit import HALF_WALL, polygons_of
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.io.coverage import Coverage
 from ambinav.geometry.io.mesh_section import GRAIN
 from ambinav.geometry.io.shapes import environment_from_shapes
 
@@ -35,6 +36,12 @@ PANE: Final = 0.01
 # Metres. A border that is bare for less is a corner's rounding; see `environment_from_shapes`.
 _BARE: Final = 1e-2
 _NEAR: Final = 1e-3
+_CAVITY: Final = f"they are nowhere {NARROWEST:g} m wide, cavities in walls"
+_BEYOND: Final = (
+    "they lie behind openings in the outline, or between buildings, and count as outdoors; draw a "
+    "line across each opening on a layer of the role floor to have them"
+)
+_DOUBTFUL: Final = f"several openings lead there, but {_BEYOND}"
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,11 @@ class PlanSection:
         region: Where floor can be: polygons; what is beyond is not known.
         within: Floor counts if more than half of it lies in these polygons; empty: all does.
         barred: Polygons that rays pass and robots do not: stairs, holes of the floor.
+        beyond: Spaces that are enclosed but for an opening and count as outdoors, polygons.
+        doubtful: Those of them that several openings lead into.
+        doors: Each a line where it shuts.
+        rooms: Their names, and the polygons that they fill or points in them.
+        remedy: What to do where there is no floor.
     """
 
     solids: Sequence[BaseGeometry]
@@ -56,6 +68,11 @@ class PlanSection:
     region: BaseGeometry = field(default_factory=shapely.MultiPolygon)
     within: BaseGeometry = field(default_factory=shapely.MultiPolygon)
     barred: Sequence[BaseGeometry] = ()
+    beyond: Sequence[BaseGeometry] = ()
+    doubtful: Sequence[BaseGeometry] = ()
+    doors: Sequence[BaseGeometry] = ()
+    rooms: Sequence[tuple[str, BaseGeometry]] = ()
+    remedy: str = "check the storey, the height of the section and the unit"
 
 
 def check_choice(where: str, name: str, value: object, choices: Sequence[str]) -> None:
@@ -96,11 +113,18 @@ def environment_of(
     opaque = solid if clear_glass else merged([solid, *panes])
     walls = [*plan.walls, *([] if clear_glass else sheets)]
     free = shapely.difference(plan.region, opaque, grid_size=GRAIN)
-    parts = [part for part in shapely.get_parts(free) if _is_floor(part, plan.within)]
-    if not parts:
+    covered = Coverage(f"{source}", expected=(_CAVITY, _BEYOND), doors=plan.doors)
+    covered.rooms += plan.rooms
+    covered.walls = [*shapely.get_parts(solid), *walls, *sheets, *panes]
+    why = [_why_no_floor(part, plan.within) for part in shapely.get_parts(free)]
+    for reason in sorted({reason for reason in why if reason}):
+        covered.leave_out(shapely.get_parts(free)[[one == reason for one in why]], reason)
+    covered.leave_out(plan.beyond, _BEYOND)
+    covered.leave_out(plan.doubtful, _DOUBTFUL)
+    parts = shapely.get_parts(free)[[not reason for reason in why]]
+    if not len(parts):
         raise InputError(
-            f"{source}: no floor is left in {name!r} between its walls; check the storey, the "
-            "height of the section and the unit."
+            f"{source}: no floor is left in {name!r} between its walls; {plan.remedy}."
         )
     free = polygons_of(shapely.union_all([straightened(part) for part in parts]))
     glass: list[BaseGeometry] = []
@@ -118,7 +142,7 @@ def environment_of(
         drivable=_drivable(free, barred, walls),
         source=source,
         checksum=checksum,
-        notes=notes,
+        notes=[*notes, *covered.notes(free, stacklevel=6)],
     )
 
 
@@ -184,12 +208,15 @@ def _is_solid(part: BaseGeometry) -> bool:
     return isinstance(part, shapely.Polygon) and part.area > SPECK
 
 
-def _is_floor(part: BaseGeometry, within: BaseGeometry) -> bool:
+def _why_no_floor(part: BaseGeometry, within: BaseGeometry) -> str:
+    """Why a part between walls is no floor; "" where it is."""
     if part.geom_type != "Polygon" or part.area < LEAST_FLOOR:
-        return False
+        return f"each is smaller than {LEAST_FLOOR:g} m²"
     if shapely.buffer(part, -0.5 * NARROWEST).is_empty:
-        return False
-    return bool(within.is_empty or shapely.intersection(part, within).area > 0.5 * part.area)
+        return _CAVITY
+    if within.is_empty or shapely.intersection(part, within).area > 0.5 * part.area:
+        return ""
+    return "they lie on no slab and in no space of the storey"
 
 
 def _bare(free: BaseGeometry, walls: Sequence[BaseGeometry]) -> list[BaseGeometry]:

@@ -13,7 +13,9 @@ from shapely.geometry.base import BaseGeometry
 from ambinav.geometry.io.mesh_section import GRAIN
 
 THICKEST: Final = 0.6
-"""Metres; a closed outline that is wider somewhere is a room and no wall."""
+"""Metres; a closed outline of which more than `PIERS` is wider is a room and no wall."""
+PIERS: Final = 0.25
+"""Share of the area of walls, all that are joined, that wider parts may have: piers, corners."""
 JOIN: Final = 0.01
 """Metres; a line that ends this near to another one meets it."""
 # Cosine of the angle between a wall and its end, at most.
@@ -82,11 +84,13 @@ def capped(net: BaseGeometry) -> BaseGeometry:
 
 
 def bodies_in(net: BaseGeometry, widest: float | None = THICKEST) -> list[BaseGeometry]:
-    """The closed outlines in lines that are nowhere wider; None: all of them."""
+    """The closed outlines in lines that are no wider, but for piers; None: all of them."""
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net).tolist()))
     if widest is None:
         return list(faces)
-    return list(faces[shapely.is_empty(shapely.buffer(faces, -0.5 * widest, join_style="mitre"))])
+    inner = shapely.buffer(faces, -0.5 * widest, join_style="mitre")
+    wide = shapely.area(shapely.buffer(inner, 0.5 * widest, join_style="mitre"))
+    return list(faces[wide <= PIERS * shapely.area(faces)])
 
 
 def beside(net: BaseGeometry, bodies: Sequence[BaseGeometry]) -> list[BaseGeometry]:

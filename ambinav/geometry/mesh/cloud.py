@@ -18,7 +18,13 @@ from ambinav.geometry.mesh.cloud_tables import (
     ply_without_faces,
     text_points,
 )
-from ambinav.geometry.mesh.frame import check_axis, check_size, check_upright, turned_up
+from ambinav.geometry.mesh.frame import (
+    check_axis,
+    check_size,
+    check_storey,
+    check_upright,
+    turned_up,
+)
 from ambinav.geometry.mesh.level import levelled_note, upright, voxel_slope
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.mesh.voxels import voxel_mesh
@@ -77,6 +83,9 @@ def read_cloud(
     Raises:
         InputError: it cannot be read, is cut off or holds no point, a package is missing, no voxel
             or too many hold enough points, or its unit or upward axis has to be said.
+
+    Warns:
+        InputWarning: as metres its storey is high, as one is in feet.
     """
     path = Path(path)
     scale = metres_in(unit, str(path))
@@ -121,6 +130,8 @@ def read_cloud(
     )  # fmt: skip
     if up is None:
         check_upright(path, mesh)
+    if unit is None:
+        mesh.notes = (*mesh.notes, *check_storey(path, mesh))
     return mesh
 
 

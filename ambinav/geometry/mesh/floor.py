@@ -12,6 +12,7 @@ from scipy import ndimage
 from ambinav.errors import InputError
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.io.boundary import environment_from_grid
+from ambinav.geometry.io.coverage import Coverage
 from ambinav.geometry.mesh.bands import touched
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -43,6 +44,8 @@ _ONE_LAYER: Final = 1.01
 # What hangs so far below everything else, metres, and is a smaller share of all faces, is a stray.
 _GAP: Final = 0.2
 _STRAYS: Final = 0.01
+# What is as large in square metres, and as a share of the floor, is no table.
+_SMALLEST_PLATFORM, _PLATFORM = 10.0, 0.5
 # Cells around a mesh that hold nothing.
 _MARGIN: Final = 2
 
@@ -153,13 +156,22 @@ def floor_environment(
             "give a height within it."
         )
     grid = _cells(mesh, z, height, step, cell, everywhere=floor is not None)
-    _leave_out_narrow(grid.state, radius / cell)
+    cells, pieces = _leave_out_narrow(grid.state, radius / cell)
     if not (grid.state == FREE).any():
         raise InputError(
             f"{where}: a robot of {height:g} m height and {radius:g} m radius fits nowhere on the "
             f"floor at z = {z:.3g} m; give a smaller one, or another floor."
         )
     env = environment_from_grid(grid)
+    hollow = f"a robot of {radius:g} m radius fits nowhere in them"
+    covered = Coverage(where, expected=(hollow,))
+    covered.left_out += [
+        (cells * cell**2, pieces, hollow),
+        (
+            _raised(mesh, z + step, env.free.area) if floor is None else 0.0, 1,
+            "it is level and up to a metre above the floor; give its height with floor to have it",
+        ),
+    ]  # fmt: skip
     # Stored maps tell the floors of two robots apart by it.
     checksum = digest_of(mesh.checksum, z, height, radius, step, cell)
     return Environment(
@@ -172,6 +184,7 @@ def floor_environment(
         notes=(
             *env.notes,
             *mesh.notes,
+            *covered.notes(env.free),
             f"{where}: floor at z = {z:.3f} m, robot {height:g} m high.",
         ),
         extent=env.extent,
@@ -202,9 +215,36 @@ def _cells(
     return OccupancyGrid(state, cell, (*corner, 0.0))
 
 
-def _leave_out_narrow(state: NDArray[np.uint8], radius: float) -> None:
-    """Take pieces of free cells for occupied in which no disc, its radius in cells, fits."""
+def _leave_out_narrow(state: NDArray[np.uint8], radius: float) -> tuple[int, int]:
+    """Take pieces of free cells for occupied in which no disc, its radius in cells, fits.
+
+    Returns:
+        How many cells, and in how many pieces.
+    """
     pieces, count = ndimage.label(state == FREE)
     room = ndimage.distance_transform_edt(state == FREE)
     widest = np.asarray(ndimage.maximum(room, pieces, np.arange(count + 1)))
-    state[(widest < radius)[pieces] & (pieces > 0)] = OCCUPIED
+    narrow = widest < radius
+    narrow[0] = False
+    state[narrow[pieces]] = OCCUPIED
+    cells = np.bincount(pieces.ravel(), minlength=count + 1)
+    return int(cells[narrow].sum()), int(narrow.sum())
+
+
+def _raised(mesh: Mesh, above: float, floor: float) -> float:
+    """Area of the largest level surface within a metre above the floor that may be one itself.
+
+    A part of the building a few steps higher, say; tables and beds are less than `_PLATFORM` of the
+    floor. 0: there is none.
+    """
+    corners = mesh.triangles
+    z = corners[..., 2].mean(axis=1)
+    up = mesh.surface_normal[:, 2]
+    level = ((up if mesh.voxel else np.abs(up)) >= _LEVEL) & (z > above) & (z <= above + 1.0)
+    if not level.any():
+        return 0.0
+    a, b, c = (corners[level][:, k] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0
+    layers, _ = _layered(z[level] - above, area, _LAYER)
+    largest = float(layers.max())
+    return largest if largest >= max(_PLATFORM * floor, _SMALLEST_PLATFORM) else 0.0

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.errors import InputError
+from ambinav.geometry.io.plan_units import SMALLEST, metres_in
+from ambinav.geometry.mesh.frame import check_size, check_storey
 from ambinav.geometry.mesh.mesh import Mesh
 from ambinav.geometry.mesh.voxels import voxel_mesh
 from ambinav.kernels import kernel
@@ -38,7 +40,7 @@ class Leaves(NamedTuple):
     occupied: NDArray[np.bool_]
 
 
-def read_octomap(path: str | Path, *, processes: int = 1) -> Mesh:
+def read_octomap(path: str | Path, *, unit: str | None = None, processes: int = 1) -> Mesh:
     """Read an OctoMap (.bt, .ot) as the outer faces of its occupied voxels, metres, z up.
 
     Plain trees and those with colours, which are not looked at. In a full file (.ot) a leaf is
@@ -46,19 +48,35 @@ def read_octomap(path: str | Path, *, processes: int = 1) -> Mesh:
 
     Args:
         path: The file.
+        unit: What its numbers are in, one of `plan_units.UNITS`; None: metres, as OctoMap has it,
+            where that makes a building.
         processes: See `Mesh`.
 
     Raises:
-        InputError: it is no OctoMap, or of another kind of tree, it is cut off, or nothing in it
-            is occupied.
+        InputError: it is no OctoMap, or of another kind of tree, it is cut off, nothing in it is
+            occupied, or its unit has to be said.
+
+    Warns:
+        InputWarning: as metres its storey is high, as one is in feet.
     """
     path = Path(path)
+    scale = metres_in(unit, str(path))
     leaves, edge = read_leaves(path)
+    edge *= scale
     voxels = _expanded(leaves.key[leaves.occupied], leaves.size[leaves.occupied])
     if not len(voxels):
         raise InputError(f"{path}: nothing in it is occupied; give a map of a building.")
     middle = 1 << (_DEPTH - 1)
-    return voxel_mesh(voxels - middle, edge, name=path.stem, source=path, processes=processes)
+    mesh = voxel_mesh(
+        voxels - middle, edge, name=path.stem, source=path, processes=processes, scanned=True
+    )
+    if unit is None:
+        # That of a shelf alone is one too.
+        size = np.ptp(mesh.bounds, axis=0)
+        if max(size[:2]) >= SMALLEST:
+            check_size(path, "OctoMap", size)
+        mesh.notes = (*mesh.notes, *check_storey(path, mesh))
+    return mesh
 
 
 def read_leaves(path: Path) -> tuple[Leaves, float]:

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.io.plan_units import metres_in
-from ambinav.geometry.mesh.frame import check_axis, check_size, check_upright, turned_up
+from ambinav.geometry.mesh.frame import (
+    check_axis,
+    check_size,
+    check_storey,
+    check_upright,
+    turned_up,
+)
 from ambinav.geometry.mesh.level import levelled
 from ambinav.geometry.mesh.mesh import Mesh
 
@@ -27,7 +33,8 @@ def read_mesh(
 
     Args:
         path: The file; the suffix says which.
-        unit: What its numbers are in, "m", "cm" or "mm"; None: metres, where that makes a building.
+        unit: What its numbers are in, one of `plan_units.UNITS`; None: metres, where that makes a
+            building.
         up: The axis that is up, "x", "y" or "z"; None: y of a .glb, as glTF has it, and else z,
             where the mesh does not look as if it lay on its side.
         processes: See `Mesh`.
@@ -38,6 +45,9 @@ def read_mesh(
     Raises:
         InputError: it cannot be read, trimesh is not installed, there is no triangle in it, or its
             unit or upward axis has to be said.
+
+    Warns:
+        InputWarning: as metres its storey is high, as one is in feet.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -65,7 +75,10 @@ def read_mesh(
         check_size(path, "mesh", np.ptp(mesh.bounds, axis=0))
     if up is None and not gltf:
         check_upright(path, mesh)
-    return levelled(mesh)
+    mesh = levelled(mesh)
+    if unit is None:
+        mesh.notes = (*mesh.notes, *check_storey(path, mesh))
+    return mesh
 
 
 def _load(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
 from ambinav.geometry.mesh.floor import find_floor, floor_environment
 from ambinav.geometry.mesh.mesh import Mesh
 from tests.geometry.mesh.test_mesh import BOX, corners
@@ -63,6 +63,16 @@ def test_a_ramp_and_a_threshold() -> None:
     assert env.is_free(1.5, 2.0) and not env.is_free(4.5, 2.0)
     upper = floor_environment(mesh, 0.5, 0.2, floor=0.2)
     assert upper.is_free(4.5, 2.0)
+
+
+def test_a_part_of_the_floor_that_is_raised_is_said() -> None:
+    mesh = boxes(FLOOR, *WALLS, (3, 0, 0, 3, 4, 0.4))
+    with pytest.warns(InputWarning, match=r"12 m² in 1 piece is not .* give its height with floor"):
+        env = floor_environment(mesh, 0.5, 0.2)
+    assert any("up to a metre above the floor" in note for note in env.notes)
+    assert not any("up to a metre" in n for n in floor_environment(mesh, 0.5, 0.2, floor=0.0).notes)
+    table = floor_environment(boxes(FLOOR, *WALLS, TABLE), 0.5, 0.2)
+    assert not any("up to a metre" in note for note in table.notes)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from ambinav.errors import InputError
+from ambinav.geometry.mesh.floor import floor_environment
 from ambinav.geometry.mesh.octomap import read_leaves, read_octomap
+from ambinav.geometry.mesh.voxels import voxel_mesh
 
 HEAD = "# Octomap OcTree binary file\n# (feel free to add / change comments)\n#\nid {}\nsize 9\n"
 UNKNOWN, FREE, OCCUPIED, INNER = 0b00, 0b01, 0b10, 0b11
@@ -140,3 +142,21 @@ def test_a_recorded_building_has_the_voxels_that_others_read_from_it(data_dir: P
     assert len(cells) == int((size**3).sum())
     single = {tuple(row) for row in key[size == 1].tolist()}
     assert single <= {tuple(row) for row in cells.tolist()}
+
+
+def test_an_octomap_in_feet_has_a_unit(tmp_path: Path) -> None:
+    down = [node(*[UNKNOWN] * 7, INNER), *[node(INNER)] * 12, node(OCCUPIED)]
+    path = written(tmp_path / "feet.bt", down, res="1.0")
+    assert np.ptp(read_octomap(path, unit="ft").bounds, axis=0) == pytest.approx([1.2192] * 3)
+    with pytest.raises(InputError, match="unit is 'yard'; it must be m, cm, mm, in, ft"):
+        read_octomap(path, unit="yard")
+
+
+def test_a_layer_of_noise_is_floor() -> None:
+    """Voxels of an OctoMap are those of a scan, whose noise puts a floor into two layers."""
+    high = np.array([(i, j, int((i + j) % 7 == 0)) for i in range(80) for j in range(50)])
+    base = np.array([(i, j, 0) for i in range(80) for j in range(50)])
+    walls = np.array([(i, j, k) for i in range(80) for j in (0, 49) for k in range(25)])
+    voxels = np.unique(np.concatenate([base, high, walls]), axis=0)
+    mesh = voxel_mesh(voxels, 0.1, name="noisy", source=Path("noisy.bt"), scanned=True)
+    assert floor_environment(mesh, 0.5, 0.2).free.area > 0.9 * 8.0 * 4.8

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ambinav.errors import InputError
+from ambinav.errors import InputError, InputWarning
+from ambinav.geometry.mesh.cloud import is_cloud, read_cloud
 from ambinav.geometry.mesh.floor import floor_environment
+from ambinav.geometry.mesh.frame import storey_height
+from ambinav.geometry.mesh.mesh import Mesh
+from ambinav.geometry.mesh.octomap import read_octomap
 from ambinav.geometry.mesh.read import read_mesh
 from ambinav.geometry.raycasting.prisms import Prisms
 from ambinav.geometry.raycasting.space import SpaceRays
@@ -66,6 +74,68 @@ def test_millimetres_are_asked_about_and_not_guessed(
     assert read_mesh(path, unit=unit).bounds == pytest.approx(np.array([(-4, -3, 0), (8, 5, 3)]))
 
 
+def test_feet_that_are_taken_for_metres_are_warned_about(tmp_path: Path) -> None:
+    path = saved(house(3.2808), tmp_path / "house.ply")
+    with pytest.warns(
+        InputWarning, match=r"storey is 9\.75 m high, 3 m if its numbers are ft; say"
+    ):
+        mesh = read_mesh(path)
+    assert any("storey is 9.75 m high" in note for note in mesh.notes)
+    assert read_mesh(path, unit="m").notes == ()
+    feet = read_mesh(path, unit="ft")
+    assert feet.notes == () and feet.bounds[1, 2] == pytest.approx(3.0, abs=1e-3)
+
+
+def test_a_tower_has_storeys_as_houses_have(tmp_path: Path) -> None:
+    """The height of all of it says nothing; that to the next floor does."""
+    storeys = []
+    for k in range(8):
+        storey = house()
+        storey.apply_translation((0.0, 0.0, 3.2 * k))
+        storeys.append(storey)
+    tower = trimesh.util.concatenate(storeys)
+    assert storey_height(read_mesh(saved(tower, tmp_path / "tower.ply"))) < 3.3
+    tower.apply_scale(3.2808)
+    with pytest.warns(InputWarning, match="if its numbers are ft"):
+        read_mesh(saved(tower, tmp_path / "tower.ply"))
+
+
+UNITS = {"ft": 3.2808, "in": 39.37, "mm": 1000.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", ["m", *UNITS])
+def test_recorded_buildings_in_other_units_are_asked_about(
+    unit: str, tmp_path: Path, data_dir: Path
+) -> None:
+    """All meshes, clouds and OctoMaps: in metres nothing is said, in other units it is asked."""
+    paths = sorted((data_dir / "mesh3d").iterdir())
+    assert len(paths) == 6
+    scale = UNITS.get(unit, 1.0)
+    for path in paths:
+        scaled = tmp_path / path.name
+        if path.suffix == ".bt":
+            res = re.search(rb"\nres (\S+)", path.read_bytes())
+            assert res is not None
+            edge = f"\nres {float(res[1]) * scale}".encode()
+            scaled.write_bytes(path.read_bytes().replace(res[0], edge, 1))
+            read: Callable[..., Mesh] = read_octomap
+        else:
+            loaded = trimesh.load(path, process=False)
+            loaded.apply_scale(scale)
+            loaded.export(scaled)
+            read = partial(read_cloud, voxel=0.08 * scale) if is_cloud(path) else read_mesh
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", InputWarning)
+            try:
+                read(scaled)
+                asked = [str(one.message) for one in caught if one.category is InputWarning]
+            except InputError as refused:
+                asked = [str(refused)]
+        assert len(asked) == (unit != "m"), asked
+        assert all("say with unit whether its numbers are" in text for text in asked)
+
+
 def test_a_mesh_as_small_as_a_toy_is_asked_about(tmp_path: Path) -> None:
     path = saved(house(0.001), tmp_path / "house.obj")
     with pytest.raises(InputError, match="no robot drives in it"):
@@ -81,7 +151,7 @@ def test_a_mesh_on_its_side_is_asked_about(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="y may be up in it"):
         read_mesh(path)
     assert np.ptp(read_mesh(path, up="y").bounds, axis=0)[2] == pytest.approx(3.0)
-    assert np.ptp(read_mesh(path, up="z").bounds, axis=0)[1] == pytest.approx(3.0)
+    assert np.ptp(read_mesh(path, up="z", unit="m").bounds, axis=0)[1] == pytest.approx(3.0)
     with pytest.raises(InputError, match="up is 'w'"):
         read_mesh(path, up="w")
 
