@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.compare.criterion import Change, Verdict
 from ambinav.compare.plans import Plan

@@ -106,9 +106,7 @@ class AmbiguityMap:
         address = Address.of(path, storage_options)
         return cls(store.read(address, bounds=bounds, lazy=lazy), source=str(path))
 
-    def save(
-        self, path: str | Path, *, storage_options: Mapping[str, Any] | None = None
-    ) -> None:
+    def save(self, path: str | Path, *, storage_options: Mapping[str, Any] | None = None) -> None:
         """Write the map as a zarr store, whole or not at all.
 
         Args:

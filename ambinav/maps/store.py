@@ -176,7 +176,6 @@ def read(
         )
     metadata = _metadata(address, root)
     is_whole = _check_format(address, metadata)
-    import zarr  # see `write`
 
     from ambinav.maps.chunk_check import ChunkCheck
 

@@ -27,7 +27,8 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> di
     Args:
         outcomes: Of the conditions, in their order.
         command: Of the command line, such as "audit"; rules are named after it.
-        map_file: What the results are about, a file, a folder or a URL; relative to the working folder if it lies in it.
+        map_file: What the results are about, a file, a folder or a URL; relative to the working
+            folder if it lies in it.
     """
     rules = list(dict.fromkeys(_rule_id(command, outcome.condition) for outcome in outcomes))
     described = {_rule_id(command, outcome.condition): outcome.condition for outcome in outcomes}

@@ -67,7 +67,8 @@ def create_app(
     """Make the application.
 
     Args:
-        maps: Stores to open, folders or URLs, or maps; those of no file are called by their environment.
+        maps: Stores to open, folders or URLs, or maps; those of no file are called by their
+            environment.
         token: That requests must bear; None: none is asked for.
         hosts: Names that the server is addressed by, such as `LOOPBACK`; None: any.
         limits: What requests may cost.

@@ -93,7 +93,9 @@ def test_differences_are_covered(chances: tuple[float, float], count: int) -> No
     rng = np.random.default_rng(1)
     for b in range(count + 1):
         for c in range(count - b + 1):
-            weight = multinomial.pmf([b, c, count - b - c], count, [gained, lost, 1 - gained - lost])
+            weight = multinomial.pmf(
+                [b, c, count - b - c], count, [gained, lost, 1 - gained - lost]
+            )
             if weight < 1e-5:
                 continue
             low, high = tango(b / count, c / count, evidence)

@@ -1,4 +1,4 @@
-"""Maps at URLs: what is read and written there is what a folder holds, and what is lacking is said."""
+"""Maps at URLs hold what a folder holds, and what is lacking there is said."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_a_map_that_was_not_written_to_its_end_is_no_map(
         patch.setattr(xr.Dataset, "to_zarr", half)
         with pytest.raises(InputError, match=r"cannot be written \(OSError: the line is cut\)"):
             amap.save(url)
-    with pytest.raises(InputError, match="this map is not finished.*save it again"):
+    with pytest.raises(InputError, match=r"this map is not finished.*save it again"):
         AmbiguityMap.open(url)
     amap.save(url)
     assert AmbiguityMap.open(url).dataset.identical(amap.dataset)
@@ -162,7 +162,7 @@ def test_a_missing_or_damaged_chunk_is_named(url: str, lazy: bool) -> None:
 
 
 def test_nothing_there_is_said(url: str) -> None:
-    with pytest.raises(InputError, match="there is no ambiguity map, zarr.json is not there"):
+    with pytest.raises(InputError, match=r"there is no ambiguity map, zarr\.json is not there"):
         AmbiguityMap.open(url)
 
 

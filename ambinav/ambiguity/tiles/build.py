@@ -199,8 +199,8 @@ def _lay(plan: TilePlan, store: TileStore) -> None:
         return
     if found:
         raise InputError(
-            f"{store.address}: tiles are there of another map (another building, scanner, parameter, "
-            "tile or version of ambinav); remove them, or choose another output."
+            f"{store.address}: tiles are there of another map (another building, scanner, "
+            "parameter, tile or version of ambinav); remove them, or choose another output."
         )
     _, layers = plan.sample
     settings = plan.job.settings

@@ -111,8 +111,8 @@ class TileStore:
         whole = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
         if self.address.is_url and len(whole) and UNFINISHED not in whole:
             raise InputError(
-                f"{self.address}: a map is there that was not made in tiles, and it is not replaced; "
-                "choose another output."
+                f"{self.address}: a map is there that was not made in tiles, and it is not "
+                "replaced; choose another output."
             )
         return ""
 

@@ -89,9 +89,13 @@ episodes together by the metres of all of them, as in `Episodes.summary`."""
 TASK_FIGURES: Final = (
     EpisodeFigure("spl", "SPL", "", lambda e: mean_parts(e.spl), digits=3),
     EpisodeFigure(
-        "lost_at_end", "lost at the end", "%", lambda e: _percent(e.lost_at_end), is_share=True,
+        "lost_at_end",
+        "lost at the end",
+        "%",
+        lambda e: _percent(e.lost_at_end),
+        is_share=True,
         digits=1,
-    ),  # fmt: skip
+    ),
     EpisodeFigure(
         "lost_time", "time lost", "%", lambda e: (100.0 * e.lost_seconds, e.seconds), digits=1
     ),
@@ -162,9 +166,11 @@ def make_rows(
             sums[name].append(weights @ columns[name])
     return tuple(
         Row(
-            setting, name, len(one),
+            setting,
+            name,
+            len(one),
             _cells(columns[name], np.concatenate(sums[name], axis=1), one.building),
-        )  # fmt: skip
+        )
         for name, one in found.items()
     )
 
