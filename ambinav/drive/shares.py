@@ -36,11 +36,11 @@ class Evidence(NamedTuple):
     """What runs say: as much as so many independent ones.
 
     Attributes:
-        count: Their number, not whole where they come in groups.
+        runs: Their number, not whole where they come in groups.
         quantile: Half the width of an interval, in standard deviations.
     """
 
-    count: float
+    runs: float
     quantile: float
 
 
