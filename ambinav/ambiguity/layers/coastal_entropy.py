@@ -25,14 +25,14 @@ p is, in the mean of both,
 
     E[rho(n + z) - rho(n)] = (1 - e) (k z^2 / 2 for small z, -log f - E[rho(n)] for large ones),
 
-k = E[rho''(n)] (`expected_evidence`): noise alone uses up some of what a capped beam can tell. The integral over a cell then is that of I (docs/model.md), with evidence
-and cap of this size, over each quarter of the cell where the robot can stand: beside rough walls
-scans are not linear over a whole one. The weight within a quarter is that of a point anywhere in
-it, 1/12 of its squared edge, not the h^2 / 4 of the tensor, whose overlapping cells would leave
-nearly 2 bits where the pose is known exactly. Noise also moves the whole posterior, by a Gaussian
-as wide as itself: the entropy of its cells is the mean over that, by a rule of seven points that
-is exact to the fifth order. To move the posterior against the cells is in closed form, so no beam
-is compared twice. Then
+k = E[rho''(n)] (`expected_evidence`): noise alone uses up some of what a capped beam can tell. The
+integral over a cell then is that of I (docs/model.md), with evidence and cap of this size, over
+each quarter of the cell where the robot can stand: beside rough walls scans are not linear over a
+whole one. The weight within a quarter is that of a point anywhere in it, 1/12 of its squared edge,
+not the h^2 / 4 of the tensor, whose overlapping cells would leave nearly 2 bits where the pose is
+known exactly. Noise also moves the whole posterior, by a Gaussian as wide as itself: the entropy
+of its cells is the mean over that, by a rule of seven points that is exact to the fifth order. To
+move the posterior against the cells is in closed form, so no beam is compared twice. Then
 
     H(p) = E[- sum_q b(q) log2 b(q)]   bits, from 0 to log2 of the number of cells,
 
