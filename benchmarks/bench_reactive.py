@@ -93,7 +93,7 @@ def main() -> None:
         sections.append(section(setting, found, chosen.seed))
     text = (
         "Seeds of the episodes are none that the baselines' parameters were chosen on. In "
-        "brackets: 95 % intervals by the bootstrap, over buildings and episodes in them.\n\n"
+        "brackets: 95 % intervals over buildings and episodes in them.\n\n"
     )
     report("Reactive baselines", LIBRARIES, text + "\n\n".join(sections), chosen.out)
 

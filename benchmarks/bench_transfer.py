@@ -153,7 +153,7 @@ def main() -> None:
             section(f"{name}, {title}", found, own, chosen.seed) for name, found in parts.items()
         ]
     head = (
-        "In brackets: 95 % intervals by the bootstrap, over maps and the episodes in them where "
+        "In brackets: 95 % intervals over maps and the episodes in them where "
         "there are several; bold differences exclude 0."
     )
     about = "\n\n".join(str(__doc__).split("\n\n")[1:-1])

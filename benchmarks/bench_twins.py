@@ -73,7 +73,7 @@ def main() -> None:
         f"{args.episodes} episodes each, the same ones for all, in {args.buildings} buildings of "
         f"each suite; the policy is {args.policy}. Shares that arrived, room and the last two "
         "columns (differences to the policy's own share, episode by episode) in points; "
-        "docs/leaderboard.md says what the score is. In brackets: 95 % intervals by the bootstrap "
+        "docs/leaderboard.md says what the score is. In brackets: 95 % intervals "
         "over buildings and episodes in them.\n\n" + table(HEADER, rows, words=2)
     )
     report("What pose and map are worth", LIBRARIES, body, args.out)

@@ -11,6 +11,7 @@ from harness import table
 from numpy.typing import NDArray
 
 from ambinav.compare.criterion import CRITERION
+from ambinav.drive.bootstrap import paired_share
 
 LIMITS = (0.0, 4.0, 8.0, np.inf)
 """Ends of the ranges of a longest stretch, metres; before them is none at all."""
@@ -49,22 +50,23 @@ def mean_of(pairs: Sequence[Pair], route: str, name: str) -> float:
 
 
 def resampled(pairs: Sequence[Pair], name: str, kind: str, seed: int = 5) -> tuple[float, ...]:
-    """Difference or ratio of a figure, aware by shortest, and its interval of 95 %.
+    """Difference of a share or ratio of a figure, aware by shortest, and its interval of 95 %.
 
-    Pairs are drawn, and within each its paired seeds.
+    Of a ratio pairs are drawn, and within each its paired seeds.
     """
     ours, theirs = of(pairs, "aware", name), of(pairs, "shortest", name)
+    if kind == "difference":
+        pair = np.repeat(np.arange(len(ours)), ours.shape[1])
+        apart = paired_share(ours.ravel(), theirs.ravel(), group=pair)
+        return apart.value, apart.low, apart.high
     rng = np.random.default_rng(seed)
     count, runs = ours.shape
     rows = rng.integers(count, size=(DRAWS, count, 1))
     columns = rng.integers(runs, size=(DRAWS, count, runs))
     a = np.append(ours[rows, columns].mean(axis=(1, 2)), ours.mean())
     b = np.append(theirs[rows, columns].mean(axis=(1, 2)), theirs.mean())
-    if kind == "difference":
-        values = a - b
-    else:
-        # Nothing by nothing is no change.
-        values = np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), np.where(a > 0.0, np.inf, 1.0))
+    # Nothing by nothing is no change.
+    values = np.where(b > 0.0, a / np.where(b > 0.0, b, 1.0), np.where(a > 0.0, np.inf, 1.0))
     low, high = np.quantile(values[:-1], (0.025, 0.975))
     return float(values[-1]), float(low), float(high)
 

@@ -107,7 +107,7 @@ Network {settings["policy"]["net_arch"]} after one layer of convolutions over sc
 
 {figures}
 
-In brackets: 95 % intervals by the bootstrap over buildings and episodes in them. What conditions
+In brackets: 95 % intervals over buildings and episodes in them. What conditions
 and figures are: docs/leaderboard.md. How arrival rose: benchmarks/results/baselines.md.
 
 ## What this does not show

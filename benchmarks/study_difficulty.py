@@ -15,8 +15,9 @@ import numba
 import numpy as np
 from bench_env import Driving, rates
 from harness import add_out, environment_path, report, table
-from study_tasks import interval
 
+from ambinav.drive import bootstrap
+from ambinav.drive.shares import evidence_of, newcombe
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.difficulty import LEVELS
 from ambinav_envs.evaluation import UNSEEN, EpisodeDriver, Episodes, evaluate, joined
@@ -81,8 +82,8 @@ def drive(
 
 def share(which: np.ndarray) -> str:
     """A share with its interval, per cent."""
-    low, high = interval(int(which.sum()), len(which))
-    return f"{100 * which.mean():.0f} ({low:.0f} to {high:.0f})"
+    found = bootstrap.share(which).scaled(100.0)
+    return f"{found.value:.0f} ({found.low:.0f} to {found.high:.0f})"
 
 
 def row(where: str, who: str, level: str, done: Episodes) -> list[str]:
@@ -96,12 +97,11 @@ def row(where: str, who: str, level: str, done: Episodes) -> list[str]:
 
 
 def difference(first: Episodes, second: Episodes) -> tuple[float, float, float]:
-    """By how many points the first ones arrived more often, bootstrap over episodes of each."""
-    rng = np.random.default_rng(0)
-    a, b = (100.0 * done.ended(ARRIVED) for done in (first, second))
-    draws = [x[rng.integers(0, len(x), (4000, len(x)))].mean(axis=1) for x in (a, b)]
-    low, high = np.percentile(draws[0] - draws[1], (2.5, 97.5))
-    return float(a.mean() - b.mean()), float(low), float(high)
+    """By how many points the first ones arrived more often, with Newcombe's interval."""
+    a, b = (done.ended(ARRIVED).astype(float) for done in (first, second))
+    known = [evidence_of(arrived, None, bootstrap.LEVEL) for arrived in (a, b)]
+    low, high = newcombe(float(a.mean()), float(b.mean()), *known)
+    return 100.0 * float(a.mean() - b.mean()), 100.0 * low, 100.0 * high
 
 
 def judged(done: Mapping[tuple[str, int], Episodes]) -> str:

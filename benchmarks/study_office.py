@@ -37,11 +37,11 @@ from typing import Any
 import numpy as np
 from harness import add_out, appended, commits, environment_path, kept_rows, report, table
 from localizers import ROBOT, WHAT, localizer_of
-from numpy.typing import NDArray
 from study_place import ODOMETRIES
 
 from ambinav.ambiguity.build import build_map
 from ambinav.drive.ageing import with_aged_walls, with_moved_furniture
+from ambinav.drive.bootstrap import paired_share
 from ambinav.drive.drive import drive
 from ambinav.drive.metrics import metrics
 from ambinav.drive.noise import OdometryNoise
@@ -200,7 +200,6 @@ def body(args: argparse.Namespace) -> str:
     """The report's tables."""
     rows = kept_rows(args.folder / "rows.jsonl")
     ran, drives = ([row for row in rows if has in row] for has in ("seconds", "with"))
-    rng = np.random.default_rng(args.seed)
     total = sum(row["seconds"] for row in ran)
     names = dict.fromkeys(row["localizer"] for row in drives)
     return "\n\n".join([
@@ -217,7 +216,7 @@ def body(args: argparse.Namespace) -> str:
             ("route", "odometry errs in a metre by", "localizer", "runs", "lost without posts",
              "with", "difference, points (95 %)", "95 % error without, m", "with, m",
              "collided without", "with"),
-            [drive_line(row, rng) for row in drives],
+            [drive_line(row) for row in drives],
             words=3,
         ),
     ])  # fmt: skip
@@ -228,30 +227,21 @@ def named(command: str) -> str:
     return " ".join(Path(word).name if word.endswith(".ifc") else word for word in command.split())
 
 
-def drive_line(row: Row, rng: np.random.Generator) -> tuple[object, ...]:
+def drive_line(row: Row) -> tuple[object, ...]:
     """A line of the second table."""
     lost, errors, bumps = (
         [np.array([one[name] for one in row[kind]]) for kind in ("without", "with")]
         for name in ("lost", "position_p95", "collided")
     )
-    change = 100.0 * resampled(lost[1] - lost[0], rng)
-    low, high = np.quantile(change, (0.025, 0.975))
+    building = np.repeat(np.arange(len(lost[0])), lost[0].shape[1])
+    change = paired_share(lost[1].ravel(), lost[0].ravel(), group=building).scaled(100.0)
     rates = [float(one.mean()) for one in lost]
     return (
         row["what"], ODOMETRIES[row["odometry"]], row["localizer"], lost[0].size,
         *(f"{rate:.0%}" for rate in rates),
-        f"{100.0 * (rates[1] - rates[0]):+.0f} ({low:+.0f} to {high:+.0f})",
+        f"{100.0 * (rates[1] - rates[0]):+.0f} ({change.low:+.0f} to {change.high:+.0f})",
         *(f"{np.median(one):.2f}" for one in errors), *(f"{one.mean():.0%}" for one in bumps),
     )  # fmt: skip
-
-
-def resampled(values: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """10 000 bootstrap means of (buildings, seeds): buildings are drawn, and seeds in them."""
-    buildings, seeds = values.shape
-    which = rng.integers(buildings, size=(10_000, buildings))
-    runs = rng.integers(seeds, size=(10_000, buildings, seeds))
-    means: NDArray[np.float64] = values[which[..., None], runs].mean(axis=(1, 2))
-    return means
 
 
 if __name__ == "__main__":

@@ -12,11 +12,11 @@ import math
 import time
 from typing import Any
 
-import numpy as np
 from harness import add_out, report, table
 from task_baselines import BASELINES, Baseline, baseline
 
 from ambinav.ambiguity.layers.registry import on_request
+from ambinav.drive.bootstrap import paired_share, share
 from ambinav_envs.buildings.source import BuildingSource
 from ambinav_envs.evaluation import Episodes, evaluate
 from ambinav_envs.parameters import NavigationParameters
@@ -82,25 +82,16 @@ def drive(arguments: dict[str, Any], who: Baseline, episodes: int, seed: int) ->
     )
 
 
-def interval(hits: int, count: int) -> tuple[float, float]:
-    """Wilson's interval of a share at 95 %, per cent."""
-    z, share = 1.96, hits / count
-    middle = share + z * z / (2 * count)
-    half = z * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    scale = 100.0 / (1 + z * z / count)
-    return (middle - half) * scale, (middle + half) * scale
-
-
 def row(name: str, who: Baseline, done: Episodes, seconds: float) -> list[str]:
     """A line of the table."""
     count = len(done)
     arrived = done.ended(ARRIVED)
-    low, high = interval(int(arrived.sum()), count)
+    often = share(arrived).scaled(100.0)
     shares = [f"{100 * done.ended(code).mean():.0f}" for code in (MISSED, COLLIDED, TIMEOUT)]
     priced = "ambiguity_weight" in who.seeing
     error = 1.96 * done.reward.std(ddof=1) / math.sqrt(count)
     return [
-        name, who.text, f"{100 * arrived.mean():.0f} ({low:.0f} to {high:.0f})", *shares,
+        name, who.text, f"{often.value:.0f} ({often.low:.0f} to {often.high:.0f})", *shares,
         f"{100 * done.was_lost.mean():.0f}",
         "other prices" if priced else f"{done.reward.mean():.1f} ± {error:.1f}",
         f"{done.seconds.mean():.0f}", f"{seconds:.0f}",
@@ -108,11 +99,9 @@ def row(name: str, who: Baseline, done: Episodes, seconds: float) -> list[str]:
 
 
 def room(oracle: Episodes, best: Episodes) -> tuple[float, float, float]:
-    """By how many points the oracle arrives more often, and its interval: paired bootstrap."""
-    gain = 100.0 * (oracle.ended(ARRIVED).astype(float) - best.ended(ARRIVED))
-    draws = np.random.default_rng(0).integers(0, len(gain), (4000, len(gain)))
-    low, high = np.percentile(gain[draws].mean(axis=1), (2.5, 97.5))
-    return float(gain.mean()), float(low), float(high)
+    """By how many points the oracle arrives more often, and its paired interval."""
+    gain = paired_share(oracle.ended(ARRIVED), best.ended(ARRIVED)).scaled(100.0)
+    return gain.value, gain.low, gain.high
 
 
 HEADER = (

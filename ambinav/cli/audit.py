@@ -15,6 +15,7 @@ from ambinav.cli.map_options import BuildingOptions, MapOptions, ReachOptions
 from ambinav.cli.running import (
     Progress,
     above_zero,
+    check_map_output,
     check_writable,
     note,
     one_bar,
@@ -52,11 +53,12 @@ class ReportOptions:
         ),
     ] = None
     keep: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
             "--save-map",
             metavar="OUT.zarr",
-            help="Store the map too, as `ambinav map` does; an older map there is replaced.",
+            help="Store the map too, as `ambinav map` does, in a folder or at a URL; an older map "
+            "there is replaced.",
             show_default="not stored",
         ),
     ] = None
@@ -93,12 +95,14 @@ class ReportOptions:
         check_writable(output)
         FOLDER.check(output)
         if self.keep is not None:
-            from ambinav.maps.store import check_target
+            from ambinav.maps.address import Address
 
-            check_writable(self.keep)
-            check_target(self.keep)
-            map_path, report_path = self.keep.absolute(), output.absolute()
-            if map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path):
+            check_map_output(self.keep)
+            folder, report_path = Address.of(self.keep).folder, output.absolute()
+            map_path = None if folder is None else folder.absolute()
+            if map_path is not None and (
+                map_path.is_relative_to(report_path) or report_path.is_relative_to(map_path)
+            ):
                 raise InputError(
                     f"--save-map: {self.keep} and the report's folder {output} lie one in the "
                     "other; choose another place for the map."

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from ambinav.diff.document import Document
     from ambinav.maps.ambiguity_map import AmbiguityMap
 
-_MAP = "An ambiguity map, or with --scanner a building."
+_MAP = "An ambiguity map, a folder or a URL, or with --scanner a building."
 
 
 @options.grouped
 def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help=_MAP, show_default=False)],
-    second: Annotated[Path, typer.Argument(metavar="B", help=_MAP, show_default=False)],
+    first: Annotated[str, typer.Argument(metavar="A", help=_MAP, show_default=False)],
+    second: Annotated[str, typer.Argument(metavar="B", help=_MAP, show_default=False)],
     *,
     output: options.ReportFolder = None,
     scanner: Annotated[
@@ -115,12 +115,12 @@ def diff(
         gate.judge(conditions, report, second, as_json=as_json)
 
 
-def _is_map(path: Path) -> bool:
-    return kind_of_path(path) == STORE
+def _is_map(place: str) -> bool:
+    return "://" in place or kind_of_path(Path(place)) == STORE
 
 
 def _check_scanners(
-    paths: tuple[Path, Path], scanners: tuple[str | None, str | None], scanner_b: str | None
+    paths: tuple[str, str], scanners: tuple[str | None, str | None], scanner_b: str | None
 ) -> None:
     """Check that buildings, and only they, come with a scanner.
 
@@ -162,7 +162,7 @@ def _refuse_building_options(*groups: BuildingOptions | MapOptions | SpaceOption
 
 
 def _open(
-    path: Path,
+    path: str,
     scanner: str | None,
     building: BuildingOptions,
     making: MapOptions,
@@ -178,9 +178,9 @@ def _open(
 
     if scanner is None or _is_map(path):
         return AmbiguityMap.open(path)
-    environment, chosen = making.load(path, scanner, building, space)
+    environment, chosen = making.load(Path(path), scanner, building, space)
     made = making.build(environment, chosen, progress)
-    made.source = str(path)
+    made.source = path
     return made
 
 

@@ -133,14 +133,7 @@ class RouteOptions:
 
 @options.grouped
 def export(
-    map_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MAP.zarr",
-            help="An ambiguity map made by `ambinav map`.",
-            show_default=False,
-        ),
-    ],
+    map_file: options.StoredMap,
     kind: Annotated[
         str,
         typer.Option(
@@ -196,7 +189,7 @@ def export(
         files = export_map(amap, kind, output, chosen, overwrite=overwrite)
         if as_json:
             result = {
-                "map": str(map_file),
+                "map": map_file,
                 "kind": kind,
                 "title": exporter.title,
                 "files": [{"path": str(path), "bytes": path.stat().st_size} for path in files],

@@ -104,7 +104,12 @@ class Gate:
         return found
 
     def judge(
-        self, conditions: tuple[Condition, ...], report: object, map_file: Path, *, as_json: bool
+        self,
+        conditions: tuple[Condition, ...],
+        report: object,
+        map_file: str | Path,
+        *,
+        as_json: bool,
     ) -> None:
         """Hold the conditions against a report, write the files, and say what came out.
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ambinav.cli import options
 from ambinav.cli.map_options import BuildingOptions, MapOptions
-from ambinav.cli.running import check_writable, not_negative, progress_bars, reporting
+from ambinav.cli.running import check_map_output, not_negative, progress_bars, reporting
 from ambinav.cli.space_options import SpaceOptions
 from ambinav.cli.tile_options import TileOptions
 
@@ -29,8 +28,8 @@ def build(
             "--output",
             "-o",
             metavar="OUT.zarr",
-            help="The map to write; an older map there is replaced. With --tile also a URL of a "
-            "bucket, such as s3://maps/office.zarr.",
+            help="The map to write, a folder or a URL such as s3://maps/office.zarr; an older map "
+            "there is replaced, but not with --tile at a URL.",
             show_default=False,
         ),
     ],
@@ -61,11 +60,8 @@ def build(
         space.check()
         not_negative(robot_radius, "--robot-radius", "0.2")
         tiling.check(output)
-        from ambinav.maps.store import check_target
-
-        if "://" not in output:
-            check_writable(Path(output))
-            check_target(Path(output))
+        if tiling.tile is None or "://" not in output:
+            check_map_output(output)
         environment, chosen = making.load(map_file, scanner, building, space, robot_radius)
         if tiling.tile is not None:
             settings = making.settings(environment, chosen, robot_radius)

@@ -34,6 +34,15 @@ MapFile = Annotated[
         show_default=False,
     ),
 ]
+StoredMap = Annotated[
+    str,
+    typer.Argument(
+        metavar="MAP.zarr",
+        help="An ambiguity map made by `ambinav map`: a folder, or a URL such as "
+        "s3://maps/office.zarr.",
+        show_default=False,
+    ),
+]
 Scanner = Annotated[
     str,
     typer.Option(

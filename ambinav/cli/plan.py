@@ -38,14 +38,7 @@ def _list_planners(wanted: bool) -> None:
 
 @options.grouped
 def plan(
-    map_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MAP.zarr",
-            help="An ambiguity map made by `ambinav map`.",
-            show_default=False,
-        ),
-    ],
+    map_file: options.StoredMap,
     start: Annotated[
         Point,
         typer.Option("--start", metavar="X Y", help="Map frame, metres.", show_default=False),

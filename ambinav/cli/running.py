@@ -192,6 +192,21 @@ def check_writable(output: Path) -> None:
         ) from error
 
 
+def check_map_output(place: str) -> None:
+    """Check, before the long work, that a map can be written to a folder or a URL.
+
+    Raises:
+        InputError: see `check_writable` and `ambinav.maps.store.check_target`.
+    """
+    from ambinav.maps.address import Address
+    from ambinav.maps.store import check_target
+
+    address = Address.of(place)
+    if address.folder is not None:
+        check_writable(address.folder)
+    check_target(address)
+
+
 def check_file(output: Path) -> None:
     """Check, before the long work, that `output` can be written as a file.
 

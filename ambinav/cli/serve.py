@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import resource
 import socket
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,10 +19,11 @@ BACKLOG = 2048
 
 def serve(
     maps: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
             metavar="MAP.zarr...",
-            help="Ambiguity maps made by `ambinav map`.",
+            help="Ambiguity maps made by `ambinav map`: folders, or URLs such as "
+            "s3://maps/office.zarr.",
             show_default=False,
         ),
     ],

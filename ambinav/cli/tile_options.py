@@ -90,11 +90,6 @@ class TileOptions:
         for option, is_given in needing.items():
             if is_given:
                 raise InputError(f"{option}: this is for maps in tiles; give --tile 20 with it.")
-        if "://" in output:
-            raise InputError(
-                f"--output: {output} is a URL, to which maps are written in tiles; give --tile 20 "
-                "with it, or name a folder."
-            )
 
     def build(
         self, environment: Environment, settings: MapSettings, output: str, as_json: bool

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ambinav.compare.criterion import Change, Verdict
 from ambinav.compare.plans import Plan
@@ -131,21 +130,16 @@ def _cell(
     figure: RouteFigure, ours: Metrics, theirs: Metrics | None, key: list[int]
 ) -> Cell[RouteFigure]:
     rng = np.random.default_rng(key)
-    values = _values(figure, ours)
     plain = getattr(ours, figure.source)
     value = bootstrap(plain, rng, statistic=figure.statistic).scaled(figure.scale)
     if theirs is None:
         return Cell(figure, value, None)
-    other = _values(figure, theirs)
-    difference = paired(values, other, rng, statistic=figure.statistic)
+    other = getattr(theirs, figure.source)
+    difference = paired(plain, other, rng, statistic=figure.statistic).scaled(figure.scale)
     ratio = None
     if figure.has_ratio:
-        ratio = paired(values, other, rng, compare="ratio", statistic=figure.statistic)
+        ratio = paired(plain, other, rng, compare="ratio", statistic=figure.statistic)
     return Cell(figure, value, difference, ratio)
-
-
-def _values(figure: RouteFigure, measured: Metrics) -> NDArray[np.float64]:
-    return figure.scale * np.asarray(getattr(measured, figure.source), dtype=np.float64)
 
 
 COLUMNS: Final = (

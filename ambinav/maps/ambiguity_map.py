@@ -6,10 +6,10 @@ import difflib
 import importlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 import xarray as xr
@@ -20,6 +20,7 @@ from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
 from ambinav.maps import lattice_values, schema, store
+from ambinav.maps.address import Address
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.kept_environment import kept_environment
@@ -83,33 +84,41 @@ class AmbiguityMap:
         *,
         bounds: tuple[float, float, float, float] | None = None,
         lazy: bool = False,
+        storage_options: Mapping[str, Any] | None = None,
     ) -> AmbiguityMap:
         """Read a map that `save` wrote, or `ambinav map --tile`.
 
         Args:
-            path: Folder of the map.
+            path: Folder of the map, or a URL that fsspec knows (`s3://maps/office.zarr`); over
+                HTTP one where the files of the folder are.
             bounds: (xmin, ymin, xmax, ymax), metres: only the cells whose centres lie in it; None:
                 all. Walls and floor are those of the whole building.
             lazy: Read a layer when it is first asked for, rather than all now: a service reads the
                 layer of its cost, the clearance and what is free. The map must then stay as it is
-                on disk; what is damaged there is found when it is read.
+                where it is; what is missing or damaged there is found when it is read.
+            storage_options: Of the file system of a URL.
 
         Raises:
             InputError: there is no such folder, it does not hold an ambiguity map, or no cell of
-                it lies in the bounds.
+                it lies in the bounds. Of a URL: there is no such bucket, no right to read it,
+                nobody answers, or a package is lacking, which is named.
         """
-        return cls(store.read(Path(path), bounds=bounds, lazy=lazy), source=str(path))
+        address = Address.of(path, storage_options)
+        return cls(store.read(address, bounds=bounds, lazy=lazy), source=str(path))
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, storage_options: Mapping[str, Any] | None = None) -> None:
         """Write the map as a zarr store, whole or not at all.
 
         Args:
-            path: Folder to make. An older map there is replaced.
+            path: Folder to make, or a URL that fsspec knows. An older map there is replaced: a
+                folder in one step, at a URL in place. Who opens it there meanwhile is told that it
+                is not finished.
+            storage_options: Of the file system of a URL.
 
         Raises:
             InputError: the place is not writable, or holds something that is not a map.
         """
-        store.write(self.dataset, Path(path))
+        store.write(self.dataset, Address.of(path, storage_options))
 
     def update(
         self, env: Environment, *, progress: bool | Callable[[float], None] = False

@@ -1,12 +1,14 @@
-"""Ambiguity maps on disk: a zarr store, written and read whole or not at all."""
+"""Ambiguity maps in files: a zarr store at any address, written and read whole or not at all."""
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import json
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
@@ -14,34 +16,36 @@ import yaml
 
 from ambinav.errors import InputError
 from ambinav.files import holding_interrupts, replacing
+from ambinav.maps.address import ROOT, Address, reason_of
 from ambinav.mistaken import kind_of, kind_of_path, refuse
-
-if TYPE_CHECKING:
-    import zarr
 
 FORMAT: Final = 2
 """Of what is written here. 1 (stores without the attribute `map_format`) left out chunks that held
 nothing but the fill value, so that a lost chunk could not be distinguished from an empty one."""
 FORMAT_ATTR: Final = "map_format"
 UNFINISHED: Final = "unfinished"
-"""Attribute of a map some of whose tiles are still to be made."""
+"""Attribute of a map that is being written: of what some parts are still to be made,"""
+TILES: Final = "tiles"
+"""by `ambinav map --tile`, or"""
+LAYERS: Final = "layers"
+"""in one piece."""
 
 _TILE = 1024
 """Cells along the side of a stored chunk: 4 MiB of float32."""
 
 
-def write(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as a zarr store at `path`, replacing an older store.
+def write(dataset: xr.Dataset, address: Address) -> None:
+    """Write a dataset as a zarr store, replacing an older store.
 
-    Every chunk is written and carries a checksum, so that a lost or damaged one is noticed.
+    Every chunk is written and carries a checksum, so that a lost or damaged one is noticed. At a
+    URL, where nothing can be renamed, it says of itself that it is unfinished until all is there.
 
     Raises:
         InputError: the place is not writable, or something that is not a store is there.
     """
     from zarr.codecs import ZstdCodec  # takes half a second: only when a map is written or read
 
-    path = path.absolute()
-    check_target(path)
+    check_target(address)
     fresh = dataset.drop_encoding().assign_attrs({FORMAT_ATTR: FORMAT})
     encoding: dict[Any, dict[str, Any]] = {
         name: {"compressors": [ZstdCodec(level=0, checksum=True)]} for name in fresh.variables
@@ -49,34 +53,78 @@ def write(dataset: xr.Dataset, path: Path) -> None:
     for name, values in fresh.data_vars.items():
         if values.size:
             encoding[name]["chunks"] = tuple(min(size, _TILE) for size in values.shape)
-    with replacing(path) as scratch, warnings.catch_warnings():
+
+    def put(part: xr.Dataset, store: Any, *, consolidated: bool) -> None:
+        part.to_zarr(
+            store,
+            mode="w",
+            consolidated=consolidated,
+            zarr_format=3,
+            encoding=encoding,
+            write_empty_chunks=True,
+        )
+
+    with warnings.catch_warnings(), contextlib.ExitStack() as stack:
         # Consolidated metadata is read by xarray and Zarr-Python but not yet in the Zarr 3 text.
         warnings.filterwarnings("ignore", message="Consolidated metadata")
-        # zarr writes in threads: left running, they would go on while the scratch is removed.
-        with holding_interrupts():
-            fresh.to_zarr(
-                scratch,
-                mode="w",
-                consolidated=True,
-                zarr_format=3,
-                encoding=encoding,
-                write_empty_chunks=True,
-            )
+        if address.folder is not None:
+            scratch = stack.enter_context(replacing(address.folder.absolute()))
+            # zarr writes in threads: left running, they would go on while the scratch is removed.
+            with holding_interrupts():
+                put(fresh, scratch, consolidated=True)
+            return
+        stack.enter_context(holding_interrupts())
+        try:
+            put(fresh.assign_attrs({UNFINISHED: LAYERS}), address.store(), consolidated=False)
+            finish(address.store())
+        # Whatever a file system raises: each has errors of its own.
+        except Exception as error:
+            raise InputError(
+                f"{address}: the map cannot be written ({reason_of(error)}), and what is there is "
+                "none; check your rights and the network, and save it again."
+            ) from error
 
 
-def check_target(path: Path) -> None:
-    """Refuse to replace anything but an older store.
+def finish(store: Any, attributes: Mapping[str, Any] | None = None) -> None:
+    """Make a store that is unfinished a map like others, all of whose chunks are there.
+
+    Args:
+        store: Of zarr.
+        attributes: Of the map, in place of those that it has; None: they stay.
+    """
+    import zarr
+
+    group = zarr.open_group(store, mode="r+", use_consolidated=False)
+    kept = dict(group.attrs) if attributes is None else dict(attributes)
+    kept.pop(UNFINISHED, None)
+    group.attrs.put({**kept, FORMAT_ATTR: FORMAT})
+    zarr.consolidate_metadata(store, zarr_format=3)
+
+
+def check_target(address: Address) -> None:
+    """Refuse to replace anything but an older store, and a URL where nothing can be written.
 
     Raises:
-        InputError: `path` is a file, or a folder with something else in it, or is called as if it
-            were another kind of file.
+        InputError: a file is there, or a folder with something else in it, or the name is that of
+            another kind of file; nothing can be written at the URL.
     """
+    path = address.folder
+    if path is None:
+        address.check_writable()
+        root = address.read(ROOT)
+        if root is not None:
+            if _attributes(address, root).get(UNFINISHED) == TILES:
+                raise InputError(
+                    f"{address}: tiles of a map that is being made are there, and are not "
+                    "replaced; remove them, or choose another output."
+                )
+            return
+        if not address.answered(address.is_empty):
+            raise InputError(_no_map_there(address))
+        return
     if path.is_dir():
-        if any(path.iterdir()) and not (path / "zarr.json").is_file():
-            raise InputError(
-                f"{path}: this folder is not an ambiguity map and is not replaced; "
-                "choose another output, e.g. one that ends in .zarr."
-            )
+        if not address.is_empty() and not address.exists(ROOT):
+            raise InputError(_no_map_there(address))
     elif path.exists():
         raise InputError(f"{path}: this is a file and is not replaced; choose another output.")
     if path.suffix not in ("", ".zarr"):
@@ -85,8 +133,18 @@ def check_target(path: Path) -> None:
         )
 
 
+def _no_map_there(address: Address) -> str:
+    return (
+        f"{address}: this folder is not an ambiguity map and is not replaced; choose another "
+        "output, e.g. one that ends in .zarr."
+    )
+
+
 def read(
-    path: Path, *, bounds: tuple[float, float, float, float] | None = None, lazy: bool = False
+    address: Address,
+    *,
+    bounds: tuple[float, float, float, float] | None = None,
+    lazy: bool = False,
 ) -> xr.Dataset:
     """Read a dataset into memory.
 
@@ -94,43 +152,54 @@ def read(
     would otherwise turn to NaN.
 
     Args:
-        path: Folder of the store.
+        address: Where the store is.
         bounds: (xmin, ymin, xmax, ymax), metres, of the cells that are read; None: all.
         lazy: Variables are read when they are first asked for, and kept.
 
     Raises:
-        InputError: there is no readable zarr store at `path`, it is of a newer format, or a part
-            of it is missing or damaged; the message names the file.
+        InputError: there is no readable zarr store, it is of a newer format, or a part of it is
+            missing or damaged; the message names the file. A URL gives no answer, or nothing that
+            is installed reads it.
     """
-    if not path.exists():
-        raise InputError(f"{path}: there is no such map; make one with `ambinav map`.")
-    root = path / "zarr.json"
-    if not root.is_file():
-        _refuse_other(path)
+    if address.folder is not None and not address.folder.exists():
+        raise InputError(f"{address}: there is no such map; make one with `ambinav map`.")
+    root = address.read(ROOT)
+    if root is None:
+        if address.folder is None:
+            raise InputError(
+                f"{address}: there is no ambiguity map, zarr.json is not there; check the "
+                "address, or make one with `ambinav map`."
+            )
+        _refuse_other(address.folder)
         raise InputError(
-            f"{path}: not an ambiguity map, it lacks zarr.json; make one with `ambinav map`."
+            f"{address}: not an ambiguity map, it lacks zarr.json; make one with `ambinav map`."
         )
-    checked = _check_format(path, root)
-    import zarr  # see `write`
+    metadata = _metadata(address, root)
+    is_whole = _check_format(address, metadata)
 
+    from ambinav.maps.chunk_check import ChunkCheck
+
+    store = ChunkCheck(address.store(read_only=True), address, is_whole=is_whole)
     try:
-        # Not from the consolidated metadata: locally that saves nothing, and stores that another
-        # program wrote without are read as well.
-        group = zarr.open_group(path, mode="r", use_consolidated=False)
-        if checked:
-            _check_chunks(path, group)
-        opened = xr.open_zarr(path, chunks=None, consolidated=False)
+        # What another program wrote may lack consolidated metadata, and over HTTP nothing can be
+        # listed.
+        opened = xr.open_zarr(
+            store,
+            chunks=None,
+            consolidated=metadata.get("consolidated_metadata") is not None,
+            zarr_format=3,
+        )
         if bounds is not None:
-            opened = _within(opened, bounds, path)
+            opened = _within(opened, bounds, address)
         dataset: xr.Dataset = opened if lazy else opened.load()
     except InputError:
         raise
     # Whatever zarr or a codec raises on a damaged store is about the user's file.
     except Exception as error:
-        culprit = _culprit(path)
+        culprit = _culprit(address)
         reason = " ".join(str(error).split()).rstrip(".")
         raise InputError(
-            f"{culprit or path}: the map cannot be read ({type(error).__name__}: {reason}); "
+            f"{culprit or address}: the map cannot be read ({type(error).__name__}: {reason}); "
             "make it again."
         ) from error
     dataset.attrs.pop(FORMAT_ATTR, None)
@@ -138,14 +207,14 @@ def read(
 
 
 def _within(
-    dataset: xr.Dataset, bounds: tuple[float, float, float, float], path: Path
+    dataset: xr.Dataset, bounds: tuple[float, float, float, float], address: Address
 ) -> xr.Dataset:
     """The cells whose centres lie in bounds."""
     xmin, ymin, xmax, ymax = bounds
     part = dataset.sel(x=slice(xmin, xmax), y=slice(ymin, ymax))
     if not (part.sizes["x"] and part.sizes["y"]):
         raise InputError(
-            f"{path}: no cell of the map lies in the bounds {bounds}; it covers x from "
+            f"{address}: no cell of the map lies in the bounds {bounds}; it covers x from "
             f"{float(dataset['x'][0]):g} to {float(dataset['x'][-1]):g} and y from "
             f"{float(dataset['y'][0]):g} to {float(dataset['y'][-1]):g}."
         )
@@ -166,69 +235,76 @@ def _refuse_other(path: Path) -> None:
         refuse(f"{path}", found._replace(remedy=remedy) if building else found, wanted)
 
 
-def _check_format(path: Path, root: Path) -> bool:
+def _metadata(address: Address, root: bytes) -> dict[str, Any]:
+    """What zarr.json says.
+
+    Raises:
+        InputError: it is none of zarr's.
+    """
+    try:
+        found = json.loads(root)
+        if isinstance(found.get("attributes") or {}, dict):
+            return dict(found)
+        raise ValueError
+    except (ValueError, AttributeError) as error:
+        raise InputError(
+            f"{address}/{ROOT}: the map cannot be read, this is no metadata of zarr; make the map "
+            "again."
+        ) from error
+
+
+def _attributes(address: Address, root: bytes) -> dict[str, Any]:
+    return _metadata(address, root).get("attributes") or {}
+
+
+def _check_format(address: Address, metadata: Mapping[str, Any]) -> bool:
     """Whether the store is of a format whose chunks are all there.
 
     Raises:
-        InputError: it is of a format that is newer than this program.
+        InputError: it is of a format that is newer than this program, or unfinished.
     """
-    try:
-        attributes = json.loads(root.read_bytes()).get("attributes") or {}
-        version = attributes.get(FORMAT_ATTR, 1)
-    except (OSError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"{root}: the map cannot be read, this is no metadata of zarr; make the map again."
-        ) from error
+    attributes = metadata.get("attributes") or {}
+    version = attributes.get(FORMAT_ATTR, 1)
     if not isinstance(version, int) or version < 1:
-        raise InputError(f"{path}: {FORMAT_ATTR} is {version!r}; make the map again.")
+        raise InputError(f"{address}: {FORMAT_ATTR} is {version!r}; make the map again.")
     if version > FORMAT:
         raise InputError(
-            f"{path}: the map has format {version} (of ambinav "
+            f"{address}: the map has format {version} (of ambinav "
             f"{attributes.get('ambinav_version', '?')}), and this ambinav "
             f"{importlib.metadata.version('ambinav')} reads formats up to {FORMAT}; install a "
             "newer ambinav, or make the map again."
         )
     if UNFINISHED in attributes:
+        missing = attributes[UNFINISHED]
+        remedy = (
+            "give the same `ambinav map --tile` command again"
+            if missing == TILES
+            else "wait for who writes it, or save it again"
+        )
         raise InputError(
-            f"{path}: this map is not finished, some of its {attributes[UNFINISHED]} are still to "
-            "be made; give the same `ambinav map --tile` command again."
+            f"{address}: this map is not finished, some of its {missing} are still to be made; "
+            f"{remedy}."
         )
     return version >= 2
 
 
-def _chunk_file(path: Path, name: str, array: zarr.Array[Any], index: tuple[int, ...]) -> Path:
-    return path / name / array.metadata.encode_chunk_key(index)
-
-
-def _check_chunks(path: Path, group: zarr.Group) -> None:
-    """Check that every chunk is there; zarr takes a missing one for the fill value.
-
-    Raises:
-        InputError: one is missing.
-    """
-    for name, array in group.arrays():
-        for index in np.ndindex(array.cdata_shape):
-            file = _chunk_file(path, name, array, index)
-            if not file.is_file():
-                raise InputError(
-                    f"{file}: this part of the map is missing; copy the whole folder again, or "
-                    "make the map again."
-                )
-
-
-def _culprit(path: Path) -> Path | None:
+def _culprit(address: Address) -> str | None:
     """The file of a store that cannot be read, if it can be found."""
     import zarr  # see `write`
 
-    for metadata in sorted(path.glob("*/zarr.json")):
-        name = metadata.parent.name
+    store = address.store(read_only=True)
+    try:
+        names = sorted(zarr.open_group(store, mode="r").array_keys())
+    except Exception:
+        return None
+    for name in names:
         try:
-            array = zarr.open_array(path / name, mode="r")
+            array = zarr.open_array(store, path=name, mode="r")
         except Exception:
-            return metadata
+            return f"{address}/{name}/{ROOT}"
         for index in np.ndindex(array.cdata_shape):
             try:
                 array.blocks[index]
             except Exception:
-                return _chunk_file(path, name, array, index)
+                return f"{address}/{name}/{array.metadata.encode_chunk_key(index)}"
     return None

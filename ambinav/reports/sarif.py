@@ -21,13 +21,14 @@ from ambinav.version import __version__
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
 
 
-def sarif(outcomes: Sequence[Outcome], command: str, map_file: Path) -> dict[str, Any]:
+def sarif(outcomes: Sequence[Outcome], command: str, map_file: str | Path) -> dict[str, Any]:
     """The document as plain values.
 
     Args:
         outcomes: Of the conditions, in their order.
         command: Of the command line, such as "audit"; rules are named after it.
-        map_file: What the results are about; relative to the working folder if it lies in it.
+        map_file: What the results are about, a file, a folder or a URL; relative to the working
+            folder if it lies in it.
     """
     rules = list(dict.fromkeys(_rule_id(command, outcome.condition) for outcome in outcomes))
     described = {_rule_id(command, outcome.condition): outcome.condition for outcome in outcomes}
@@ -58,7 +59,9 @@ def sarif(outcomes: Sequence[Outcome], command: str, map_file: Path) -> dict[str
     }
 
 
-def write_sarif(outcomes: Sequence[Outcome], command: str, map_file: Path, path: Path) -> None:
+def write_sarif(
+    outcomes: Sequence[Outcome], command: str, map_file: str | Path, path: Path
+) -> None:
     """Write the document, whole or not at all; raises as `ambinav.files.replacing` does."""
     write_text(path, json.dumps(sarif(outcomes, command, map_file), indent=2) + "\n")
 
@@ -94,8 +97,11 @@ def _result(
     }
 
 
-def _location(path: Path) -> dict[str, Any]:
-    """A file by its address; of a folder, as maps are stored in, no line can be named."""
+def _location(place: str | Path) -> dict[str, Any]:
+    """A file by its address; of a folder or URL, as maps are stored in, no line can be named."""
+    if "://" in str(place):
+        return {"artifactLocation": {"uri": str(place)}}
+    path = Path(place)
     whole, here = Path(os.path.normpath(path.absolute())), Path.cwd()  # without ".."
     line = {} if path.is_dir() else {"region": {"startLine": 1}}
     if whole.is_relative_to(here):

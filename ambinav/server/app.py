@@ -13,6 +13,7 @@ from typing import Final
 from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import Response
 
+from ambinav.maps.address import Address
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.server import (
     auditing,
@@ -66,7 +67,8 @@ def create_app(
     """Make the application.
 
     Args:
-        maps: Stores to open, or maps; those of no file are called by their environment.
+        maps: Stores to open, folders or URLs, or maps; those of no file are called by their
+            environment.
         token: That requests must bear; None: none is asked for.
         hosts: Names that the server is addressed by, such as `LOOPBACK`; None: any.
         limits: What requests may cost.
@@ -79,9 +81,10 @@ def create_app(
         if isinstance(one, AmbiguityMap):
             served.add(one, str(one.dataset.attrs["environment"]))
         else:
-            path = Path(one).resolve()
-            key = key_of(path)
-            served.add(AmbiguityMap.open(one), path.stem, path, key)
+            address = Address.of(one)
+            path = None if address.folder is None else address.folder.resolve()
+            key = None if path is None else key_of(path)
+            served.add(AmbiguityMap.open(one), address.stem, path, key)
     limits = Limits() if limits is None else limits
     context = Context(served, limits)
 

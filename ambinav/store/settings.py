@@ -25,9 +25,17 @@ def cache_folder() -> Path | None:
 
     Returns:
         None if the variable is set and empty, or the user has no home. The folder need not exist.
+
+    Raises:
+        InputError: the variable is a URL.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen is not None:
+        if "://" in chosen:
+            raise InputError(
+                f"{VARIABLE} is {chosen!r}, a URL, where nothing can be locked; name a folder, or "
+                "leave it empty to keep no maps."
+            )
         return Path(chosen) if chosen else None
     base = os.environ.get("XDG_CACHE_HOME")
     try:

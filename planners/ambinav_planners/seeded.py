@@ -2,22 +2,38 @@
 
 OMPL hands its seeds out in order, one to every sampler that is made, and can neither set nor
 reset them later. The first seeded call of a process takes place in it; every further one in a
-fresh process that reads it from its standard input. Both give the same result.
+fresh process. Both give the same result.
+
+Call and answer go over a connection of their own, for planners may be plug-ins, which print: what
+is written to standard output or error there, from Python or C, is shown on standard error here.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
 import pickle
+import signal
+import socket
 import subprocess
 import sys
+import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from multiprocessing.connection import Connection, wait
+from typing import Any, Final, TypeVar
 
 from ambinav.errors import InputError
+from ambinav.processes import putting_signals_off
 from ambinav_planners.registry import SEEDS
 
 T = TypeVar("T")
+
+LOOK_EVERY: Final = 0.5
+"""Seconds between two looks whether a process that does not answer is still there."""
+PATIENCE: Final = 5.0
+"""Seconds in which a process that has answered must end, with what it still prints."""
 
 
 @dataclass
@@ -26,6 +42,15 @@ class _Process:
 
 
 _process = _Process()
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What became of a call: a result, or why there is none."""
+
+    result: Any = None
+    refused: InputError | None = None
+    failed: str | None = None
 
 
 def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -> T:
@@ -38,27 +63,62 @@ def call_seeded(seed: int | None, function: Callable[..., T], *arguments: Any) -
 
     Raises:
         InputError: what the function raised so, here or there.
-        RuntimeError: the fresh process failed otherwise; the message holds what it said.
+        RuntimeError: the fresh process failed otherwise; the message holds its traceback, or how it
+            ended.
     """
     if seed is None or (_process.seed is None and _take_seed(seed)):
         return function(*arguments)
-    task = pickle.dumps((seed, function, arguments))
-    command = [sys.executable, "-m", "ambinav_planners.seeded"]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as run:
-        try:
-            answer, stderr = run.communicate(task)
-        except BaseException:
-            run.kill()
-            raise
-    if run.returncode != 0:
-        raise RuntimeError(f"planning in a fresh process failed: {stderr.decode(errors='replace')}")
-    refused, result = pickle.loads(answer)
-    if refused is not None:
-        raise refused
-    value: T = result
+    answer = _answer_of(pickle.dumps((seed, function, arguments)))
+    if answer.refused is not None:
+        raise answer.refused
+    if answer.failed is not None:
+        raise RuntimeError(f"planning in a fresh process failed: {answer.failed}")
+    value: T = answer.result
     return value
+
+
+def _answer_of(task: bytes) -> _Answer:
+    """Start a process, give it a pickled call, and wait for its answer."""
+    here, there = socket.socketpair()
+    with there:
+        code = f"from ambinav_planners.seeded import main; main({there.fileno()})"
+        command = [sys.executable, "-c", code]
+        with putting_signals_off():  # of this process: the new one is ended by the block below
+            run = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=_stderr(), pass_fds=(there.fileno(),)
+            )
+    with run, Connection(here.detach()) as line:
+        try:
+            # One that ends first breaks the line; how it ended is said below.
+            with contextlib.suppress(OSError, EOFError):
+                line.send_bytes(task)
+                while not wait([line], LOOK_EVERY):
+                    if run.poll() is not None and not line.poll():
+                        raise EOFError
+                answer = pickle.loads(line.recv_bytes())
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    run.wait(PATIENCE)
+                return answer if isinstance(answer, _Answer) else _Answer(failed="no answer")
+            return _Answer(failed=f"it ended before it had answered, {_ending(run.wait())}")
+        finally:
+            run.kill()
+
+
+def _stderr() -> int:
+    """Where this process writes its errors."""
+    try:
+        return sys.__stderr__.fileno() if sys.__stderr__ is not None else subprocess.DEVNULL
+    except (OSError, ValueError):
+        return subprocess.DEVNULL
+
+
+def _ending(status: int) -> str:
+    if status >= 0:
+        return f"with exit status {status}"
+    try:
+        return f"by {signal.Signals(-status).name}"
+    except ValueError:
+        return f"by signal {-status}"
 
 
 def _take_seed(seed: int) -> bool:
@@ -73,19 +133,40 @@ def _take_seed(seed: int) -> bool:
     return bool(ou.RNG.getSeed() == seed)
 
 
-def _main() -> None:
-    """Read a call from standard input and write its result to standard output."""
-    seed, function, arguments = pickle.load(sys.stdin.buffer)
-    if not _take_seed(seed):
-        raise SystemExit("OMPL had drawn random numbers before it could be seeded")
-    refused: InputError | None = None
-    result = None
+def main(descriptor: int) -> None:
+    """Read a call from a connection, and write its answer to it: what the fresh process does."""
+    # Ctrl-C is for the one who waits for the answer.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    os.set_inheritable(descriptor, False)  # else what a plug-in starts would hold the line
+    line = Connection(descriptor)
+    task = line.recv_bytes()
+    threading.Thread(target=_end_with, args=(line,), daemon=True).start()
     try:
-        result = function(*arguments)
+        made = pickle.dumps(_called(task))
+    except Exception:  # of a result that cannot be pickled
+        made = pickle.dumps(_Answer(failed=traceback.format_exc()))
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    line.send_bytes(made)
+
+
+def _called(task: bytes) -> _Answer:
+    """Do a call."""
+    try:
+        seed, function, arguments = pickle.loads(task)
+        if not _take_seed(seed):
+            return _Answer(failed="OMPL had drawn random numbers before it could be seeded")
+        return _Answer(function(*arguments))
     except InputError as error:
-        refused = error
-    sys.stdout.buffer.write(pickle.dumps((refused, result)))
+        return _Answer(refused=error)
+    except Exception:
+        return _Answer(failed=traceback.format_exc())
 
 
-if __name__ == "__main__":
-    _main()
+def _end_with(line: Connection) -> None:
+    """End this process when the one that waits for it has gone; nobody else would."""
+    with contextlib.suppress(OSError, EOFError):
+        line.poll(None)
+    os._exit(1)

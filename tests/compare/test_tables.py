@@ -82,7 +82,7 @@ def test_texts() -> None:
     high = 100.0 * binomtest(0, rows[2].runs).proportion_ci(0.95, "wilson").high
     assert value_text(rows[2]["lost"]) == f"0 [0, {high:.0f}]"
     assert difference_text(rows[1]["error_p95"]) == "-0.60 [-0.60, -0.60]"
-    assert difference_text(rows[3]["lost"]) == "+0 [+0, +0]"
+    assert difference_text(rows[3]["lost"]) == "+0 [-11, +11]"
     assert difference_text(rows[0]["lost"]) == "" == ratio_text(rows[0]["lost"])
     assert ratio_text(rows[3]["lost"]) == "1.00 [1.00, 1.00]"
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from ambinav.errors import InputError
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav_planners.planning import RoutePlanner
 from ambinav_planners.seeded import call_seeded
+from tests.planners import noisy_planners
 
+ROOT = Path(__file__).parents[2]
 START, GOAL = (3.0, 3.0), (12.0, 6.0)
 JOBS = {"rrtstar": 1000, "bitstar": 3000, "fmt": 300, "prmstar": 300}
 SCRIPT = """
@@ -34,6 +39,18 @@ def main(source, jobs):
             continue
         print(json.dumps([name, seed, route.poses.tolist()]))
 main(*sys.argv[1:])
+"""
+PLUG_IN = """
+import os
+from ambinav_planners.reference import REFERENCE
+from dataclasses import replace
+
+def solve(problem, budget):
+    print("chatty plans", flush=True)
+    os.write(1, b"chatty plans from C\\n")
+    return REFERENCE.solve(problem, budget)
+
+PLANNER = replace(REFERENCE, name="chatty", solve=solve, uses_ompl=True)
 """
 PosesByJob = dict[tuple[str, int], list[list[float]]]
 
@@ -104,6 +121,108 @@ def test_what_fails_in_a_fresh_process_is_reported() -> None:
     call_seeded(7, os.getpid)
     with pytest.raises(RuntimeError, match=r"(?s)failed: .*ValueError"):
         call_seeded(8, math.sqrt, -1.0)
+
+
+@pytest.fixture
+def seeded_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let further calls go to fresh processes, which find the functions of the tests."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), *sys.path]))
+    call_seeded(7, os.getpid)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("seeded_here")
+def test_planners_may_print(capfd: pytest.CaptureFixture[str]) -> None:
+    value = list(range(1000))
+    assert call_seeded(8, noisy_planners.prints, value) == value
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert set(err.splitlines()) == {
+        "from python", "to stderr", "from below", "from C", "from a child"
+    }  # fmt: skip
+    with pytest.raises(InputError, match=r"^goal: it is inside of a wall\.$"):
+        call_seeded(8, noisy_planners.refuses)
+    assert capfd.readouterr() == ("", "no\n")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("seeded_here")
+def test_a_flood_of_output_does_not_stop_it(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call_seeded(8, noisy_planners.floods) == noisy_planners.FLOOD
+    assert len(capfd.readouterr().err) == 2 * noisy_planners.FLOOD
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("seeded_here")
+def test_a_process_that_dies_is_reported_at_once() -> None:
+    begun = time.monotonic()
+    with pytest.raises(RuntimeError, match="it ended before it had answered, by SIGKILL"):
+        call_seeded(8, noisy_planners.dies, signal.SIGKILL)
+    with pytest.raises(RuntimeError, match="it ended before it had answered, by SIGSEGV"):
+        call_seeded(8, noisy_planners.dies, signal.SIGSEGV)
+    with pytest.raises(RuntimeError, match="it ended before it had answered, with exit status 3"):
+        call_seeded(8, noisy_planners.leaves, 3)
+    assert time.monotonic() - begun < 18.0  # what it had started lives longer
+    with pytest.raises(RuntimeError, match=r"(?s)failed: .*gives_what_cannot_be_sent"):
+        call_seeded(8, noisy_planners.gives_what_cannot_be_sent)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("seeded_here")
+def test_nothing_is_read_from_standard_input() -> None:
+    assert call_seeded(8, noisy_planners.asks) == ""
+
+
+@pytest.mark.slow
+def test_the_process_ends_with_the_one_that_waits_for_it(tmp_path: Path) -> None:
+    file = tmp_path / "pid"
+    code = (
+        "import os; from ambinav_planners.seeded import call_seeded; "
+        "from tests.planners.noisy_planners import waits; "
+        f"call_seeded(7, os.getpid); call_seeded(8, waits, {str(file)!r})"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as waiting:
+        while not (file.exists() and file.read_text()):
+            assert waiting.poll() is None
+            time.sleep(0.05)
+        waiting.kill()
+    pid = int(file.read_text())
+    deadline = time.monotonic() + 10.0
+    while Path(f"/proc/{pid}/cmdline").exists() and Path(f"/proc/{pid}/cmdline").read_bytes():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.mark.slow
+def test_a_plug_in_that_prints_plans_with_a_seed(
+    demo_map: AmbiguityMap, tmp_path: Path, capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Installed, as its entry point says; two seeds, of which the second is planned apart."""
+    (tmp_path / "chatty.py").write_text(PLUG_IN, encoding="utf-8")
+    record = tmp_path / "chatty-1.0.dist-info"
+    record.mkdir()
+    (record / "METADATA").write_text("Metadata-Version: 2.1\nName: chatty\nVersion: 1.0\n")
+    (record / "entry_points.txt").write_text("[ambinav.planners]\nchatty = chatty:PLANNER\n")
+    stored = tmp_path / "demo.zarr"
+    demo_map.save(stored)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
+    code = (
+        "import json; from ambinav import AmbiguityMap; "
+        "from ambinav_planners import RoutePlanner; "
+        f"robot = RoutePlanner(AmbiguityMap.open({str(stored)!r})); "
+        "routes = [robot.plan((3.0, 3.0), (12.0, 6.0), planner_name='chatty', seed=seed) "
+        "for seed in (1, 2)]; "
+        "print(json.dumps([route.poses.tolist() for route in routes]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    # The first is planned in the process itself, whose standard output it has.
+    *chatter, routes = done.stdout.splitlines()
+    assert chatter == ["chatty plans", "chatty plans from C"]
+    assert done.stderr.splitlines()[-2:] == chatter
+    first, second = json.loads(routes)
+    assert first == second
 
 
 @pytest.mark.slow

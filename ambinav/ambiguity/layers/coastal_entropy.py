@@ -10,29 +10,29 @@ cells within the map's radius R that free steps between possible poses lead to. 
 the cell q as probable as
 
     b(q) ~ integral over q's cell of exp(-sum_i rho(z_i) / tau),   z_i = (r_i - d_i(q)) / s_i,
-    rho(z) = -log((1 - e) exp(-z^2 / 2) + e).
+    rho(z) = -log((1 - e) exp(-z^2 / 2) + f),   f = e s sqrt(2 pi) / (maximum - minimum range).
 
 e is the share of beams that meet what is not on the map (the model's `outlier_share`, with the
 sensor's random and lost readings). exp(-z^2 / 2) is the likelihood of a noisy reading at a known
-pose, relative to its peak; an odd beam tells no pose from another, so its relative likelihood is 1.
-Hence rho ends at -log e: the cap of the model's own indistinguishability I(p, q), where the same
-share is mixed with exp(-z^2 / 4), for there both scans are noisy. Twice the evidence of I, then,
-under the same cap; halving tau would double both, and stand for a share of e^2.
+pose, relative to its peak 1 / (s sqrt(2 pi)), at the s of the most precise reading. An odd reading
+falls anywhere in the sensor's range, with the density e / (maximum - minimum range), which relative
+to that peak is f. Hence rho ends at -log f, 5 to 6 where e is 5 to 10 %. The cap of the model's own
+indistinguishability I(p, q), -log e, is wary of maps; a posterior under it is not Bayes', for odd
+readings would be as dense everywhere as explained ones at their peak.
 
 The readings are those at p, with their noise n and their odd beams. What a beam tells of q against
 p is, in the mean of both,
 
-    E[rho(n + z) - rho(n)] = (1 - e) (k z^2 / 2 for small z, -log e - E[rho(n)] for large ones),
+    E[rho(n + z) - rho(n)] = (1 - e) (k z^2 / 2 for small z, -log f - E[rho(n)] for large ones),
 
-k = E[rho''(n)] (`expected_evidence`): noise alone uses up some of what a capped beam can tell, at
-e = 0.05 a quarter of it. The integral over a cell then is that of I (docs/model.md), with evidence
-and cap of this size, over each quarter of the cell where the robot can stand: beside rough walls
-scans are not linear over a whole one. The weight within a quarter is that of a point anywhere in
-it, 1/12 of its squared edge, not the h^2 / 4 of the tensor, whose overlapping cells would leave
-nearly 2 bits where the pose is known exactly. Noise also moves the whole posterior, by a Gaussian
-as wide as itself: the entropy of its cells is the mean over that, by a rule of seven points that
-is exact to the fifth order. To move the posterior against the cells is in closed form, so no beam
-is compared twice. Then
+k = E[rho''(n)] (`expected_evidence`): noise alone uses up some of what a capped beam can tell. The
+integral over a cell then is that of I (docs/model.md), with evidence and cap of this size, over
+each quarter of the cell where the robot can stand: beside rough walls scans are not linear over a
+whole one. The weight within a quarter is that of a point anywhere in it, 1/12 of its squared edge,
+not the h^2 / 4 of the tensor, whose overlapping cells would leave nearly 2 bits where the pose is
+known exactly. Noise also moves the whole posterior, by a Gaussian as wide as itself: the entropy
+of its cells is the mean over that, by a rule of seven points that is exact to the fifth order. To
+move the posterior against the cells is in closed form, so no beam is compared twice. Then
 
     H(p) = E[- sum_q b(q) log2 b(q)]   bits, from 0 to log2 of the number of cells,
 
@@ -151,7 +151,7 @@ def coastal_entropy(
         raise InputError(f"people is {people}; give at least 0 per metre.")
     lattice, table, model = context.lattice, context.table, context.model
     steps = math.floor(model.radius / lattice.spacing + 1e-9)
-    share, inverse_cap = _known_pose(table)
+    share, inverse_cap = _known_pose(context)
     evidences = _evidence(table, share)
     # What is known before the scan is the neighbourhood.
     posterior = Posterior(4.0 / model.radius**2, SHIFTS, WEIGHTS)
@@ -216,34 +216,42 @@ def _quarters(
     return data, rows
 
 
-def expected_evidence(odd: float) -> tuple[float, float]:
+def expected_evidence(odd: float, floor: float) -> tuple[float, float]:
     """What a beam tells at a known pose, in the mean over its noise and over its being odd.
 
     Args:
         odd: Share of beams that are odd, e, above 0 and below 1.
+        floor: Their density relative to the peak of the others, f, above 0.
 
     Returns:
-        (1 - e) E[rho''(n)], what small differences count, and (1 - e) (-log e - E[rho(n)]), the
+        (1 - e) E[rho''(n)], what small differences count, and (1 - e) (-log f - E[rho(n)]), the
         most that a beam can tell; see the module.
     """
     normal = np.exp(-0.5 * NOISE**2)
     weight = normal / normal.sum()
-    mixed = (1.0 - odd) * normal + odd
+    mixed = (1.0 - odd) * normal + floor
     fits = (1.0 - odd) * normal / mixed
     # rho' = z fits and fits' = - z fits (1 - fits).
     bend = fits * (1.0 - NOISE**2 * (1.0 - fits))
-    most = weight @ (np.log(mixed) - math.log(odd))
+    most = weight @ (np.log(mixed) - math.log(floor))
     return (1.0 - odd) * float(weight @ bend), (1.0 - odd) * float(most)
 
 
-def _known_pose(table: BeamTable) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _known_pose(context: LayerContext) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Of each beam what small differences count and 1 / the most it tells, shape (P,)."""
-    caps, which = np.unique(table.inverse_cap, return_inverse=True)
-    known = np.ones((len(caps), 2))
-    for k, inverse in enumerate(caps.tolist()):
-        if inverse > 0.0:  # it is 0 for padding
-            known[k] = expected_evidence(math.exp(-1.0 / inverse))
-    share, cap = known[which].T.astype(np.float32)
+    table, scanner, beams = context.table, context.scanner, context.table.beams
+    shares = [s.random_share + s.lost_share for s in scanner.sensors]
+    odd = np.minimum(context.model.outlier_share + np.array(shares), 0.99)[scanner.sensor_of_beam]
+    peak = 1.0 / np.sqrt(2.0 * math.pi * 2.0 * table.spread[:beams].min(axis=1))
+    floor = odd * np.minimum(1.0 / (peak * (table.limit[:beams] - table.nearest)), 1.0)
+    # How dense intensities are is not known: there an odd one is as likely as any.
+    pairs = np.vstack([np.column_stack([odd, floor]), np.column_stack([odd[table.intensity]] * 2)])
+    kinds, which = np.unique(pairs, axis=0, return_inverse=True)
+    known = np.ones((len(table.limit), 2))  # padding has any
+    known[: len(pairs)] = np.array([expected_evidence(*kind) for kind in kinds.tolist()])[
+        which.reshape(-1)
+    ]
+    share, cap = known.T.astype(np.float32)
     return share, 1.0 / cap
 
 

@@ -18,17 +18,17 @@ import xarray as xr
 from ambinav.ambiguity.build import MapSettings, reporter
 from ambinav.ambiguity.dataset import judged_radius, with_building
 from ambinav.ambiguity.stored import computing_digest
-from ambinav.ambiguity.tiles.access import check_access
 from ambinav.ambiguity.tiles.claim import claimed
 from ambinav.ambiguity.tiles.job import Tile
 from ambinav.ambiguity.tiles.plan import TilePlan
 from ambinav.ambiguity.tiles.queue import TileQueue, TileWork
-from ambinav.ambiguity.tiles.store import TileStore, reason_of
+from ambinav.ambiguity.tiles.store import TileStore
 from ambinav.ambiguity.tiles.workers import make_here, make_in_processes
 from ambinav.errors import InputError
 from ambinav.files import move_onto
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.lattice import Lattice
+from ambinav.maps.address import Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.store import check_target
@@ -119,9 +119,10 @@ def run_plan(
     if workers is not None and workers < 0:
         raise InputError(f"workers is {workers}; give 0 or more processes.")
     check_place(output, scheduler, storage_options)
+    address = Address.of(output, storage_options)
     title = f"{plan.environment.name}, {plan.job.settings.scanner.name}"
     try:
-        with reporter(progress, title) as report, _place(plan, output, storage_options) as store:
+        with reporter(progress, title) as report, _place(plan, address) as store:
             queue = _queue(plan, store, report)
             work = TileWork(plan.job, store)
             if scheduler is not None:
@@ -157,8 +158,9 @@ def check_place(
     Raises:
         InputError: the scheduler does not answer, or nothing can be written at the URL.
     """
-    if "://" in output:
-        check_access(TileStore(output, 1, dict(storage_options or {})))
+    address = Address.of(output, storage_options)
+    if address.is_url:
+        address.check_writable()
     if scheduler is not None:
         from ambinav.ambiguity.tiles.cluster import threads_of
 
@@ -166,20 +168,20 @@ def check_place(
 
 
 @contextlib.contextmanager
-def _place(plan: TilePlan, output: str, options: Mapping[str, Any] | None) -> Iterator[TileStore]:
+def _place(plan: TilePlan, address: Address) -> Iterator[TileStore]:
     """Hold the place of a map, lay its template there, and put it where it belongs in the end."""
-    if "://" in output:
-        store = TileStore(output, plan.cells, dict(options or {}))
-        with claimed(*store.files, output):
+    if address.folder is None:
+        store = TileStore(address, plan.cells)
+        with claimed(*address.files, address.place):
             _lay(plan, store)
             yield store
         return
-    path = Path(output).absolute()
-    check_target(path)
+    check_target(address)
+    path = address.folder.absolute()
     part = path.with_name(path.name + PART)
     FOLDER.check(part)
     with FOLDER.hold(part):
-        store = TileStore(str(part / MAP), plan.cells)
+        store = TileStore(Address.of(part / MAP), plan.cells)
         _lay(plan, store)
         yield store
         move_onto(part / MAP, path)
@@ -197,8 +199,8 @@ def _lay(plan: TilePlan, store: TileStore) -> None:
         return
     if found:
         raise InputError(
-            f"{store.place}: tiles are there of another map (another building, scanner, parameter, "
-            "tile or version of ambinav); remove them, or choose another output."
+            f"{store.address}: tiles are there of another map (another building, scanner, "
+            "parameter, tile or version of ambinav); remove them, or choose another output."
         )
     _, layers = plan.sample
     settings = plan.job.settings

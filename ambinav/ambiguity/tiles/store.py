@@ -13,9 +13,8 @@ import contextlib
 import hashlib
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -26,15 +25,15 @@ from ambinav.ambiguity.tiles.job import Tile
 from ambinav.errors import InputError
 from ambinav.files import holding_interrupts
 from ambinav.maps import schema
+from ambinav.maps.address import ROOT, Address, reason_of
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge
-from ambinav.maps.store import FORMAT, FORMAT_ATTR, UNFINISHED
+from ambinav.maps.store import FORMAT, FORMAT_ATTR, TILES, UNFINISHED, finish
 from ambinav.maps.zones import NOT_FREE
 
 if TYPE_CHECKING:
     import zarr
 
-TILES: Final = "tiles"
 RECORD: Final = "record"
 KEY: Final = "key"
 
@@ -47,35 +46,16 @@ class TileStore:
     """A store of a map that is made tile by tile.
 
     Attributes:
-        place: Folder, or the URL of one that fsspec knows (`s3://bucket/office.zarr`).
+        address: Where it is.
         cells: Rows and columns of a tile.
-        options: Of the file system of a URL (`storage_options`).
     """
 
-    place: str
+    address: Address
     cells: int
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def is_url(self) -> bool:
-        """Whether fsspec writes it."""
-        return "://" in self.place
 
     @cached_property
     def _store(self) -> Any:
-        import zarr.storage
-
-        if not self.is_url:
-            return zarr.storage.LocalStore(self.place)
-        return zarr.storage.FsspecStore.from_url(self.place, storage_options=dict(self.options))
-
-    @cached_property
-    def files(self) -> tuple[Any, str]:
-        """File system and root of a URL."""
-        import fsspec
-
-        system, root = fsspec.core.url_to_fs(self.place, **self.options)
-        return system, str(root)
+        return self.address.store()
 
     @cached_property
     def _group(self) -> zarr.Group:
@@ -116,11 +96,11 @@ class TileStore:
         Raises:
             InputError: something else is there.
         """
-        if not self._exists("zarr.json"):
-            if self._is_empty():
+        if not self.address.exists(ROOT):
+            if self.address.is_empty():
                 return None
             raise InputError(
-                f"{self.place}: this folder is not an ambiguity map and is not replaced; choose "
+                f"{self.address}: this folder is not an ambiguity map and is not replaced; choose "
                 "another output, e.g. one that ends in .zarr."
             )
         import zarr
@@ -129,10 +109,10 @@ class TileStore:
             group = zarr.open_group(self._store, path=TILES, mode="r", use_consolidated=False)
             return str(group.attrs[KEY])
         whole = zarr.open_group(self._store, mode="r", use_consolidated=False).attrs
-        if self.is_url and len(whole) and UNFINISHED not in whole:
+        if self.address.is_url and len(whole) and UNFINISHED not in whole:
             raise InputError(
-                f"{self.place}: a map is there that was not made in tiles, and it is not replaced; "
-                "choose another output."
+                f"{self.address}: a map is there that was not made in tiles, and it is not "
+                "replaced; choose another output."
             )
         return ""
 
@@ -156,7 +136,7 @@ class TileStore:
 
         codec = ZstdCodec(level=0, checksum=True)
         small = xr.Dataset({n: v.isel(y=slice(1), x=slice(1)).variable for n, v in layers.items()})
-        fresh = building.drop_encoding().assign_attrs({FORMAT_ATTR: FORMAT, UNFINISHED: "tiles"})
+        fresh = building.drop_encoding().assign_attrs({FORMAT_ATTR: FORMAT, UNFINISHED: TILES})
         memory = zarr.storage.MemoryStore()
         with warnings.catch_warnings(), holding_interrupts():
             warnings.filterwarnings("ignore", message="Consolidated metadata")
@@ -237,9 +217,9 @@ class TileStore:
                 row, column = self._index(tile)
                 self._record[row, column] = np.frombuffer(record, dtype=np.uint8)
         except Exception as error:
-            if isinstance(error, OSError) or self.is_url:
+            if isinstance(error, OSError) or self.address.is_url:
                 raise InputError(
-                    f"{self.place}: a tile cannot be written ({reason_of(error)}); what was made "
+                    f"{self.address}: a tile cannot be written ({reason_of(error)}); what was made "
                     "is kept: make room or check your rights, and give the same command again."
                 ) from error
             raise
@@ -254,7 +234,7 @@ class TileStore:
             for name, array in self._arrays.items():
                 chunk = array.metadata.encode_chunk_key((row, column, *([0] * (array.ndim - 2))))
                 # Of one that is lost zarr reads the fill value.
-                if not self._exists(f"{name}/{chunk}"):
+                if not self.address.exists(f"{name}/{chunk}"):
                     return None
                 _digest(whole, name, np.asarray(array[tile.window]))
         # Whatever zarr or a codec raises on a damaged chunk: the tile is made again.
@@ -271,17 +251,15 @@ class TileStore:
             attributes: Of the map, in place of those that were laid.
             judge: What decides which floor counts, which no tile knows by itself.
         """
-        import zarr
-
         self._judge(judge)
-        if not self.is_url:
-            for left in Path(self.place).rglob("*.partial"):  # by a process that was killed
+        folder = self.address.folder
+        if folder is not None:
+            for left in folder.rglob("*.partial"):  # by a process that was killed
                 with contextlib.suppress(FileNotFoundError):
                     left.unlink()
         with warnings.catch_warnings(), holding_interrupts():
             warnings.filterwarnings("ignore", message="Consolidated metadata")
-            self._group.attrs.put({**attributes, FORMAT_ATTR: FORMAT})
-            zarr.consolidate_metadata(self._store, zarr_format=3)
+            finish(self._store, attributes)
 
     def _judge(self, judge: FloorJudge) -> None:
         """Write the layer that says which floor counts, tile by tile."""
@@ -306,22 +284,9 @@ class TileStore:
     def _index(self, tile: Tile) -> tuple[int, int]:
         return tile.rows[0] // self.cells, tile.columns[0] // self.cells
 
-    def _exists(self, key: str) -> bool:
-        if not self.is_url:
-            return (Path(self.place) / key).is_file()
-        system, root = self.files
-        return bool(system.exists(f"{root}/{key}"))
-
-    def _is_empty(self) -> bool:
-        if not self.is_url:
-            folder = Path(self.place)
-            return not folder.exists() or not any(folder.iterdir())
-        system, root = self.files
-        return not system.exists(root) or not system.ls(root, detail=False)
-
     def __getstate__(self) -> dict[str, Any]:
         """What it is told; each process opens it for itself."""
-        return {"place": self.place, "cells": self.cells, "options": dict(self.options)}
+        return {"address": self.address, "cells": self.cells}
 
 
 def _digest(whole: Any, name: str, values: NDArray[Any]) -> None:
@@ -334,9 +299,3 @@ def _empty(name: str, dtype: np.dtype[Any]) -> float:
     if dtype.kind == "f":
         return np.nan
     return NOT_FREE if schema.base_name(name) == "zone" else 0
-
-
-def reason_of(error: BaseException) -> str:
-    """What went wrong, in a few words."""
-    told = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
-    return f"{type(error).__name__}: {told}"[:200] if told else type(error).__name__

@@ -12,13 +12,21 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ambinav.drive.bootstrap import Interval, grouped_weights, percentiles
+from ambinav.drive.bootstrap import (
+    Interval,
+    grouped_weights,
+    paired_share,
+    percentiles,
+    share,
+)
 from ambinav.reports.table import Cell, Cells, Figure, csv_cells
 
 if TYPE_CHECKING:
     from ambinav_envs.evaluation import Episodes
 
 Floats = NDArray[np.float64]
+
+PERCENT: Final = 100.0
 
 Parts = tuple[Floats, Floats]
 
@@ -30,7 +38,7 @@ def mean_parts(values: Floats) -> Parts:
 
 
 def _percent(which: NDArray[np.bool_]) -> Parts:
-    return mean_parts(np.where(which, 100.0, 0.0))
+    return mean_parts(np.where(which, PERCENT, 0.0))
 
 
 def _ended(outcome: str) -> Callable[[Episodes], Parts]:
@@ -52,17 +60,21 @@ class EpisodeFigure(Figure):
 
     Attributes:
         parts: Two numbers an episode: the figure is the sum of the first by that of the second.
+        is_share: Of episodes in which something happened, in percent.
     """
 
     parts: Callable[[Episodes], Parts]
+    is_share: bool = False
 
 
 FIGURES: Final = (
-    EpisodeFigure("arrived", "arrived", "%", _ended("arrived"), digits=1),
-    EpisodeFigure("missed", "missed", "%", _ended("missed"), digits=1),
-    EpisodeFigure("collided", "collided", "%", _ended("collided"), digits=1),
-    EpisodeFigure("timeout", "timeout", "%", _ended("timeout"), digits=1),
-    EpisodeFigure("lost", "ever lost", "%", lambda e: _percent(e.was_lost), digits=1),
+    EpisodeFigure("arrived", "arrived", "%", _ended("arrived"), is_share=True, digits=1),
+    EpisodeFigure("missed", "missed", "%", _ended("missed"), is_share=True, digits=1),
+    EpisodeFigure("collided", "collided", "%", _ended("collided"), is_share=True, digits=1),
+    EpisodeFigure("timeout", "timeout", "%", _ended("timeout"), is_share=True, digits=1),
+    EpisodeFigure(
+        "lost", "ever lost", "%", lambda e: _percent(e.was_lost), is_share=True, digits=1
+    ),
     EpisodeFigure("error", "error", "m", lambda e: mean_parts(e.error_mean), digits=3),
     EpisodeFigure("error_max", "largest error", "m", lambda e: mean_parts(e.error_max), digits=3),
     EpisodeFigure("length", "length ratio", "", lambda e: mean_parts(e.length_ratio), digits=3),
@@ -77,7 +89,12 @@ episodes together by the metres of all of them, as in `Episodes.summary`."""
 TASK_FIGURES: Final = (
     EpisodeFigure("spl", "SPL", "", lambda e: mean_parts(e.spl), digits=3),
     EpisodeFigure(
-        "lost_at_end", "lost at the end", "%", lambda e: _percent(e.lost_at_end), digits=1
+        "lost_at_end",
+        "lost at the end",
+        "%",
+        lambda e: _percent(e.lost_at_end),
+        is_share=True,
+        digits=1,
     ),
     EpisodeFigure(
         "lost_time", "time lost", "%", lambda e: (100.0 * e.lost_seconds, e.seconds), digits=1
@@ -148,7 +165,12 @@ def make_rows(
         for name in found:
             sums[name].append(weights @ columns[name])
     return tuple(
-        Row(setting, name, len(one), _cells(columns[name], np.concatenate(sums[name], axis=1)))
+        Row(
+            setting,
+            name,
+            len(one),
+            _cells(columns[name], np.concatenate(sums[name], axis=1), one.building),
+        )
         for name, one in found.items()
     )
 
@@ -167,13 +189,26 @@ def _columns(ours: Episodes, theirs: Episodes | None) -> Floats:
     return np.array([np.vstack(list(layer)).T for layer in layers])
 
 
-def _cells(columns: Floats, drawn: Floats) -> tuple[Cell[EpisodeFigure], ...]:
-    """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F)."""
+def _cells(
+    columns: Floats, drawn: Floats, building: NDArray[np.str_]
+) -> tuple[Cell[EpisodeFigure], ...]:
+    """The figures, of the columns and of their sums over each draw, (1, D, 2 F) or (3, D, 2 F).
+
+    Shares have score intervals, with the buildings as groups, and all others those of the draws.
+    """
     whole = columns.sum(axis=1, keepdims=True)
     value, over = (ratios(sums[..., ::2], sums[..., 1::2]) for sums in (whole, drawn))
     counts = np.count_nonzero(columns[..., 1::2], axis=1)
     cells = []
     for k, figure in enumerate(ALL_FIGURES):
+        if figure.is_share:
+            happened = columns[..., 2 * k] > 0.0
+            difference = None
+            if len(columns) > 1:
+                difference = paired_share(*happened[1:], group=building).scaled(PERCENT)
+            own = share(happened[0], group=building).scaled(PERCENT)
+            cells.append(Cell(figure, own, difference))
+            continue
         own = percentiles(value[0, 0, k], over[0, :, k], counts[0, k])
         difference = None
         if len(columns) > 1:

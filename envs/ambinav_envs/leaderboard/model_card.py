@@ -200,8 +200,8 @@ policy = load_policy("{name}.zip")
 ## Evaluation
 
 {judged.record["episodes"]} episodes in {judged_in(card, judged)[0]} from seed
-{judged.record["seed"]}, without exploration, by `ambinav evaluate`; in brackets 95 % intervals by
-the bootstrap over buildings and episodes.
+{judged.record["seed"]}, without exploration, by `ambinav evaluate`; in brackets 95 % intervals
+over buildings and episodes.
 
 | figure | value |
 | --- | ---: |

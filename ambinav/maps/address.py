@@ -1,0 +1,219 @@
+"""Where a map lies: a folder, or the URL of one that fsspec knows (`s3://maps/office.zarr`)."""
+
+from __future__ import annotations
+
+import queue
+import re
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, TypeVar
+
+from ambinav.errors import InputError
+
+PATIENCE: Final = 6.0
+"""Seconds in which what is at a URL must answer: clients of buckets try for minutes."""
+BUCKETS: Final = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl"})
+"""Protocols without folders: to make one would make the bucket, of a name misspelt perhaps."""
+LOCAL: Final = ("file://", "local://")
+"""URLs that are but folders of this machine."""
+ROOT: Final = "zarr.json"
+"""What describes a zarr store, within it."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Address:
+    """The place of a map.
+
+    Attributes:
+        place: Folder, or URL; what messages call it.
+        options: Of the file system of a URL (`storage_options`).
+    """
+
+    place: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, place: str | Path, options: Mapping[str, Any] | None = None) -> Address:
+        """The address that a caller gave."""
+        text = str(place)
+        for begin in LOCAL:
+            text = text.removeprefix(begin)
+        return cls(text, dict(options or {}))
+
+    @property
+    def is_url(self) -> bool:
+        """Whether fsspec reads and writes it."""
+        return "://" in self.place
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder; None of a URL."""
+        return None if self.is_url else Path(self.place)
+
+    @property
+    def stem(self) -> str:
+        """Name without suffix."""
+        if self.is_url:
+            return PurePosixPath(self.place.partition("?")[0].rstrip("/")).stem
+        return Path(self.place).resolve().stem
+
+    @cached_property
+    def files(self) -> tuple[Any, str]:
+        """File system and root of a URL.
+
+        Raises:
+            InputError: nothing that is installed knows such a URL.
+        """
+        try:
+            import fsspec
+
+            system, root = fsspec.core.url_to_fs(self.place, **self.options)
+        # Protocols are looked up with ValueError, and their packages with ImportError.
+        except (ImportError, ValueError) as error:
+            raise InputError(f"{self.place}: {_lacking(error)}.") from error
+        return system, str(root)
+
+    def store(self, *, read_only: bool = False) -> Any:
+        """The zarr store."""
+        import zarr.storage  # takes half a second: only when a map is written or read
+
+        if not self.is_url:
+            return zarr.storage.LocalStore(self.place, read_only=read_only)
+        _ = self.files  # says what is lacking
+        return zarr.storage.FsspecStore.from_url(
+            self.place, storage_options=dict(self.options), read_only=read_only
+        )
+
+    def read(self, key: str) -> bytes | None:
+        """The bytes of a file within the store; None: there is none.
+
+        Raises:
+            InputError: it cannot be read: no rights, nobody answers, no package for such a URL.
+        """
+
+        def read_file() -> bytes:
+            if not self.is_url:
+                return (Path(self.place) / key).read_bytes()
+            system, root = self.files
+            return bytes(system.cat_file(f"{root}/{key}"))
+
+        try:
+            return self.answered(read_file) if self.is_url else read_file()
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
+            if self.is_url and _is_about_bucket(error):
+                raise InputError(
+                    f"{self.place}: nothing can be read there ({reason_of(error)}); check the "
+                    "address."
+                ) from error
+            return None
+        except InputError:
+            raise
+        # Whatever a file system raises: each has errors of its own.
+        except Exception as error:
+            raise InputError(
+                f"{self.place}: nothing can be read there ({reason_of(error)}); check the address "
+                "and your rights."
+            ) from error
+
+    def exists(self, key: str) -> bool:
+        """Whether a file is there within the store."""
+        if not self.is_url:
+            return (Path(self.place) / key).is_file()
+        system, root = self.files
+        return bool(system.exists(f"{root}/{key}"))
+
+    def is_empty(self) -> bool:
+        """Whether nothing is there."""
+        if not self.is_url:
+            folder = Path(self.place)
+            return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
+        system, root = self.files
+        return not system.exists(root) or not system.ls(root, detail=False)
+
+    def check_writable(self) -> None:
+        """Write a probe to a URL, and remove it.
+
+        Raises:
+            InputError: that is not possible, for want of rights say, or nobody answers.
+        """
+
+        def probe() -> None:
+            system, root = self.files
+            if self.place.partition("://")[0] not in BUCKETS:
+                system.makedirs(root, exist_ok=True)
+            system.pipe_file(f"{root}/.ambinav-probe", b"probe")
+            system.rm_file(f"{root}/.ambinav-probe")
+
+        try:
+            self.answered(probe)
+        except InputError:
+            raise
+        # Whatever a file system raises: each has errors of its own.
+        except Exception as error:
+            raise InputError(
+                f"{self.place}: nothing can be written there ({reason_of(error)}); check the "
+                "address and your rights, or choose another output."
+            ) from error
+
+    def answered(self, ask: Callable[[], T]) -> T:
+        """Return what a call to a URL's file system returns, if that is soon.
+
+        Raises:
+            InputError: nobody answers.
+            Exception: what the call raises.
+        """
+        answers: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
+
+        def call() -> None:
+            try:
+                answers.put((ask(), None))
+            except Exception as error:
+                answers.put((None, error))
+
+        threading.Thread(target=call, daemon=True).start()
+        try:
+            value, error = answers.get(timeout=PATIENCE)
+        except queue.Empty:
+            raise InputError(
+                f"{self.place}: nobody answers there within {PATIENCE:g} s; check the address (of "
+                "a server of your own AWS_ENDPOINT_URL) and the network, or name another place."
+            ) from None
+        if error is not None:
+            raise error
+        return value  # type: ignore[return-value]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is told; each process opens it for itself."""
+        return {"place": self.place, "options": dict(self.options)}
+
+    def __str__(self) -> str:
+        """The place."""
+        return self.place
+
+
+def reason_of(error: BaseException) -> str:
+    """What went wrong, in a few words."""
+    told = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
+    return f"{type(error).__name__}: {told}"[:200] if told else type(error).__name__
+
+
+def _is_about_bucket(error: OSError) -> bool:
+    """Whether it is the bucket that is not there, as s3fs, gcsfs and adlfs say it."""
+    return re.search(r"(bucket|container) does not exist", str(error)) is not None
+
+
+def _lacking(error: ImportError | ValueError) -> str:
+    """What is to be installed for a URL, or that nothing knows it."""
+    cause: BaseException | None = error
+    while cause is not None:
+        name = getattr(cause, "name", None)
+        if isinstance(cause, ImportError) and name:
+            package = str(name).partition(".")[0]
+            return f'the package {package} reads and writes such URLs; run: pip install "{package}"'
+        cause = cause.__cause__ or cause.__context__
+    return f"nothing can be read or written there ({reason_of(error)}); check the address"
