@@ -30,6 +30,10 @@ BLOCK = 64
 # A pair of poses is refined from this part of the mean pair's share in the second moment on, and
 # wholly from twice it: less, and what is refined moves no radius (docs/model.md).
 REFINED = 0.2
+# A neighbour is left out whose first step leaves more evidence than that of the pose's best one: by
+# so many beams at their cap, and so much at least. The estimate is good to a few beams.
+DISMISSED_BEAMS = 26.0
+DISMISSED = 18.0
 
 
 @kernel
@@ -91,10 +95,10 @@ def batch_arrays(columns, count):
         count: Of neighbours, at most.
 
     Returns:
-        What is known of the pose; weights of beams; sums of each pair, and the same turned; numbers
-        of the pairs; the moments; what the first step found of each pair; what `compared` writes;
-        the pairs to refine and their scans; where these are and their shares; Gaussians of
-        offsets; and factors.
+        What is known of the pose; weights of beams; sums of each pair, and the same turned; the
+        moments; what the first step found of each pair; numbers of the pairs; what `compared`
+        writes; the pairs to refine and their scans; where these are and their shares; Gaussians of
+        offsets; and what `refined_step` works in.
     """
     return (
         aligned(4 * columns).reshape(4, columns),
@@ -102,14 +106,14 @@ def batch_arrays(columns, count):
         # A last batch may not fill them: what is left there must be finite.
         aligned(LANES * LANES).reshape(LANES, 1, LANES),
         aligned(LANES * LANES).reshape(LANES, LANES),
-        np.arange(count + LANES),
         np.zeros((4, LANES)),
         aligned((count + LANES) * LANES).reshape(count + LANES, 1, LANES),
+        np.arange(count + LANES),
         np.zeros((7, count + LANES)),
         np.zeros((2, count + LANES), dtype=np.int64),
         np.zeros((3, count + LANES)),
         aligned(9 * LANES).reshape(9, LANES),
-        aligned(2 * columns).reshape(2, columns),
+        aligned(6 * columns).reshape(6, columns),
     )
 
 
@@ -134,10 +138,11 @@ def pose_sums(
         arrays: See `batch_arrays`.
         out: Written, the first four of (7,).
     """
-    known, moments = arrays[0], arrays[5]
+    known, moments = arrays[0], arrays[4]
     scan_known(data, p, limit, icap, use, known)
-    compared(p, around, count, data, limit, icap, use, evidence, tau, c0, c2, arrays)
-    some = chosen(count, around, arrays)
+    left = dismissed(p, around, count, data, limit, icap, use, tau, c0, c2, arrays)
+    compared(p, around, left, data, limit, icap, use, evidence, tau, c0, c2, arrays)
+    some = chosen(left, count, around, arrays)
     refine(p, some, data, limit, icap, use, evidence, tau, c0, c2, arrays)
     total, txx, txy, tyy = 0.0, 0.0, 0.0, 0.0
     for j in range(LANES):
@@ -150,8 +155,43 @@ def pose_sums(
 
 
 @kernel(fastmath=FAST)
+def dismissed(p, around, count, data, limit, icap, use, tau, c0, c2, arrays):
+    """Take the first step with all neighbours, and leave out those that look nothing like the pose.
+
+    Arguments as for `pose_sums`; `around` and what the first step found are written anew.
+
+    Returns:
+        How many neighbours remain.
+    """
+    near, x, y, filled = around
+    known, firsts = arrays[0], arrays[5]
+    half0, half2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
+    z = U(0)
+    best = np.float32(np.inf)
+    for n in range(z, U(count)):
+        step = first_step(data, p, near[n], limit, icap, use, half0, half2, known)
+        store(firsts, (n, z, z), step)
+        best = min(best, firsts[n, 0, 9])
+    flattest = np.float32(np.inf)
+    for i in range(limit.size):
+        if use[i] > 0:
+            flattest = min(flattest, icap[i])
+    most_left = best + max(np.float32(DISMISSED * tau), np.float32(DISMISSED_BEAMS) / flattest)
+    left = 0
+    for n in range(count):
+        if firsts[n, 0, 9] <= most_left:
+            if left < n:
+                firsts[left] = firsts[n]
+                near[left], x[left], y[left] = near[n], x[n], y[n]
+            left += 1
+    for n in range(left, min(left + LANES, count)):
+        filled[n] = 0.0
+    return left
+
+
+@kernel(fastmath=FAST)
 def compared(p, around, count, data, limit, icap, use, evidence, tau, c0, c2, arrays):
-    """Compare one pose with its neighbours by `first_step` and `second_step`.
+    """Compare one pose with its neighbours by `second_step`.
 
     As `pair.compare`, a step of sixteen neighbours at a time: what comes after the sums over beams
     is then computed for all of them at once. Arguments as for `pose_sums`; written is of each pair
@@ -159,14 +199,10 @@ def compared(p, around, count, data, limit, icap, use, evidence, tau, c0, c2, ar
     second moments.
     """
     near, x, y, filled = around
-    known, weights, found, sums, numbers, _, firsts, pairs, _, _, _, _ = arrays
-    half0, half2 = np.float32(0.5 * c0), np.float32(0.5 * c2)
+    known, weights, found, sums, _, firsts, numbers, pairs, _, _, _, _ = arrays
     z = U(0)
     for low in range(z, U(count), U(LANES)):
         n = min(U(LANES), U(count) - low)
-        for j in range(n):
-            step = first_step(data, p, near[low + j], limit, icap, use, half0, half2, known)
-            store(firsts, (low + j, z, z), step)
         transpose(firsts, numbers, low, z, z, sums, z, U(LANES))
         o0, o1, o2, _, _, _, _, _, _, _ = gaussian(nine_rows(sums), tau, c0, c2)
         store(sums, (U(0), z), narrow(o0))
@@ -193,11 +229,12 @@ def compared(p, around, count, data, limit, icap, use, evidence, tau, c0, c2, ar
 
 
 @kernel(fastmath=FAST)
-def chosen(count, around, arrays):
+def chosen(left, count, around, arrays):
     """Choose the pairs that matter to the moments, and begin the moments with the others.
 
     Args:
-        count: How many neighbours.
+        left: How many neighbours were compared.
+        count: How many there are.
         around: See `listed`.
         arrays: See `batch_arrays`; written are the moments in the first lane, and of the chosen
             pairs the numbers, the scans, where they are, and with what share they are refined.
@@ -206,14 +243,14 @@ def chosen(count, around, arrays):
         How many are chosen.
     """
     near, x, y, _ = around
-    moments, pairs, picked, places = arrays[5], arrays[7], arrays[8], arrays[9]
+    moments, pairs, picked, places = arrays[4], arrays[7], arrays[8], arrays[9]
     total = 0.0
-    for n in range(count):
+    for n in range(left):
         total += pairs[6, n]
     least_part = REFINED * total / count
     moments[:] = 0.0
     some = 0
-    for n in range(count):
+    for n in range(left):
         share = min(max(pairs[6, n] / least_part - 1.0, 0.0), 1.0)
         if share > 0.0:
             picked[0, some], picked[1, some] = n, near[n]
@@ -233,7 +270,7 @@ def chosen(count, around, arrays):
 @kernel(fastmath=FAST)
 def refine(p, some, data, limit, icap, use, evidence, tau, c0, c2, arrays):
     """Add the chosen pairs to the moments, by `refined_step`; arguments as for `pose_sums`."""
-    known, _, found, sums, numbers, moments, firsts, _, picked, places, offsets, factors = arrays
+    known, _, found, sums, moments, firsts, numbers, _, picked, places, offsets, work = arrays
     half0, half2, tau32 = np.float32(0.5 * c0), np.float32(0.5 * c2), np.float32(tau)
     z = U(0)
     for low in range(z, U(some), U(LANES)):
@@ -243,7 +280,7 @@ def refine(p, some, data, limit, icap, use, evidence, tau, c0, c2, arrays):
         for j in range(n):
             step = refined_step(
                 data, p, picked[1, low + j], limit, icap, use, evidence, half0, half2, tau32,
-                known, offsets, j, factors,
+                known, offsets, j, work,
             )  # fmt: skip
             store(found, (j, z, z), step)
         transpose(found, numbers, z, z, z, sums, z, U(LANES))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import FINEST_STD, evidence, most_evidence
-from ambinav.ambiguity.kernel import REFINED
+from ambinav.ambiguity.kernel import DISMISSED, DISMISSED_BEAMS, REFINED
 from ambinav.ambiguity.model import AmbiguityModel
 from ambinav.ambiguity.refined import FARTHEST, LEFT, STILL
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TIE
@@ -141,13 +141,14 @@ def laplace(J: Vector, w: Vector, z: Vector, tau: float, C: Vector) -> tuple[Vec
 
 def first_step(
     p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, C: Vector
-) -> tuple[Vector, Vector]:
-    """Weights and residuals of beams, each seen through what the cell can move it, (B,)."""
+) -> tuple[Vector, Vector, float]:
+    """Weights and residuals of beams, seen through what the cell can move them; what is left."""
     s2, J = (p[2] + q[2]) / 2, q[1]
     z = np.minimum(p[0], limit) - q[0]
     silent = (p[0] >= limit) & (z < 0)
     u = z**2 / (4 * s2) / (1 + np.einsum("bi,ij,bj->b", J, C, J) / (2 * s2))
-    return np.where(silent, 0.0, 1 / s2 / (1 + u / cap) ** 2), z
+    w = np.where(silent, 0.0, 1 / s2 / (1 + u / cap) ** 2)
+    return w, z, float(np.where(silent, 0.0, u / (1 + u / cap)).sum())
 
 
 def compare(
@@ -156,7 +157,8 @@ def compare(
     """I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3)."""
     s2 = (p[2] + q[2]) / 2
     seen, J = np.minimum(p[0], limit), q[1]
-    _, offset = laplace(J, *first_step(p, q, limit, cap, C), tau, C)
+    w, z, _ = first_step(p, q, limit, cap, C)
+    _, offset = laplace(J, w, z, tau, C)
     # Second step: at that offset, the evidence, capped, and the quadratic that touches it.
     moved = J @ offset
     z = seen - q[0] - moved
@@ -180,7 +182,7 @@ def refine(
 ) -> tuple[float, Vector, Vector]:
     """As `compare`, by one pass of expectation propagation that starts from the first step."""
     J, s2 = q[1], (p[2] + q[2]) / 2
-    w, z = first_step(p, q, limit, cap, C)
+    w, z, _ = first_step(p, q, limit, cap, C)
     S, offset = laplace(J, w, z, tau, C)
     total, factor_w, factor_z = 0.0, np.zeros(len(z)), np.zeros(len(z))
     for b in range(len(z)):
@@ -282,13 +284,19 @@ def pose_sums(
     for i, j in sorted(cells):
         step = np.array([i, j]) * spacing
         there = beams(env, scanner, model, x + step[0], y + step[1], theta)
-        pair = here, there, limit, cap, model.tau, C
-        pairs.append((*moment(step, compare(*pair)), step, pair))
+        pairs.append((step, (here, there, limit, cap, model.tau, C)))
         free_moment += np.outer(step, step) + C[:2, :2]
+    remains = [first_step(*pair[:4], C)[2] for _, pair in pairs]
+    most = min(remains) + max(DISMISSED * model.tau, DISMISSED_BEAMS * float(cap.max()))
+    compared = [
+        (*moment(step, compare(*pair)), step, pair)
+        for (step, pair), left in zip(pairs, remains, strict=True)
+        if left <= most
+    ]
     # What matters is refined, wholly from twice the part on from which it is refined at all.
-    part = REFINED * float(np.mean([np.trace(second) for _, second, _, _ in pairs]))
+    part = REFINED * sum(float(np.trace(second)) for _, second, _, _ in compared) / len(cells)
     weight, alike_moment = 0.0, np.zeros((2, 2))
-    for alike, second, step, pair in pairs:
+    for alike, second, step, pair in compared:
         share = min(max(float(np.trace(second)) / part - 1, 0.0), 1.0)
         finer = moment(step, refine(*pair)) if share > 0 else (0.0, np.zeros((2, 2)))
         weight += (1 - share) * alike + share * finer[0]

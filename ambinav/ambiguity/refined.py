@@ -76,7 +76,7 @@ def weighed(z, floor, cap, spread, squared, scale, evidence, i):
 
 @kernel(fastmath=FAST, inline="always")
 def refined_step(
-    data, p, q, limit, icap, use, evidence, half0, half2, tau, known, offsets, j, factors
+    data, p, q, limit, icap, use, evidence, half0, half2, tau, known, offsets, j, work
 ):  # fmt: skip
     """Sums over beams for the integral over the cell, of the factors of all beams.
 
@@ -94,7 +94,7 @@ def refined_step(
         known: What `pair.scan_known` has written of p.
         offsets: See `write_offsets`.
         j: Column of `offsets`.
-        factors: Worked in, float32, (2, P).
+        work: Worked in, float32, (6, P).
 
     Returns:
         Lanes: as `pair.second_step`.
@@ -107,11 +107,11 @@ def refined_step(
     l00, l10, l20 = lanes(offsets[3, j]), lanes(offsets[4, j]), lanes(offsets[5, j])
     l11, l21, l22 = lanes(offsets[6, j]), lanes(offsets[7, j]), lanes(offsets[8, j])
     share, per_tau = lanes(_HALF / tau), lanes(_QUARTER / tau)
-    total = zero
+    # In four short loops: in one long one the processor waits for each beam's way through it.
     for i in range(U(0), U(limit.size), U(LANES)):
         gx, gy, gt = load(data, (q, X, i)), load(data, (q, Y, i)), load(data, (q, T, i))
         spread = load(data, (p, S, i)) + load(data, (q, S, i))
-        seen, floor, least_z, cap = seen_at(data, p, i, limit, icap, use, known)
+        seen, _, least_z, cap = seen_at(data, p, i, limit, icap, use, known)
         full = seen - load(data, (q, D, i))
         # The residual as all beams of the first step predict it.
         v0, v1, v2 = gx * l00 + gy * l10 + gt * l20, gy * l11 + gt * l21, gt * l22
@@ -123,41 +123,47 @@ def refined_step(
         own = where(full < least_z, zero, room * room * share)
         k = whole / most(whole - own * v, whole * lanes(_LEFT))
         m = (full - (gx * o0 + gy * o1 + gt * o2)) * k
-        v = v * k
-        # Mass, mean and variance with this beam's evidence, by the three points of Gauss and
-        # Hermite; the variance as a part of v.
-        per_h = unit / root(three * v)
-        h = three * v * per_h
+        store(work, (U(0), i), m)
+        store(work, (U(1), i), v * k)
+        store(work, (U(2), i), full - m)
+    for i in range(U(0), U(limit.size), U(LANES)):
+        # The evidence at the three points of Gauss and Hermite.
+        spread = load(data, (p, S, i)) + load(data, (q, S, i))
+        _, floor, _, cap = seen_at(data, p, i, limit, icap, use, known)
+        m, h = load(work, (U(0), i)), root(three * load(work, (U(1), i)))
         squared, scale = spread * spread, per_tau * load(use, i)
         middle = weighed(m, floor, cap, spread, squared, scale, evidence, i)
         low = weighed(m - h, floor, cap, spread, squared, scale, evidence, i)
         high = weighed(m + h, floor, cap, spread, squared, scale, evidence, i)
-        low, high = exponential(bounded(middle - low)), exponential(bounded(middle - high))
-        mass = four + low + high
+        store(work, (U(3), i), middle)
+        store(work, (U(4), i), exponential(bounded(middle - low)))
+        store(work, (U(5), i), exponential(bounded(middle - high)))
+    total = zero
+    for i in range(U(0), U(limit.size), U(LANES)):
+        spread = load(data, (p, S, i)) + load(data, (q, S, i))
+        m, v, z = load(work, (U(0), i)), load(work, (U(1), i)), load(work, (U(2), i))
+        low, high = load(work, (U(4), i)), load(work, (U(5), i))
+        # Mass, mean and variance, these two by the root of v and by v.
+        mass, per_v = four + low + high, unit / v
         per = unit / mass
         lean = (high - low) * per
         left = three * ((high + low) * per - lean * lean)
         # A factor is no narrower than a reading, and never wider than all.
         per_left = least(unit / most(left, lanes(_STILL)), unit + v * share / spread)
         per_left = most(per_left, unit)
-        w = (per_left - unit) * three * per_h * per_h
-        n = lean * three * per_h * per_left
+        w = (per_left - unit) * per_v
+        n = lean * root(three * per_v) * per_left
         far = lanes(_FARTHEST) * w * most(m, zero - m)
         n = most(least(n, far), zero - far)
-        z = full - m
-        total += (
-            lanes(_HALF) * (
-                logarithm(mass * mass * per_left * lanes(_PER_SIX_SQUARED)) - n * n * v / per_left
-                - w * z * z
-            ) - middle + n * z
-        )  # fmt: skip
-        store(factors, (U(0), i), w)
-        store(factors, (U(1), i), w * z - n)
+        log = logarithm(mass * mass * per_left * lanes(_PER_SIX_SQUARED))
+        log = log - n * n * v / per_left - w * z * z
+        total += lanes(_HALF) * log - load(work, (U(3), i)) + n * z
+        store(work, (U(0), i), w)
+        store(work, (U(1), i), w * z - n)
     g0 = g1 = g2 = a = b = c = d = e = f = zero
-    # Apart, as in `pair.second_step`.
     for i in range(U(0), U(limit.size), U(LANES)):
         gx, gy, gt = load(data, (q, X, i)), load(data, (q, Y, i)), load(data, (q, T, i))
-        w, n = load(factors, (U(0), i)), load(factors, (U(1), i))
+        w, n = load(work, (U(0), i)), load(work, (U(1), i))
         wx, wy, wt = w * gx, w * gy, w * gt
         g0, g1, g2 = g0 + n * gx, g1 + n * gy, g2 + n * gt
         a, b, c = a + wx * gx, b + wx * gy, c + wx * gt
