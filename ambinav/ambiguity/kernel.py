@@ -29,7 +29,7 @@ TILE = 8
 BLOCK = 64
 # A pair of poses is refined from this part of the mean pair's share in the second moment on, and
 # wholly from twice it: less, and what is refined moves no radius (docs/model.md).
-REFINED = 0.2
+REFINED = 0.3
 # A neighbour is left out whose first step leaves more evidence than that of the pose's best one: by
 # so many beams at their cap, and so much at least. The estimate is good to a few beams.
 DISMISSED_BEAMS = 26.0
@@ -180,9 +180,8 @@ def dismissed(p, around, count, data, limit, icap, use, tau, c0, c2, arrays):
     left = 0
     for n in range(count):
         if firsts[n, 0, 9] <= most_left:
-            if left < n:
-                firsts[left] = firsts[n]
-                near[left], x[left], y[left] = near[n], x[n], y[n]
+            store(firsts, (U(left), z, z), load(firsts, (U(n), z, z)))
+            near[left], x[left], y[left] = near[n], x[n], y[n]
             left += 1
     for n in range(left, min(left + LANES, count)):
         filled[n] = 0.0
