@@ -219,6 +219,30 @@ def moment(step: Vector, pair: tuple[float, Vector, Vector]) -> tuple[float, Vec
     return alike, alike * (np.outer(to, to) + S[:2, :2])
 
 
+def mixture(
+    here: tuple[Vector, ...],
+    there: list[tuple[Vector, tuple[Vector, ...]]],
+    limit: Vector,
+    cap: Vector,
+    tau: float,
+    C: Vector,
+) -> tuple[float, Vector]:
+    """Sums over neighbours, given as step (2,) and scan, of I and of I times second moments."""
+    remains = [first_step(here, scan, limit, cap, C)[2] for _, scan in there]
+    most = min(remains) + max(DISMISSED * tau, DISMISSED_BEAMS * float(cap.max()))
+    near = [pair for pair, left in zip(there, remains, strict=True) if left <= most]
+    found = [moment(step, compare(here, scan, limit, cap, tau, C)) for step, scan in near]
+    # What matters is refined, wholly from twice the part on from which it is refined at all.
+    part = REFINED * sum(float(np.trace(second)) for _, second in found) / len(there)
+    weight, total = 0.0, np.zeros((2, 2))
+    for (alike, second), (step, scan) in zip(found, near, strict=True):
+        share = min(max(float(np.trace(second)) / part - 1, 0.0), 1.0)
+        finer = moment(step, refine(here, scan, limit, cap, tau, C)) if share > 0 else (0.0, total)
+        weight += (1 - share) * alike + share * finer[0]
+        total = total + (1 - share) * second + share * finer[1]
+    return weight, total
+
+
 def reachable(
     env: Environment,
     x: float,
@@ -277,29 +301,14 @@ def pose_sums(
     for b in range(scanner.beams):
         cap[b] = most_evidence(odd[b], finest_std(sensors[b], model))
     here = beams(env, scanner, model, x, y, theta)
-    pairs, free_moment = [], np.zeros((2, 2))
+    there, free_moment = [], np.zeros((2, 2))
     cells = reachable(
         env, x, y, spacing, model.radius, lambda a, b: stands(env, scanner, model, a, b, theta)
     )
     for i, j in sorted(cells):
         step = np.array([i, j]) * spacing
-        there = beams(env, scanner, model, x + step[0], y + step[1], theta)
-        pairs.append((step, (here, there, limit, cap, model.tau, C)))
+        there.append((step, beams(env, scanner, model, x + step[0], y + step[1], theta)))
         free_moment += np.outer(step, step) + C[:2, :2]
-    remains = [first_step(*pair[:4], C)[2] for _, pair in pairs]
-    most = min(remains) + max(DISMISSED * model.tau, DISMISSED_BEAMS * float(cap.max()))
-    compared = [
-        (*moment(step, compare(*pair)), step, pair)
-        for (step, pair), left in zip(pairs, remains, strict=True)
-        if left <= most
-    ]
-    # What matters is refined, wholly from twice the part on from which it is refined at all.
-    part = REFINED * sum(float(np.trace(second)) for _, second, _, _ in compared) / len(cells)
-    weight, alike_moment = 0.0, np.zeros((2, 2))
-    for alike, second, step, pair in compared:
-        share = min(max(float(np.trace(second)) / part - 1, 0.0), 1.0)
-        finer = moment(step, refine(*pair)) if share > 0 else (0.0, np.zeros((2, 2)))
-        weight += (1 - share) * alike + share * finer[0]
-        alike_moment += (1 - share) * second + share * finer[1]
+    weight, alike_moment = mixture(here, there, limit, cap, model.tau, C)
     a, f = alike_moment / weight, free_moment / len(cells)
     return np.array([weight / len(cells), a[0, 0], a[0, 1], a[1, 1], f[0, 0], f[0, 1], f[1, 1]])
