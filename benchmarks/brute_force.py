@@ -89,7 +89,7 @@ def radii(
     F = _moment(dx, dy, np.full(len(dx), 1 / len(dx)))
     values, axes = np.linalg.eigh(M)
     along = np.einsum("ik,ij,jk->k", axes, F, axes)
-    return np.minimum(np.sqrt(values / along), 1.0)[::-1]
+    return np.asarray(np.minimum(np.sqrt(values / along), 1.0)[::-1])
 
 
 def _moment(dx: Floats, dy: Floats, weight: Floats) -> Floats:

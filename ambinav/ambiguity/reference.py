@@ -7,7 +7,7 @@ walking from cell to cell, every scan is compared beam by beam in float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,7 +221,7 @@ def moment(step: Vector, pair: tuple[float, Vector, Vector]) -> tuple[float, Vec
 
 def mixture(
     here: tuple[Vector, ...],
-    there: list[tuple[Vector, tuple[Vector, ...]]],
+    there: Sequence[tuple[Vector, tuple[Vector, ...]]],
     limit: Vector,
     cap: Vector,
     tau: float,

@@ -253,7 +253,8 @@ class AmbiguityMap:
 
         A free cell has a value at one heading at least, and in a map without headings always.
         """
-        return int(self._free.sum()) * self._possible.shape[2] - int(self._possible.sum())
+        headings = int(self._possible.shape[2])
+        return int(self._free.sum()) * headings - int(self._possible.sum())
 
     @property
     def free_area(self) -> float:
