@@ -151,13 +151,15 @@ def refined_step(
         # A factor is no narrower than a reading, and never wider than all.
         per_left = least(unit / most(left, lanes(_STILL)), unit + v * share / spread)
         per_left = most(per_left, unit)
-        w = (per_left - unit) * per_v
+        # Of padding all is nothing, to the last bit.
+        used = load(use, i)
+        w = (per_left - unit) * per_v * used
         n = lean * root(three * per_v) * per_left
         far = lanes(_FARTHEST) * w * most(m, zero - m)
         n = most(least(n, far), zero - far)
         log = logarithm(mass * mass * per_left * lanes(_PER_SIX_SQUARED))
         log = log - n * n * v / per_left - w * z * z
-        total += lanes(_HALF) * log - load(work, (U(3), i)) + n * z
+        total += used * (lanes(_HALF) * log - load(work, (U(3), i)) + n * z)
         store(work, (U(0), i), w)
         store(work, (U(1), i), w * z - n)
     g0 = g1 = g2 = a = b = c = d = e = f = zero
