@@ -1,4 +1,4 @@
-"""The kernel's `level` against brute force on a lattice of 2 cm, in all kinds of clutter."""
+"""The kernel's `level` against brute force on a fine lattice, in all kinds of clutter."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ import math
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from brute_force import level
+from brute_force import HEADINGS, STEP, radii
 from harness import ROOT, add_out, report, table
 from numpy.typing import NDArray
 
 import ambinav as an
+from ambinav.ambiguity.tensor import classify
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 SCANNERS = {"4 m, 3 cm": (4.0, 0.03), "8 m, 1 cm": (8.0, 0.01), "30 m, 1 cm": (30.0, 0.01)}
 SPACINGS = (0.1, 0.05)
 CLEAR = 0.3
+MUCH = 0.05
 GREATEST = 2000.0
 """Square metres of floor; greater maps are left out, for the time that their maps take."""
 
@@ -33,6 +36,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sigma-theta", type=float, default=0.05, help="radians")
     parser.add_argument("--scanners", nargs="+", default=list(SCANNERS), choices=list(SCANNERS))
+    parser.add_argument("--maps", nargs="+", help="names; by default all of up to 2000 m²")
+    parser.add_argument("--half", action=argparse.BooleanOptionalAction, default=True,
+                        help="also at half the spacing")  # fmt: skip
+    parser.add_argument("--step", type=float, default=STEP, help="of the lattice, metres")
+    parser.add_argument("--headings", type=int, default=HEADINGS, help="of each of its places")
     add_out(parser)
     args = parser.parse_args()
     folder = Path(os.environ.get("AMBINAV_DATA", ""))
@@ -51,49 +59,66 @@ def main() -> None:
         )
         rows, whole = [], []
         for path in paths:
+            if args.maps and path.stem not in args.maps:
+                continue
             env = an.load_environment(path)
             if env.free.area > GREATEST:
                 continue
             rng = np.random.default_rng(args.seed)
-            found = differences(env, scanner, args.places, args.sigma_theta, rng)
+            lattice = {"step": args.step, "headings": args.headings}
+            spacings = SPACINGS if args.half else SPACINGS[:1]
+            found = differences(env, scanner, spacings, args.places, args.sigma_theta, rng, lattice)
             whole.append(found)
             rows.append((path.stem, *described(found)))
             print(name, *rows[-1], file=sys.stderr, flush=True)
         rows.append(("all", *described(np.concatenate(whole))))
-        parts += [f"## Laser of {name}", table(HEADER, rows)]
+        header = HEADER if args.half else HEADER[: -len(HALVED)]
+        parts += [f"## Laser of {name}", table(header, [row[: len(header)] for row in rows])]
     report("The kernel against brute force", ["numba", "numpy"], "\n\n".join(parts), args.out)
 
 
+HALVED = "at half the spacing: median", "95 %", "lowest, clear of walls"
 HEADER = (
-    "map", "places", "median", "95 %", "lowest", "highest", "lowest, clear of walls",
-    "at half the spacing: median", "95 %", "lowest, clear of walls",
+    "map", "places", "median", "95 %", "lowest", "highest", "off by more than 0.05",
+    "zones that differ", "lowest, clear of walls", *HALVED,
 )  # fmt: skip
 
 
 def differences(
     env: an.Environment,
     scanner: an.RangeScanner,
+    spacings: tuple[float, ...],
     count: int,
     sigma_theta: float,
     rng: np.random.Generator,
+    lattice: dict[str, Any],
 ) -> Floats:
-    """Rows of kernel less brute force at both spacings, and the clearance, shape (N, 3)."""
-    coarse, fine = (
+    """Compare kernel and brute force at random places.
+
+    Returns:
+        Rows of kernel less brute force at the first and the last spacing, the clearance, and 1
+        where the zones differ, shape (N, 4).
+    """
+    maps = [
         an.build_map(env, scanner, spacing, sigma_theta=sigma_theta, store=False)
-        for spacing in SPACINGS
-    )
+        for spacing in spacings
+    ]
+    coarse, fine = maps[0], maps[-1]
     model = json.loads(coarse.dataset.attrs["parameters"])
     known = coarse.dataset["free"].values & (coarse.dataset["unknown"].values < 0.5)
     cells = rng.permutation(np.argwhere(known))[:count]
     rows = []
     for row, column in cells:
         x, y = float(coarse.dataset["x"][column]), float(coarse.dataset["y"][row])
-        true = level(
-            env, scanner, x, y, map_std=model["map_std"], tau=model["tau"], sigma_theta=sigma_theta
-        )
-        kernel = [nearest(coarse, x, y), nearest(fine, x, y)]
+        true = radii(
+            env, scanner, x, y, map_std=model["map_std"], tau=model["tau"],
+            sigma_theta=sigma_theta, **lattice,
+        )  # fmt: skip
+        level = true.mean()
+        zone = classify(true[:1], true[1:], model["low"], model["high"])[0]
+        differ = zone != coarse.dataset["zone"].values[row, column]
         clearance = float(coarse.dataset["clearance"].values[row, column])
-        rows.append([kernel[0] - true, kernel[1] - true, clearance])
+        rows.append([nearest(coarse, x, y) - level, nearest(fine, x, y) - level, clearance, differ])
     return np.array(rows)
 
 
@@ -104,16 +129,18 @@ def nearest(amap: AmbiguityMap, x: float, y: float) -> float:
 
 def described(found: Floats) -> list[str]:
     """Cells of a row of the table."""
-    coarse, fine, clearance = found.T
+    coarse, fine, clearance, differ = found.T
     clear = clearance >= CLEAR
     fine = fine[np.isfinite(fine) & clear]
     sizes = np.quantile(np.abs(coarse), (0.5, 0.95))
     halves = np.quantile(np.abs(fine), (0.5, 0.95)) if len(fine) else (math.nan, math.nan)
-    numbers = [
-        *sizes, coarse.min(), coarse.max(), coarse[clear].min(initial=0.0), *halves,
-        fine.min(initial=0.0),
+    whole = [*sizes, coarse.min(), coarse.max()]
+    apart = [coarse[clear].min(initial=0.0), *halves, fine.min(initial=0.0)]
+    counts = [int((np.abs(coarse) > MUCH).sum()), int(differ.sum())]
+    return [
+        str(len(found)), *(f"{value:.3f}" for value in whole), *(str(one) for one in counts),
+        *(f"{value:.3f}" for value in apart),
     ]  # fmt: skip
-    return [str(len(found)), *(f"{value:.3f}" for value in numbers)]
 
 
 if __name__ == "__main__":

@@ -24,6 +24,19 @@ Floats = NDArray[np.float64]
 
 
 def level(
+    env: Environment, scanner: RangeScanner, x: float, y: float, *, map_std: float, tau: float,
+    outlier_share: float = 0.05, sigma_theta: float = 0.05, radius: float = 0.5,
+) -> float:  # fmt: skip
+    """Return `level` at (x, y): see `radii`."""
+    return float(
+        radii(
+            env, scanner, x, y, map_std=map_std, tau=tau, outlier_share=outlier_share,
+            sigma_theta=sigma_theta, radius=radius,
+        ).mean()
+    )  # fmt: skip
+
+
+def radii(
     env: Environment,
     scanner: RangeScanner,
     x: float,
@@ -34,42 +47,49 @@ def level(
     outlier_share: float = 0.05,
     sigma_theta: float = 0.05,
     radius: float = 0.5,
-) -> float:
-    """`level` at (x, y) for a scanner of lasers in the robot's centre, all of one kind.
+    step: float = STEP,
+    headings: int = HEADINGS,
+) -> Floats:
+    """`major` and `minor` at (x, y) for a scanner of lasers in the robot's centre, of one kind.
 
     Args:
         env: The environment; it has no wall without thickness.
-        scanner: The scanner, all of its beams.
+        scanner: The scanner, all of its beams; no effective deviation is below 2 cm.
         x: Metres, map frame.
         y: Metres.
         map_std: As for `build_map`, and so are the others.
         tau: Beams per independent piece of evidence.
-        outlier_share: Of beams that meet what is not on the map.
+        outlier_share: Of beams that meet what is not on the map; the sensor's random and lost
+            readings add to it.
         sigma_theta: Radians.
         radius: Of the neighbourhood, metres.
+        step: Of the lattice, metres.
+        headings: Out to `WIDEST` deviations to both sides.
     """
-    half = int(radius / STEP)
-    steps = STEP * np.arange(-half, half + 1)
+    half = int(radius / step)
+    steps = step * np.arange(-half, half + 1)
     dx, dy = np.meshgrid(steps, steps)
     free = np.asarray(env.is_free(x + dx, y + dy)) & (dx**2 + dy**2 <= radius**2)
     pieces, _ = ndimage.label(free, structure=np.ones((3, 3)))
     near = free & (pieces == pieces[half, half])
     dx, dy = dx[near], dy[near]
     here, hidden = _scan(env, scanner, np.array([x]), np.array([y]), 0.0)
-    turns = sigma_theta * np.linspace(-WIDEST, WIDEST, HEADINGS)
+    turns = sigma_theta * np.linspace(-WIDEST, WIDEST, headings)
     weights = np.exp(-0.5 * (turns / sigma_theta) ** 2)
     alike = np.zeros(len(dx))
+    sensor = scanner.sensors[0]
+    cap = -math.log(outlier_share + sensor.random_share + sensor.lost_share)
     for turn, weight in zip(turns, weights / weights.sum(), strict=True):
         there, unknown = _scan(env, scanner, x + dx, y + dy, turn)
         pooled = (_variance(scanner, here, map_std) + _variance(scanner, there, map_std)) / 2
         evidence = np.where(hidden | unknown, 0.0, (there - here) ** 2 / (4 * pooled))
-        evidence /= np.sqrt(1 + (evidence / -math.log(outlier_share)) ** 2)
+        evidence /= np.sqrt(1 + (evidence / cap) ** 2)
         alike += weight * np.exp(-evidence.sum(axis=1) / tau)
     M = _moment(dx, dy, alike / alike.sum())
     F = _moment(dx, dy, np.full(len(dx), 1 / len(dx)))
     values, axes = np.linalg.eigh(M)
     along = np.einsum("ik,ij,jk->k", axes, F, axes)
-    return float(np.minimum(np.sqrt(values / along), 1.0).mean())
+    return np.asarray(np.minimum(np.sqrt(values / along), 1.0)[::-1])
 
 
 def _moment(dx: Floats, dy: Floats, weight: Floats) -> Floats:

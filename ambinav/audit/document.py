@@ -78,6 +78,11 @@ class FloorPart(Part):
         description="outside of the building: a page's margin, or reached where the map ends"
     )
     free_area_m2: SquareMetres = Field(description="all of these: the free cells of the map")
+    impossible_poses: int | None = Field(
+        default=None,
+        description="poses without a value in free cells: the robot stands there only at other "
+        "headings; null where an older version wrote the document",
+    )
     counted_share: Share = Field(description="of the free floor")
     unexplored_share: Share = Field(description="of the free floor")
     unreachable_share: Share = Field(description="of the free floor")
@@ -306,6 +311,7 @@ def _floor(audit: Audit) -> FloorPart:
         cut_off_area_m2=parts.area(parts.cut_off),
         outside_area_m2=outside,
         free_area_m2=free,
+        impossible_poses=audit.amap.impossible_poses,
         counted_share=counted / free,
         unexplored_share=unexplored / free,
         unreachable_share=unreachable / free,

@@ -88,6 +88,7 @@ def _figures(amap: AmbiguityMap) -> dict[str, Any]:
     parts = amap.judged
     return {
         "cells": int(amap.dataset["free"].sum()),
+        "impossible_poses": amap.impossible_poses,
         "free_area_m2": round(amap.free_area, 2),
         "robot_radius_m": parts.radius,
         "judged_area_m2": round(parts.area(parts.counted), 2),

@@ -248,6 +248,15 @@ class AmbiguityMap:
         return self._possible
 
     @property
+    def impossible_poses(self) -> int:
+        """Number of poses in free cells without a value: the robot stands there otherwise turned.
+
+        A free cell has a value at one heading at least, and in a map without headings always.
+        """
+        headings = int(self._possible.shape[2])
+        return int(self._free.sum()) * headings - int(self._possible.sum())
+
+    @property
     def free_area(self) -> float:
         """Area of all free cells, square metres."""
         return float(self._free.sum()) * self.cell_area
@@ -398,11 +407,13 @@ class AmbiguityMap:
         headings = f" x {self.dataset.sizes['theta']} headings" if self.has_theta else ""
         judged = self.judged
         shares = ", ".join(f"{s.zone} {s.share:.0%}" for s in self.zone_shares(mask=judged.counted))
+        count = self.impossible_poses
+        impossible = f", {count} poses impossible" if count else ""
         return (
             f"<AmbiguityMap of {self.dataset.attrs['environment']!r} "
             f"for {self.dataset.attrs['scanner']!r}\n"
             f"  {nx} x {ny} cells of {self.spacing:g} m{headings}, "
-            f"{self.free_area:.0f} m^2 free\n"
+            f"{self.free_area:.0f} m^2 free{impossible}\n"
             f"  of {judged.area(judged.counted):.0f} m^2 judged: {shares}\n"
             f"  layers: {', '.join(self._layers)}\n"
             f"  costs read: {self.cost_layer}>"

@@ -46,6 +46,14 @@ def possible(amap: AmbiguityMap) -> np.ndarray:
     return (sx > 0) & (sx < 2.4) & (sy > 0) & (sy < 1.6) & data["free"].values[..., None]
 
 
+def test_the_map_says_how_many_there_are(amap: AmbiguityMap, possible: np.ndarray) -> None:
+    free = amap.dataset["free"].values
+    count = int((~possible[free]).sum())
+    assert amap.impossible_poses == count > 0
+    assert f"{count} poses impossible" in repr(amap)
+    assert np.isnan(amap.dataset["level"].values[free]).sum() == count
+
+
 def test_every_layer_has_values_where_it_is_possible(
     amap: AmbiguityMap, possible: np.ndarray
 ) -> None:

@@ -149,8 +149,8 @@ def test_json_follows_its_schema_and_is_rounded(folder, examined):
     assert data["floor"] == {
         "robot_radius_m": 0.2, "from_m": None, "counted_area_m2": 125.0, "unexplored_area_m2": 0.0,
         "unreachable_area_m2": 15.0, "beside_walls_area_m2": 15.0, "cut_off_area_m2": 0.0,
-        "free_area_m2": 140.0, "counted_share": 0.8929, "unexplored_share": 0.0,
-        "unreachable_share": 0.1071,
+        "free_area_m2": 140.0, "impossible_poses": 0, "counted_share": 0.8929,
+        "unexplored_share": 0.0, "unreachable_share": 0.1071,
     }  # fmt: skip
     assert sum(zone["share"] for zone in data["zones"]) == pytest.approx(1.0, abs=1e-3)
     assert data["parameters"]["radius"] == 0.5
