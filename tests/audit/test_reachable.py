@@ -23,7 +23,6 @@ from ambinav.geometry.io.boundary import environment_from_grid
 from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting.floor import area_text
 from ambinav.plotting.maps import plot_layer, plot_zones
 from ambinav.plotting.style import SOLID, UNEXPLORED, UNREACHABLE

@@ -14,7 +14,6 @@ from PIL import Image
 
 import ambinav as an
 from ambinav.errors import InputWarning
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.server.describe import map_detail
 from ambinav.server.served import ServedMap

@@ -10,7 +10,6 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting import style
 from ambinav.plotting.difference import ChangeLayer, plot_difference
 from tests.maps import synthetic

@@ -10,7 +10,6 @@ import shapely
 from matplotlib.lines import Line2D
 
 import ambinav as an
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.plotting.canvas import root_figure
 from ambinav.plotting.placement import (
     MARKER,

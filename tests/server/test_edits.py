@@ -19,7 +19,6 @@ import shapely
 
 import ambinav as an
 from ambinav.geometry.io.obstacle_file import DrawnObstacle, collection, obstacles_of
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.sensing.intensity import Intensity
 from ambinav.server import workers
 from ambinav.server.edits import SUPERSEDED, EditedMap, EditPool, Edits
