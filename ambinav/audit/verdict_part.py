@@ -13,7 +13,7 @@ from ambinav.reports.fields import Part, SquareMetres
 class CounterfactualPart(Part):
     """The building with one thing changed."""
 
-    kind: str = Field(description="mounting, heading, routes, range, aperture, scanner or building")
+    kind: str = Field(description="mounting, routes, range, aperture, scanner, heading or building")
     title: str = Field(description="what is changed, in the imperative")
     detail: str = Field(description="what else it means; or empty")
     before_m2: SquareMetres = Field(description="bad floor as it is")

@@ -15,8 +15,8 @@ from ambinav.sensing.layout import Part, Planar
 from ambinav.sensing.presets import preset_names
 from ambinav.sensing.scanner import RangeScanner
 
-Kind = Literal["mounting", "heading", "routes", "range", "aperture", "scanner", "building"]
-"""What is changed, the least effort first."""
+Kind = Literal["mounting", "routes", "range", "aperture", "scanner", "heading", "building"]
+"""What is changed, the least effort first. Few robots can keep a heading while they drive."""
 
 RANGES: Final = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 40.0)
 """Metres that range scanners are sold for."""
