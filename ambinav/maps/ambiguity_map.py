@@ -235,6 +235,14 @@ class AmbiguityMap:
         return np.asarray(self.dataset["unknown"].values >= UNEXPLORED)  # NaN is not
 
     @property
+    def unmapped(self) -> NDArray[np.bool_]:
+        """Mask, shape (ny, nx): unexplored, reached or not, or outside of the building.
+
+        Nothing is said there, not even to a robot that drives there and so proves that it can.
+        """
+        return self.unexplored | self.judged.outside
+
+    @property
     def cell_area(self) -> float:
         """Area of one cell, square metres."""
         return self._step[0] * self._step[1]
