@@ -13,7 +13,7 @@ from pydantic import Field
 from ambinav.config import ConfigModel, NonNegative, Number
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
-from ambinav.maps.zones import NOT_FREE, ZONES
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION, ZONES
 from ambinav.routes.route import Route
 
 FORMAT: Final = "ambinav-route/1"
@@ -70,7 +70,14 @@ class Waypoint(ConfigModel):
 
 
 _UPPER: Final = np.triu_indices(3)
-_UNEXPLORED: Final = "unexplored"
+_CODES: Final[dict[Zone, int]] = {
+    "localizable": LOCALIZABLE,
+    "transition": TRANSITION,
+    "corridor": CORRIDOR,
+    "open": OPEN,
+    "unexplored": NOT_FREE,
+}
+_NAMES: Final = {code: name for name, code in _CODES.items()}
 
 
 def figures(route: Route) -> Figures:
@@ -111,7 +118,7 @@ def waypoints(route: Route) -> Iterator[Waypoint]:
             distance=float(route.distance[i]),
             cost=float(route.spent[i]),
             level=float(route.levels[i]),
-            zone=_UNEXPLORED if route.zones[i] == NOT_FREE else ZONES[route.zones[i]],
+            zone=_NAMES[int(route.zones[i])],
             covariance=covariance,
         )
 
@@ -165,13 +172,7 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         distance=np.array([point.distance for point in points]),
         spent=np.array([point.cost for point in points]),
         levels=np.array([point.level for point in points]),
-        zones=np.array(
-            [
-                NOT_FREE if point.zone == _UNEXPLORED else ZONES.index(point.zone)
-                for point in points
-            ],
-            dtype=np.uint8,
-        ),
+        zones=np.array([_CODES[point.zone] for point in points], dtype=np.uint8),
         seconds=saved.seconds,
         first_seconds=saved.first_seconds,
         iterations=saved.iterations,

@@ -13,6 +13,7 @@ import yaml
 
 import ambinav as an
 from ambinav.export.formats.covariance import covariance_grid
+from ambinav.export.formats.geotiff import LAYERS
 from ambinav.localization.expected_covariance import expected_covariance
 
 pytest.importorskip("tifffile")

@@ -21,8 +21,10 @@ HEAD: Final = """\
 
 Row 0 of a layer is the smallest y, column 0 the smallest x; metres and radians, in the map frame.
 `x` and `y` are the centres of the cells, `theta` (where the map has headings) the robot's headings.
-Layers of numbers are nan where a robot cannot stand; `zone` and `judged` are 255 there. Zones: {zones}.
-Figures are of the floor where `judged` is 0; elsewhere it says why a cell is not counted: {reasons}.
+Layers of numbers are nan where a robot cannot stand; `zone` and `judged` are 255 there.
+Zones: {zones}.
+Figures are of the floor where `judged` is 0; elsewhere it says why a cell is not counted:
+{reasons}.
 
 | array | shape | type | unit | meaning |
 |---|---|---|---|---|
