@@ -207,6 +207,15 @@ class AmbiguityMap:
         robot = json.loads(self.dataset.attrs["parameters"]).get("robot_radius")
         return self._judged(FloorJudge.for_robot(self.environment, robot or ROBOT_RADIUS))
 
+    @cached_property
+    def judge(self) -> FloorJudge:
+        """What decided which floor counts; computed when it is first asked for.
+
+        Raises:
+            InputError: see `judged`.
+        """
+        return FloorJudge.for_robot(self.environment, self.judged.radius, self.judged.start)
+
     def judged_by(self, reach: Reach) -> JudgedFloor:
         """Which floor counts for another robot.
 

@@ -14,6 +14,7 @@ from shapely import affinity
 
 import ambinav as an
 from ambinav.geometry.collision.reach import reach_of
+from ambinav.geometry.obstacle import post, wall
 from ambinav.maps.judged_floor import (
     JUDGED,
     NOT_REACHABLE,
@@ -182,3 +183,21 @@ def test_areas_do_not_depend_on_the_frame(degrees: float) -> None:
     assert areas[1][:-1] == pytest.approx(areas[0][:-1], abs=0.005 * floor.area)
     assert areas[1][-1] == pytest.approx(areas[0][-1], rel=1e-3)
     assert areas[0][0] == pytest.approx(areas[0][-1], rel=0.005)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_changed_building_is_judged_as_a_new_one(seed: int) -> None:
+    rng = np.random.default_rng(200 + seed)
+    env = on_a_page() if seed == 0 else an.environment_from_shapes(
+        shapely.get_parts(rooms(rng)).tolist(), name="rooms"
+    )  # fmt: skip
+    amap = an.build_map(env, LASER, spacing=0.2, store=False)
+    for _ in range(4):
+        inside = rng.permutation(np.argwhere(amap.judged.counted))[:3]
+        places = [(float(amap.dataset["x"][c]), float(amap.dataset["y"][r])) for r, c in inside]
+        posts = [post(x, y, float(rng.uniform(0.05, 0.4))) for x, y in places[:2]]
+        x, y = places[2]
+        after = env.edited(add=[*posts, wall([(x - 1.5, y), (x + 1.5, y)], 0.1)])
+        found = amap.update(after).judged
+        fresh = an.build_map(after, LASER, spacing=0.2, store=False).judged
+        np.testing.assert_array_equal(found.code, fresh.code)

@@ -59,10 +59,10 @@ def hold(made: Made) -> None:
     free = made.amap.free_area
     for name, outlet in OUTLETS.items():
         # Shares are told to a hundredth of a percent.
-        margin = ROUNDED.get(name, 0.0) + (1e-4 * free if name in ("gates", "audit") else 1e-9)
+        margin = ROUNDED.get(name, 0.0) + (1e-4 * free if name in ("gates", "audit") else 1e-5)
         for part, area in outlet(made).items():
             if name == "zones-lanelet2":  # outlines are smoothed by less than a cell
-                margin = 0.05 * truth[part] + 4 * made.amap.cell_area
+                margin = 0.15 * truth[part] + 4 * made.amap.cell_area
             assert area == pytest.approx(truth[part], abs=margin), (name, part)
     for who, x, y in places_of(made):
         assert codes_at(made.amap, np.array([x]), np.array([y]))[0] == JUDGED, (who, x, y)
