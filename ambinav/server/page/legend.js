@@ -14,9 +14,9 @@ export function followLegend(element, source, store) {
   store.watch(["map", "layer"], async ({ map, layer }) => {
     if (!map) return;
     const mine = ++asked;
-    const info = layer === "zone" ? null : await source.layer(map.id, layer);
+    const [info, about] = layer === "zone" ? [null, await source.map(map.id)] : [await source.layer(map.id, layer)];
     if (mine !== asked) return;
-    fill(element, info ? scale(info, map.layers.find(({ name }) => name === layer) ?? info) : zones(map));
+    fill(element, info ? scale(info, map.layers.find(({ name }) => name === layer) ?? info) : zones(about));
   });
 }
 
