@@ -59,7 +59,7 @@ def hold(made: Made) -> None:
     free = made.amap.free_area
     for name, outlet in OUTLETS.items():
         # Shares are told to a hundredth of a percent.
-        margin = ROUNDED.get(name, 0.0) + (1e-4 * free if name in ("gates", "audit") else 1e-5)
+        margin = ROUNDED.get(name, 0.0) + (1e-4 if name in ("gates", "audit") else 1e-6) * free
         for part, area in outlet(made).items():
             if name == "zones-lanelet2":  # outlines are smoothed by less than a cell
                 margin = 0.3 * truth[part] + 4 * made.amap.cell_area
