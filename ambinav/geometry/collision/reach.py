@@ -140,11 +140,16 @@ def reach_of(
     key = float(radius), None if start is None else tuple(map(float, start))
     known = _known.setdefault(environment, {})
     if key not in known:
-        known[key] = _reach_of(environment, radius, start)
+        known[key] = _reach_of(environment, radius, start, before)
     return known[key]
 
 
-def _reach_of(environment: Environment, radius: float, start: Sequence[float] | None) -> Reach:
+def _reach_of(
+    environment: Environment,
+    radius: float,
+    start: Sequence[float] | None,
+    before: tuple[BaseGeometry, Sequence[Box]] | None,
+) -> Reach:
     if not (math.isfinite(radius) and radius > 0.0):
         raise InputError(
             f"robot radius: {radius:g} is not above zero; give metres, e.g. {ROBOT_RADIUS:g}."
