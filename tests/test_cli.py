@@ -130,8 +130,11 @@ def test_what_no_robot_can_do_is_refused(runner, folder, options, message):
 def test_map_says_what_its_shares_are_of(runner, folder):
     arguments = ["map", "plan.geojson", "-s", "scanner.yaml", "--spacing", "0.2", "-o", "m.zarr"]
     data = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)
-    assert data["explored_area_m2"] + data["unexplored_area_m2"] == data["free_area_m2"]
-    assert "m^2 explored: localizable" in runner.invoke(app, arguments).output
+    kinds = ("judged", "unexplored", "too_close", "not_reachable", "outside")
+    areas = [data[f"{kind}_area_m2"] for kind in kinds]
+    assert sum(areas) == pytest.approx(data["free_area_m2"], abs=0.02)
+    assert areas[0] > areas[2] > 0.0 and data["robot_radius_m"] == 0.2
+    assert "m^2 judged: localizable" in runner.invoke(app, arguments).output
 
 
 @pytest.mark.slow

@@ -209,9 +209,7 @@ class _Update:
             self.theta,
             self.solid(lattice.free),
         )
-        robot = self.amap.judged
-        judge = FloorJudge.for_robot(self.env, robot.radius, robot.start)
-        amap = AmbiguityMap(with_judged(dataset, judge))
+        amap = AmbiguityMap(with_judged(dataset, self.judge()))
         if schema.added(self.amap.dataset):
             from ambinav.ambiguity.layers.again import Changed  # only where there are some
 
@@ -244,6 +242,15 @@ class _Update:
     def inner(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values over the frame, on the new lattice alone."""
         return self.after.taken(values, self.frame, False)
+
+    def judge(self) -> FloorJudge:
+        """What decides which floor counts, computed again only where a body may fit or not."""
+        old, changes = self.amap.environment, self.changes
+        if old.drivable is not None or self.env.drivable is not None:
+            changes = Changes.between(old, self.env, True)
+        judge = self.amap.judge
+        boxes = changes.boxes(judge.radius + SLACK) if len(changes.edges) else []
+        return judge.changed(self.env, boxes)
 
     def possible(self, was: Mask) -> Mask:
         """Where the robot can stand now, over the frame and the headings, given where it could."""

@@ -204,7 +204,7 @@ def _print_table(routes: Mapping[str, Route]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor
+    from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 
     table = Table(box=None, pad_edge=False)
     table.add_column("route")
@@ -221,4 +221,5 @@ def _print_table(routes: Mapping[str, Route]) -> None:
             f"{floor.open_text(2)} m",
             f"{route.seconds:.2f} s",
         )
-    Console(highlight=False).print(table, IN_BRACKETS, sep="\n")
+    notes = [unexplored_note(BadFloor.of(route), name) for name, route in routes.items()]
+    Console(highlight=False).print(table, IN_BRACKETS, *filter(None, notes), sep="\n")

@@ -54,6 +54,7 @@ class PlannedPart(ConfigModel):
     longest_corridor_m: float | None
     open_m: float
     longest_open_m: float | None
+    unexplored_m: float
 
 
 class RowPart(ConfigModel):
@@ -100,6 +101,7 @@ class PlanPart(ConfigModel):
     longest_corridor_m: float | None
     open_m: float
     longest_open_m: float | None
+    unexplored_m: float
     file: str
     differs: str = ""
     """How a policy's scanner and robot differ from those that it was trained with."""

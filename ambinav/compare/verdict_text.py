@@ -9,7 +9,7 @@ from typing import Final
 from ambinav.compare.criterion import CRITERION, Change, Effect, Outcome, Verdict
 from ambinav.drive.bootstrap import Interval
 from ambinav.reports.criterion import AcceptanceCriterion
-from ambinav.routes.bad_floor import BadFloor
+from ambinav.routes.bad_floor import BadFloor, unexplored_note
 
 ERROR: Final = "95th percentile of the error"
 
@@ -100,7 +100,8 @@ def floor_sentence(ours: BadFloor, theirs: BadFloor | None = None) -> str:
         f"{metres:.1f} m in {zone} (longest stretch {_longest(longest)}){than}"
         for (zone, metres, longest), than in zip(zones, instead, strict=True)
     ]
-    return f"Planned with {' and '.join(parts)}."
+    note = unexplored_note(ours)
+    return f"Planned with {' and '.join(parts)}{f'; {note}' if note else ''}."
 
 
 def headline(verdicts: Mapping[str, Verdict], baseline: str) -> str:

@@ -39,7 +39,7 @@ class MapPart(Part):
     created: str = Field(description="ISO 8601, UTC")
     spacing_m: Metres
     headings: int | None = Field(description="null where the heading does not matter")
-    robot_radius_m: Metres | None = Field(description="floor that it reaches counts; null: all")
+    robot_radius_m: Metres = Field(description="floor that this robot reaches counts")
     counted_area_m2: SquareMetres = Field(description="explored, reachable floor")
     own_layers: tuple[str, ...] = Field(description="layers that the other map lacks")
 
@@ -231,9 +231,7 @@ def summary(report: Document) -> str:
     return " ".join(sentences)
 
 
-def _map(
-    amap: AmbiguityMap, radius: float | None, area: float, own_layers: tuple[str, ...]
-) -> MapPart:
+def _map(amap: AmbiguityMap, radius: float, area: float, own_layers: tuple[str, ...]) -> MapPart:
     attrs = amap.dataset.attrs
     return MapPart(
         source=amap.source,

@@ -15,7 +15,10 @@ from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 
 STATES: Final = (*ZONES, "unexplored", "unreachable", "not free", "outside")
-"""What a cell is: in a zone, where floor counts, or why it does not. Positions are codes."""
+"""What a cell is: in a zone, where floor counts, or why it does not. Positions are codes.
+
+"outside" is outside of the building as well as beyond the map.
+"""
 COUNTED: Final = len(ZONES)
 """Codes below this one are of floor that counts."""
 UNEXPLORED, UNREACHABLE, NOT_FREE, OUTSIDE = range(COUNTED, COUNTED + 4)
@@ -139,6 +142,7 @@ def read_on(lattice: CommonLattice, amap: AmbiguityMap, parts: JudgedFloor) -> R
     state = np.full(free.shape, NOT_FREE, dtype=np.uint8)
     state[free] = UNREACHABLE
     state[parts.unexplored] = UNEXPLORED
+    state[parts.outside] = OUTSIDE
     zone = amap.floor("zone").values
     state[parts.counted] = zone[parts.counted]
     rows, columns = (

@@ -14,6 +14,7 @@ from ambinav.config import nearest
 from ambinav.errors import InputError, InputWarning
 from ambinav.export.registry import Exporter
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.schema import base_name
 from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 
@@ -127,6 +128,8 @@ class MapExport:
             InputError: the map has no such layer; the nearest are offered.
         """
         amap = self.amap
+        if layer == JUDGED:  # maps of older versions do not keep it
+            return np.where(amap.dataset["free"].values, amap.judged.code, np.nan)
         if layer not in amap.layers:
             raise InputError(
                 f"{amap.source}: the map has no layer {layer!r}; {nearest(layer, amap.layers)}."

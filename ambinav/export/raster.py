@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from ambinav.errors import InputError
+from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.ambiguity_map import AmbiguityMap
 
 Floats = NDArray[np.float64]
@@ -58,29 +59,11 @@ class Raster:
         return self.x, self.y, self.x + nx * size, self.y + ny * size
 
     def inside(self, geometry: BaseGeometry) -> Mask:
-        """Cells whose centre lies in polygons, bool, shape (ny, nx).
-
-        By the even-odd rule along the rows of centres: each edge that crosses such a row turns
-        inside to outside for all that is right of it.
-        """
+        """Cells whose centre lies in polygons, bool, shape (ny, nx)."""
         ny, nx = self.shape
-        turned = np.zeros((ny, nx + 1), dtype=np.uint8)
-        ring, number = shapely.get_coordinates(
-            shapely.get_rings(shapely.get_parts(geometry)), return_index=True
-        )
-        edge = np.flatnonzero(number[1:] == number[:-1])
-        ax, ay = self._in_cells(ring[edge])
-        bx, by = self._in_cells(ring[edge + 1])
-        low, high = np.minimum(ay, by), np.maximum(ay, by)
-        first = np.clip(np.ceil(low - 0.5), 0, ny).astype(np.int64)
-        after = np.clip(np.ceil(high - 0.5), 0, ny).astype(np.int64)
-        which, row = _spans(first, after)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = (row + 0.5 - ay[which]) / (by - ay)[which]
-        crossing = ax[which] + share * (bx - ax)[which]
-        column = np.clip(np.ceil(crossing - 0.5), 0, nx).astype(np.int64)
-        np.bitwise_xor.at(turned, (row, column), 1)
-        return np.asarray(np.bitwise_xor.accumulate(turned, axis=1)[:, :nx], dtype=np.bool_)
+        x = self.x + (np.arange(nx) + 0.5) * self.resolution
+        y = self.y + (np.arange(ny) + 0.5) * self.resolution
+        return lattice_inside(geometry, x, y)
 
     def crossed(self, segments: Floats) -> Mask:
         """Cells through which segments (N, 4) run, bool, shape (ny, nx)."""

@@ -207,6 +207,15 @@ class AmbiguityMap:
         robot = json.loads(self.dataset.attrs["parameters"]).get("robot_radius")
         return self._judged(FloorJudge.for_robot(self.environment, robot or ROBOT_RADIUS))
 
+    @cached_property
+    def judge(self) -> FloorJudge:
+        """What decided which floor counts; computed when it is first asked for.
+
+        Raises:
+            InputError: see `judged`.
+        """
+        return FloorJudge.for_robot(self.environment, self.judged.radius, self.judged.start)
+
     def judged_by(self, reach: Reach) -> JudgedFloor:
         """Which floor counts for another robot.
 
@@ -233,6 +242,14 @@ class AmbiguityMap:
         if "unknown" not in self.dataset:
             return np.zeros_like(self._free)
         return np.asarray(self.dataset["unknown"].values >= UNEXPLORED)  # NaN is not
+
+    @property
+    def unmapped(self) -> NDArray[np.bool_]:
+        """Mask, shape (ny, nx): unexplored, reached or not, or outside of the building.
+
+        Nothing is said there, not even to a robot that drives there and so proves that it can.
+        """
+        return self.unexplored | self.judged.outside
 
     @property
     def cell_area(self) -> float:

@@ -7,6 +7,7 @@ another. Audit, page, exports, differences and designs all read it.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,12 +18,14 @@ from numpy.typing import NDArray
 
 from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import (
+    Box,
     FitsNowhereError,
     Reach,
     frontier_lines,
     reach_of,
 )
 from ambinav.geometry.environment import Environment
+from ambinav.geometry.even_odd import lattice_inside
 from ambinav.maps.core_layers import CORE_LAYERS
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED
 
@@ -175,6 +178,26 @@ class FloorJudge:
             return cls(None, radius, *frontier_lines(environment))
         return cls.of(environment, reach)
 
+    def changed(self, environment: Environment, boxes: Sequence[Box]) -> FloorJudge:
+        """Judge the floor of a building that differs from the present one in some boxes alone.
+
+        Args:
+            environment: The building.
+            boxes: (xmin, ymin, xmax, ymax), metres: around all that is another, by the robot's
+                radius and `SLACK` or more.
+
+        Raises:
+            InputError: see `for_robot`.
+        """
+        if self.reach is None:
+            return self.for_robot(environment, self.radius)
+        try:
+            before = self.reach.fits, boxes
+            reach = reach_of(environment, self.radius, self.reach.start, before)
+        except FitsNowhereError:
+            return FloorJudge(None, self.radius, *frontier_lines(environment))
+        return self.of(environment, reach)
+
     def floor(
         self,
         free: Mask,
@@ -205,22 +228,17 @@ class FloorJudge:
         Returns:
             As `JudgedFloor.code`.
         """
-        code = np.full(free.shape, NOT_FREE, dtype=np.uint8)
-        row, column = np.nonzero(free)
+        code = np.where(free, TOO_CLOSE, NOT_FREE).astype(np.uint8)
         if self.reach is None:
-            code[row, column] = TOO_CLOSE
             return code
-        at = x[column], y[row]
-        reached = self.reach.reaches(*at)
-        found = np.where(self.reach.has_room(*at), NOT_REACHABLE, TOO_CLOSE)
-        found[self.reach.in_margin(*at)] = OUTSIDE
-        found[reached] = JUDGED
+        code[free & lattice_inside(self.reach.fits, x, y)] = NOT_REACHABLE
+        code[free & lattice_inside(self.reach.margins, x, y)] = OUTSIDE
+        reached = free & lattice_inside(self.reach.floor, x, y)
+        code[reached] = JUDGED
         if unknown is not None:
-            ends = np.flatnonzero(reached & (unknown[row, column] >= UNEXPLORED))  # NaN is not
-            found[ends] = np.where(
-                self._at_rim(at[0][ends], at[1][ends]), OUTSIDE, UNEXPLORED_FLOOR
-            )
-        code[row, column] = found
+            row, column = np.nonzero(reached & (unknown >= UNEXPLORED))  # NaN is not
+            at_rim = self._at_rim(x[column], y[row])
+            code[row, column] = np.where(at_rim, OUTSIDE, UNEXPLORED_FLOOR)
         return code
 
     def _at_rim(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Mask:

@@ -28,7 +28,7 @@ from ambinav.plotting.floor import (
 )
 from ambinav.plotting.maps import floor_title, paint_zones
 from ambinav.plotting.style import GOAL, SIGMAS, START, RouteStyle, route_style
-from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor
+from ambinav.routes.bad_floor import IN_BRACKETS, BadFloor, unexplored_note
 from ambinav.routes.files import trace
 from ambinav.routes.route import Floats, Route
 
@@ -169,10 +169,13 @@ def describe(group: Mapping[str, Route]) -> str:
     costs = {(round(other.cost, 1), other.weight) for other in group.values()}
     cost = f", cost {route.cost:.1f} (weight {route.weight:g})" if len(costs) == 1 else ""
     floor = BadFloor.of(route)
-    return (
-        f"{textwrap.fill(', '.join(group), LINE)}\n{route.length:.1f} m{cost}\n"
-        f"corridor {floor.corridor_text()} m, open {floor.open_text()} m"
-    )
+    lines = [
+        textwrap.fill(", ".join(group), LINE),
+        f"{route.length:.1f} m{cost}",
+        f"corridor {floor.corridor_text()} m, open {floor.open_text()} m",
+        unexplored_note(floor),
+    ]
+    return "\n".join(filter(None, lines))
 
 
 def _first(group: Mapping[str, Route]) -> str:

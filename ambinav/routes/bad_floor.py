@@ -15,6 +15,8 @@ from ambinav.routes.route import Route
 
 IN_BRACKETS = "in brackets: the longest stretch"
 """How `stretch_text` is to be read, for readers."""
+NOTABLE = 0.05
+"""Metres on unexplored floor that are worth a word."""
 
 
 @dataclass(frozen=True)
@@ -26,18 +28,24 @@ class BadFloor:
         longest_corridor: The longest stretch in it; nan if that is not known.
         open: In open zones.
         longest_open: The longest stretch in them; nan if that is not known.
+        unexplored: Where the map is unexplored: of these nothing is said.
     """
 
     corridor: float
     longest_corridor: float
     open: float
     longest_open: float
+    unexplored: float = 0.0
 
     @classmethod
     def of(cls, route: Route) -> BadFloor:
         """Of a route."""
         return cls(
-            route.corridor_metres, route.longest_corridor, route.open_metres, route.longest_open
+            route.corridor_metres,
+            route.longest_corridor,
+            route.open_metres,
+            route.longest_open,
+            route.unexplored_metres,
         )
 
     @classmethod
@@ -48,11 +56,12 @@ class BadFloor:
             _longest([part.longest_corridor for part in parts]),
             sum(part.open for part in parts),
             _longest([part.longest_open for part in parts]),
+            sum(part.unexplored for part in parts),
         )
 
     @property
     def figures(self) -> dict[str, float]:
-        """The four figures by the names that they have in files, metres; nan if not known."""
+        """The figures by the names that they have in files, metres; nan if not known."""
         return {f"{field.name}_m": getattr(self, field.name) for field in fields(self)}
 
     def corridor_text(self, digits: int = 1) -> str:
@@ -74,6 +83,19 @@ def stretch_text(metres: float, longest: float | None, digits: int = 1) -> str:
     """
     unknown = longest is None or math.isnan(longest)
     return f"{metres:.{digits}f} ({'?' if unknown else f'{longest:.{digits}f}'})"
+
+
+def unexplored_note(floor: BadFloor, who: str = "") -> str:
+    """How much of a route lies on floor of which nothing is known; empty below 5 cm.
+
+    Args:
+        floor: Of the route.
+        who: Name of the route; empty: the sentence leaves it out.
+    """
+    if floor.unexplored < NOTABLE:
+        return ""
+    of = f"{who}: " if who else ""
+    return f"{of}{floor.unexplored:.1f} m on unexplored floor, not counted"
 
 
 def _longest(stretches: Sequence[float]) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering, checked_poses
 from ambinav.maps.ambiguity_map import AmbiguityMap
-from ambinav.maps.zones import CORRIDOR, OPEN, ZONES
+from ambinav.maps.zones import CORRIDOR, NOT_FREE, OPEN, ZONES
 from ambinav.routes.route import Floats, Route
 from ambinav.service.field import Field
 from ambinav.service.service import AmbiguityService
@@ -65,7 +65,8 @@ def evaluate_route(
     middle = 0.5 * (dense[:-1] + dense[1:])
     middle[:, 2] = dense[:-1, 2] + 0.5 * turned
     codes = zone_codes(service.map, middle)
-    per_zone = np.bincount(codes, weights=metres, minlength=len(ZONES))
+    known = codes != NOT_FREE
+    per_zone = np.bincount(codes[known], weights=metres[known], minlength=len(ZONES))
     moving = metres > 0.0
     codes, metres = codes[moving], metres[moving]
     corridor, wide = codes == CORRIDOR, codes == OPEN
@@ -89,6 +90,7 @@ def evaluate_route(
         cost=service.route_cost(route, steering),
         exposure=service.route_exposure(route, steering),
         zone_metres=dict(zip(ZONES, per_zone.tolist(), strict=True)),
+        unexplored_metres=float(metres[codes == NOT_FREE].sum()),
         longest_bad=_longest_run(corridor | wide, metres),
         longest_corridor=_longest_run(corridor, metres),
         longest_open=_longest_run(wide, metres),
@@ -106,22 +108,32 @@ def evaluate_route(
 
 
 def zone_codes(amap: AmbiguityMap, poses: Floats) -> NDArray[np.uint8]:
-    """Code of the zone at poses (N, 3), read from the nearest possible one, uint8, shape (N,)."""
+    """Code of the zone at poses (N, 3), read from the nearest possible one, uint8, shape (N,).
+
+    `NOT_FREE` on floor of which the map says nothing (`AmbiguityMap.unmapped`). Other floor that
+    is not judged counts: a robot that drives there reaches it.
+    """
     x, y, theta = poses.T
     codes = np.array(amap.sample("zone", x, y, theta))
     lost = np.flatnonzero(~(codes < len(ZONES)))
     if lost.size:
         # So close to a wall that the cell belongs to it, or at a heading that is not possible.
         zone = Field.of(amap, "zone")
-        xs, ys = amap.dataset["x"].values, amap.dataset["y"].values
-        row, column = (
-            np.clip(np.rint((value[lost] - axis[0]) / amap.spacing), 0, axis.size - 1).astype(int)
-            for value, axis in ((y, ys), (x, xs))
-        )
+        row, column = _cells(amap, x[lost], y[lost])
         count = zone.values.shape[2]
         heading = np.rint(np.mod(theta[lost], 2.0 * np.pi) * count / (2.0 * np.pi)).astype(int)
         codes[lost] = zone.values[row, column, heading % count]
+    codes[amap.unmapped[_cells(amap, x, y)]] = NOT_FREE
     return codes.astype(np.uint8)
+
+
+def _cells(amap: AmbiguityMap, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of the nearest cells, shape (N,) each."""
+    row, column = (
+        np.clip(np.rint((value - axis[0]) / amap.spacing), 0, axis.size - 1).astype(np.intp)
+        for value, axis in ((y, amap.dataset["y"].values), (x, amap.dataset["x"].values))
+    )
+    return row, column
 
 
 def _levels(service: AmbiguityService, poses: Floats) -> Floats:

@@ -88,6 +88,7 @@ class ParetoFront:
                 "cost": point.route.cost,
                 "exposure_m": point.route.exposure,
                 **{f"{zone}_m": metres for zone, metres in point.route.zone_metres.items()},
+                "unexplored_m": point.route.unexplored_metres,
                 "bad_m": point.route.bad_metres,
                 "longest_bad_m": point.route.longest_bad,
                 "longest_corridor_m": known(point.route.longest_corridor),

@@ -13,12 +13,12 @@ from pydantic import Field
 from ambinav.config import ConfigModel, NonNegative, Number
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
-from ambinav.maps.zones import ZONES
+from ambinav.maps.zones import CORRIDOR, LOCALIZABLE, NOT_FREE, OPEN, TRANSITION, ZONES
 from ambinav.routes.route import Route
 
 FORMAT: Final = "ambinav-route/1"
 
-Zone = Literal["localizable", "transition", "corridor", "open"]
+Zone = Literal["localizable", "transition", "corridor", "open", "unexplored"]
 
 
 class Figures(ConfigModel):
@@ -43,6 +43,7 @@ class Figures(ConfigModel):
     transition_m: NonNegative
     corridor_m: NonNegative
     open_m: NonNegative
+    unexplored_m: NonNegative = 0.0
     longest_bad_m: NonNegative
     longest_corridor_m: NonNegative | None = None
     longest_open_m: NonNegative | None = None
@@ -69,6 +70,14 @@ class Waypoint(ConfigModel):
 
 
 _UPPER: Final = np.triu_indices(3)
+_CODES: Final[dict[Zone, int]] = {
+    "localizable": LOCALIZABLE,
+    "transition": TRANSITION,
+    "corridor": CORRIDOR,
+    "open": OPEN,
+    "unexplored": NOT_FREE,
+}
+_NAMES: Final = {code: name for name, code in _CODES.items()}
 
 
 def figures(route: Route) -> Figures:
@@ -89,6 +98,7 @@ def figures(route: Route) -> Figures:
             "comfort_m": route.comfort,
             "length_m": route.length,
             "exposure_m": route.exposure,
+            "unexplored_m": route.unexplored_metres,
             "longest_bad_m": route.longest_bad,
             "longest_corridor_m": known(route.longest_corridor),
             "longest_open_m": known(route.longest_open),
@@ -108,7 +118,7 @@ def waypoints(route: Route) -> Iterator[Waypoint]:
             distance=float(route.distance[i]),
             cost=float(route.spent[i]),
             level=float(route.levels[i]),
-            zone=ZONES[route.zones[i]],
+            zone=_NAMES[int(route.zones[i])],
             covariance=covariance,
         )
 
@@ -154,6 +164,7 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         cost=saved.cost,
         exposure=saved.exposure_m,
         zone_metres={name: getattr(saved, f"{name}_m") for name in ZONES},
+        unexplored_metres=saved.unexplored_m,
         longest_bad=saved.longest_bad_m,
         longest_corridor=_longest(saved, saved.longest_corridor_m, saved.corridor_m, saved.open_m),
         longest_open=_longest(saved, saved.longest_open_m, saved.open_m, saved.corridor_m),
@@ -161,7 +172,7 @@ def route_of(saved: Figures, points: list[Waypoint], where: str) -> Route:
         distance=np.array([point.distance for point in points]),
         spent=np.array([point.cost for point in points]),
         levels=np.array([point.level for point in points]),
-        zones=np.array([ZONES.index(point.zone) for point in points], dtype=np.uint8),
+        zones=np.array([_CODES[point.zone] for point in points], dtype=np.uint8),
         seconds=saved.seconds,
         first_seconds=saved.first_seconds,
         iterations=saved.iterations,

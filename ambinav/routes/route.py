@@ -39,7 +39,10 @@ class Route:
         length: Metres travelled; reverse counts as forwards.
         cost: Integral of the cost over the length, metres-equivalent.
         exposure: Integral of the layer over the length, metres.
-        zone_metres: Metres travelled in each zone of the map, by name; they sum to `length`.
+        zone_metres: Metres travelled in each zone of the map, by name; with `unexplored_metres`
+            they sum to `length`.
+        unexplored_metres: Metres travelled where the map is unexplored, or outside of the
+            building: of these nothing is said, and they end a stretch.
         longest_bad: The longest stretch in a row in `BAD_ZONES`, metres; it goes on where one of
             them borders on the other. Any piece of another zone ends a stretch, however short;
             what covers no distance, such as a turn on the spot, does not.
@@ -50,7 +53,8 @@ class Route:
         distance: Shape (N,): metres travelled up to each pose.
         spent: Shape (N,): cost up to each pose, metres-equivalent.
         levels: Shape (N,): the layer at each pose.
-        zones: uint8, shape (N,): code of the zone at each pose.
+        zones: uint8, shape (N,): code of the zone at each pose; `NOT_FREE` where the map is
+            unexplored.
         seconds: Time that the planner took.
         first_seconds: Time until it had some route; None where that is not known.
         iterations: Of the planner; None where it does not count any.
@@ -73,6 +77,7 @@ class Route:
     cost: float
     exposure: float
     zone_metres: dict[str, float]
+    unexplored_metres: float
     longest_bad: float
     longest_corridor: float
     longest_open: float
@@ -126,6 +131,7 @@ class Route:
             cost=np.nan,
             exposure=np.nan,
             zone_metres=dict.fromkeys(ZONES, np.nan),
+            unexplored_metres=np.nan,
             longest_bad=np.nan,
             longest_corridor=np.nan,
             longest_open=np.nan,

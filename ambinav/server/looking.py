@@ -10,7 +10,8 @@ from starlette.responses import FileResponse, Response
 
 from ambinav.audit.ambiguous_regions import AmbiguousRegion, find_ambiguous_regions
 from ambinav.audit.sight import look
-from ambinav.maps.zones import MEANINGS, ZONES
+from ambinav.maps.judged_floor import JUDGED, REASONS
+from ambinav.maps.zones import MEANINGS, NOT_FREE, ZONES
 from ambinav.server.context import context_of
 from ambinav.server.describe import map_detail, map_info
 from ambinav.server.models import (
@@ -110,9 +111,11 @@ def pose_values(
     cost = math.inf if near is None else _cost(served, x, y, theta, weight)
     if reason is None and values["level"] is None:
         reason = served.reasons(*at, np.array([True]))[0]
-    nearest = None
+    nearest = judged = None
     if near is not None:
         nearest = _nearest(served, x, y, theta)
+        judged = _reason(served, nearest)
+    counts = judged == REASONS[JUDGED]
     return PoseValues.model_validate(
         {
             "x": x,
@@ -120,11 +123,22 @@ def pose_values(
             "theta": theta,
             "values": values,
             "cost": finite(cost),
-            "zone": None if values["zone"] is None else zone_name(values["zone"]),
+            "zone": zone_name(values["zone"]) if values["zone"] is not None and counts else None,
+            "judged": judged,
             "nearest": nearest,
             "reason": reason,
         }
     )
+
+
+def _reason(served: ServedMap, at: Nearest) -> str | None:
+    """Whether the floor of a cell counts, or why not; None where it is not free."""
+    data = served.amap.dataset
+    row, column = (
+        int(np.searchsorted(data[axis].values, value)) for axis, value in (("y", at.y), ("x", at.x))
+    )
+    code = int(served.amap.judged.code[row, column])
+    return None if code == NOT_FREE else REASONS[code]
 
 
 def _cost(served: ServedMap, x: float, y: float, theta: float | None, weight: float) -> float:

@@ -79,7 +79,7 @@ class Figures(BaseModel):
     unexplored_area_m2: float = Field(
         description="Reached, but half of the beams or more end in unknown space"
     )
-    too_close_area_m2: float = Field(description="Nearer to a wall than the robot's radius")
+    too_close_area_m2: float = Field(description="Too close to walls for this robot")
     not_reachable_area_m2: float = Field(description="The robot would fit, but cannot get there")
     outside_area_m2: float = Field(description="Outside of the building, or where the map ends")
     robot_radius_m: float = Field(description="Of the robot that the floor is judged for")
@@ -110,7 +110,11 @@ class PoseValues(BaseModel):
     theta: float | None
     values: dict[str, float | None] = Field(description="Of each layer; null: it has none there")
     cost: float | None = Field(description="Of a metre there, at least 1; null: none can be there")
-    zone: str | None
+    zone: str | None = Field(description="null where the floor is not judged")
+    judged: str | None = Field(
+        description='"judged", or why the floor is not counted: "unexplored", "too close to '
+        'walls", "not reachable", "outside of the building"; null: it is not free'
+    )
     nearest: Nearest | None = Field(description="null: the pose is outside")
     reason: Reason | None = Field(description="Why there is no value")
 

@@ -67,6 +67,9 @@ class PlannedRoute(BaseModel):
     planner: str
     seed: int | None
     zone_metres: dict[str, float] = Field(description="Metres travelled in each zone")
+    unexplored_metres: float = Field(
+        description="Metres travelled where the map is unexplored or outside of the building"
+    )
     longest_bad: float = Field(description="Longest stretch in corridor or open zones, metres")
     turn: float = Field(description="Sum of all turns, radians")
     seconds: float = Field(description="That the planner took")

@@ -26,7 +26,8 @@ from ambinav.server.pyramid import STATS, Pyramid, Values
 from ambinav.store.build_lock import try_lock
 
 GROUP: Final = "pyramid"
-FORMAT: Final = 1
+FORMAT: Final = 2
+"""2: zones of judged floor."""
 
 
 def key_of(store: Path) -> str | None:

@@ -178,6 +178,7 @@ def _glyphs(
             amap.floor(name).values[rows, columns] for name in ("direction", "major", "minor")
         )
         clear = np.isfinite(direction) & (major - minor >= PRONOUNCED)
+        clear &= amap.judged.counted[rows, columns]
         if clear.sum() <= most:
             break
         step += 1

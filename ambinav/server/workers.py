@@ -242,6 +242,7 @@ def _sent(route: Any) -> dict[str, Any]:
         "planner": route.planner,
         "seed": route.seed,
         "zone_metres": route.zone_metres,
+        "unexplored_metres": route.unexplored_metres,
         "longest_bad": route.longest_bad,
         "turn": route.turn,
         "seconds": route.seconds,

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ambinav.audit.ambiguous_regions import _numbers, find_ambiguous_regions
 from ambinav.audit.regions import _numbered, _spread, find_regions, passable
+from ambinav.geometry.collision.reach import reach_of
 from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import CORRIDOR, OPEN
 from tests.maps import synthetic
@@ -81,7 +82,7 @@ def test_a_wall_without_thickness_parts_regions():
 
 @pytest.mark.parametrize("headings", [0, 8])
 def test_places_of_the_known_building(headings):
-    places = find_ambiguous_regions(AmbiguityMap(synthetic.dataset(headings)))
+    places = find_ambiguous_regions(synthetic.for_a_point(synthetic.dataset(headings)))
     assert [place.number for place in places] == [1, 2, 3, 4, 5, 6]
     assert [place.severity for place in places] == sorted(
         (place.severity for place in places), reverse=True
@@ -122,7 +123,7 @@ def test_an_l_shaped_region_is_marked_inside():
     ell = room & ~((dataset["x"] > 1) & (dataset["y"] > 1))
     dataset["zone"] = dataset["zone"].where(~ell, OPEN).astype(np.uint8)
     dataset["level"] = dataset["level"].where(~ell, 1.0).astype(np.float32)
-    amap = AmbiguityMap(dataset)
+    amap = synthetic.for_a_point(dataset)
     place = next(p for p in find_ambiguous_regions(amap) if p.x < 4)
     assert amap.sample("zone", place.x, place.y) == OPEN
     assert place.area == pytest.approx(4 + 3)
@@ -137,10 +138,15 @@ def test_count_limits_and_a_harmless_map_has_none():
     assert find_ambiguous_regions(AmbiguityMap(dataset)) == ()
 
 
-def test_cracks_that_no_robot_stands_in_are_no_places():
-    dataset = synthetic.dataset()
-    dataset["clearance"] = dataset["clearance"].clip(max=0.19)
-    assert find_ambiguous_regions(AmbiguityMap(dataset)) == ()
+def test_floor_that_no_robot_stands_on_is_no_place():
+    amap = AmbiguityMap(synthetic.dataset())
+    corridor = find_ambiguous_regions(amap)[1]
+    # A robot of 0.2 m leaves as much of the corridor's 2 m on either side.
+    assert (corridor.length, corridor.width) == pytest.approx((11.0, 1.6))
+    # A robot that does not get into the corridor sets out in the hall.
+    wide = amap.for_robot(reach_of(amap.environment, 1.1))
+    assert {place.zone for place in find_ambiguous_regions(wide)} == {"open", "corridor"}
+    assert all(place.x > 17.0 for place in find_ambiguous_regions(wide))
 
 
 def test_spreading_is_a_dilation_within_the_mask():

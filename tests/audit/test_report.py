@@ -133,7 +133,7 @@ def test_markdown_points_at_files_that_exist(folder):
 def test_json_follows_its_schema_and_is_rounded(folder, examined):
     data = json.loads((folder / "report.json").read_text())
     assert Document.model_validate(data) == document(examined)
-    assert data["format"] == "ambinav-audit/4"
+    assert data["format"] == "ambinav-audit/5"
     assert data["places_in_all"] == 6
     assert len(data["places"]) == 4
     worst = data["places"][0]
@@ -149,8 +149,9 @@ def test_json_follows_its_schema_and_is_rounded(folder, examined):
     assert data["floor"] == {
         "robot_radius_m": 0.2, "from_m": None, "counted_area_m2": 125.0, "unexplored_area_m2": 0.0,
         "unreachable_area_m2": 15.0, "beside_walls_area_m2": 15.0, "cut_off_area_m2": 0.0,
-        "free_area_m2": 140.0, "impossible_poses": 0, "counted_share": 0.8929,
-        "unexplored_share": 0.0, "unreachable_share": 0.1071,
+        "outside_area_m2": 0.0, "free_area_m2": 140.0, "impossible_poses": 0,
+        "counted_share": 0.8929, "unexplored_share": 0.0, "unreachable_share": 0.1071,
+        "outside_share": 0.0,
     }  # fmt: skip
     assert sum(zone["share"] for zone in data["zones"]) == pytest.approx(1.0, abs=1e-3)
     assert data["parameters"]["radius"] == 0.5
@@ -170,8 +171,8 @@ def test_summary_in_words(examined):
         "With test laser a robot of radius 0.20 m can tell its position well on 21 % of the "
         "125 m² of explored floor that it reaches in synthetic <building>. On 49 % (61 m²) it can "
         "slide along a wall or corridor without noticing. On 29 % (36 m²) it has nothing to hold "
-        "on to in any direction. Of the 140 m² of free floor, 15 m² are nearer to a wall than its "
-        "centre comes: they do not count. The worst of 6 places is an open area over 36 m² around "
+        "on to in any direction. Of the 140 m² of free floor, 15 m² are too close to walls for "
+        "this robot: not counted. The worst of 6 places is an open area over 36 m² around "
         "x = 20.9 m, y = 5.0 m."
     )
 
@@ -242,7 +243,7 @@ def test_a_failed_report_leaves_the_earlier_one(examined, copied, tmp_path, monk
 def test_a_report_of_an_older_version_is_replaced(fewer, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.json").write_text('{"format": "ambinav-audit/1"}')
-    assert write_report(fewer, tmp_path / "out").format == "ambinav-audit/4"
+    assert write_report(fewer, tmp_path / "out").format == "ambinav-audit/5"
 
 
 def test_other_folders_are_never_replaced(tmp_path):

@@ -24,7 +24,10 @@ from tests.drive.cases import route_through
 
 RUNS = 30
 
-FLOOR = ("planned_corridor", "planned_longest_corridor", "planned_open", "planned_longest_open")
+FLOOR = (
+    *("planned_corridor", "planned_longest_corridor", "planned_open", "planned_longest_open"),
+    "planned_unexplored",
+)
 
 
 def results(lost: int, p95: float, length: float) -> Results:
@@ -143,8 +146,8 @@ def test_corridor_and_open_zones_are_distinguished() -> None:
         if (line["pair"], line["route"]) == ("a", "careful") and line["figure"] in FLOOR
     ]  # fmt: skip
     assert [line["figure"] for line in lines] == list(FLOOR)
-    assert [float(line["value"]) for line in lines] == [3.0, 2.0, 0.0, 0.0]
-    assert [float(line["difference"]) for line in lines] == [-9.0, -6.0, -4.0, -3.5]
+    assert [float(line["value"]) for line in lines] == [3.0, 2.0, 0.0, 0.0, 0.0]
+    assert [float(line["difference"]) for line in lines] == [-9.0, -6.0, -4.0, -3.5, 0.0]
     assert {(line["unit"], line["low"], line["high"], line["ratio"]) for line in lines} == {
         ("m", "", "", "")
     }

@@ -28,6 +28,7 @@ def route_through(poses: ArrayLike, steering: Steering | None = None) -> Route:
         "layer": "level", "weight": 0.0, "power": 1.0, "clearance_weight": 0.0, "comfort": 0.5,
         "length": float(steering.lengths(rows[:-1], rows[1:]).sum()), "cost": 0.0,
         "exposure": 0.0, "zone_metres": dict.fromkeys(ZONES, 0.0),
+        "unexplored_metres": 0.0,
         "longest_bad": 0.0, "longest_corridor": 0.0,
         "longest_open": 0.0, "turn": float(turn),
         "distance": none, "spent": none, "levels": none,

@@ -13,6 +13,7 @@ import yaml
 
 import ambinav as an
 from ambinav.export.formats.covariance import covariance_grid
+from ambinav.export.formats.geotiff import LAYERS
 from ambinav.localization.expected_covariance import expected_covariance
 
 pytest.importorskip("tifffile")
@@ -94,14 +95,14 @@ def test_where_the_heading_matters_the_worst_is_written(headed_map: an.Ambiguity
 def test_geotiff_of_layers(write: Write, amap: an.AmbiguityMap) -> None:
     rasterio = pytest.importorskip("rasterio")
     with rasterio.open(write("geotiff", "g.tif")[0]) as file:
-        assert file.descriptions == ("level", "major_radius", "minor_radius", "direction", "zone")
+        assert file.descriptions == LAYERS
         assert file.nodata == -9999.0
         assert file.res == pytest.approx((amap.spacing, amap.spacing))
         assert tuple(file.bounds) == pytest.approx(amap.bounds)
         assert file.crs is None or not file.crs.is_geographic
         places = [nearest_centre(amap, x, y) for x, y in PLACES]
         values = np.array(list(file.sample(places)))
-    for k, name in enumerate(("level", "major_radius", "minor_radius", "direction", "zone")):
+    for k, name in enumerate(LAYERS):
         close(values[:, k], [amap.sample(name, x, y) for x, y in places])
 
 

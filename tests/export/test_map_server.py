@@ -12,6 +12,7 @@ import yaml
 import ambinav as an
 from ambinav.geometry.io.map_server import load_map_server
 from ambinav.geometry.occupancy_grid import FREE, OCCUPIED, UNKNOWN
+from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import CORRIDOR, OPEN
 
 Write = Callable[..., tuple[Path, ...]]
@@ -149,8 +150,9 @@ def test_masks_and_their_parameters(
     rows, columns = np.indices(grid.shape)
     x = origin[0] + (columns + 0.5) * resolution
     y = origin[1] + (rows + 0.5) * resolution
-    level = np.nan_to_num(amap.sample("level", x, y))
-    zone = amap.sample("zone", x, y)
+    judged = amap.sample("judged", x, y) == JUDGED
+    level = np.where(judged, amap.sample("level", x, y), 0.0)
+    zone = np.where(judged, amap.sample("zone", x, y), np.nan)
     limit = info["base"] + info["multiplier"] * grid
     if kind == "nav2-keepout":
         np.testing.assert_array_equal(grid == 100, zone == OPEN)
@@ -177,7 +179,8 @@ def test_speed_in_metres_a_second(write: Write, amap: an.AmbiguityMap) -> None:
 
 def test_a_threshold_of_a_layer(write: Write, amap: an.AmbiguityMap) -> None:
     mask = write("nav2-keepout", "m.yaml", layer="major_radius", threshold=0.4)[0]
-    assert (map_io(mask)[0] == 100).sum() == (amap.dataset["major_radius"].values >= 0.4).sum()
+    reached = (amap.dataset["major_radius"].values >= 0.4) & amap.judged.counted
+    assert (map_io(mask)[0] == 100).sum() == reached.sum()
 
 
 def test_headings(write: Write, headed_map: an.AmbiguityMap) -> None:

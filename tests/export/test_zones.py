@@ -19,6 +19,7 @@ from ambinav.export.formats.covariance import covariance_grid
 from ambinav.export.formats.lanelet2 import without_holes
 from ambinav.export.formats.nav2_path import dense_poses
 from ambinav.localization.expected_covariance import expected_covariance
+from ambinav.maps.judged_floor import JUDGED
 from ambinav.maps.zones import CORRIDOR, OPEN
 from ambinav.routes.files import load_route
 
@@ -45,9 +46,10 @@ def check_geojson(path: Path) -> list[tuple[shapely.Polygon, dict[str, object]]]
 
 
 def floor(amap: an.AmbiguityMap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres of all cells, and the zone at each, read as a user reads it."""
+    """Centres of all cells, and the zone at each of judged floor, read as a user reads it."""
     x, y = np.meshgrid(amap.dataset["x"].values, amap.dataset["y"].values)
-    return x, y, np.asarray(amap.sample("zone", x, y))
+    judged = np.asarray(amap.sample("judged", x, y)) == JUDGED
+    return x, y, np.where(judged, amap.sample("zone", x, y), np.nan)
 
 
 def test_geojson_covers_the_zones(write: Write, amap: an.AmbiguityMap) -> None:
@@ -168,7 +170,7 @@ def test_autoware_levels_on_the_map(
     x, y, _ = floor(amap)
     grid = covariance_grid(amap)
     expected = np.zeros(x.shape, dtype=int)
-    for row, column in np.argwhere(np.isfinite(grid[0])):
+    for row, column in np.argwhere(np.isfinite(grid[0]) & amap.judged.counted):
         xx, xy, _, yy = grid[:4, row, column].astype(float)
         p = np.array([[xx, xy], [xy, yy]])
         values, vectors = np.linalg.eigh(p)

@@ -17,6 +17,8 @@ import shapely
 import xarray as xr
 from numpy.typing import NDArray
 
+from ambinav.geometry.collision.reach import reach_of
+from ambinav.maps.ambiguity_map import AmbiguityMap
 from ambinav.maps.zones import NOT_FREE
 from ambinav.sensing.scanner import RangeScanner
 from ambinav.sensing.sensor import RangeSensor
@@ -133,6 +135,12 @@ def dataset(headings: int = 0) -> xr.Dataset:
         "versions": json.dumps({"numpy": np.__version__}),
     }
     return out
+
+
+def for_a_point(data: xr.Dataset, source: str = "dataset") -> AmbiguityMap:
+    """A map of the dataset whose explored floor counts up to the walls, as for a tiny robot."""
+    amap = AmbiguityMap(data, source=source)
+    return amap.for_robot(reach_of(amap.environment, 0.01))
 
 
 def scanner(headings: int = 0) -> RangeScanner:

@@ -7,11 +7,16 @@ import math
 import numpy as np
 import pytest
 
+from ambinav.ambiguity.build import build_map
 from ambinav.errors import InputError
 from ambinav.geometry.motion.steering import Steering
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.judged_floor import UNEXPLORED_FLOOR
+from ambinav.maps.zones import NOT_FREE
+from ambinav.routes.bad_floor import BadFloor, unexplored_note
 from ambinav.routes.evaluate import evaluate_route
 from ambinav.service.service import AmbiguityService
+from tests.judged.buildings import LASER, seen_in_part
 from tests.maps import synthetic
 
 # One sample of the zone stands for a quarter of a cell.
@@ -165,3 +170,27 @@ def test_what_the_planner_knows_is_kept(service):
 def test_unusable_input(service, poses, options, message):
     with pytest.raises(InputError, match=message):
         measure(service, poses, **options)
+
+
+def test_unexplored_floor_is_told_apart():
+    amap = build_map(seen_in_part(), LASER, spacing=0.25, store=False)
+    cost = AmbiguityService(amap)
+    route = measure(cost, [(1.0, 2.0, 0.0), (13.0, 2.0, 0.0)])
+    x = np.arange(1.0, 13.0, 0.01) + 0.005
+    unexplored = np.asarray(amap.sample("judged", x, np.full_like(x, 2.0))) == UNEXPLORED_FLOOR
+    assert route.unexplored_metres == pytest.approx(0.01 * unexplored.sum(), abs=0.1)
+    assert route.unexplored_metres > 4.0
+    assert sum(route.zone_metres.values()) + route.unexplored_metres == pytest.approx(12.0)
+    zone = np.where(unexplored, NOT_FREE, amap.sample("zone", x, np.full_like(x, 2.0)))
+    assert route.bad_metres == pytest.approx(0.01 * np.isin(zone, (2, 3)).sum(), abs=0.1)
+    assert route.longest_bad <= route.bad_metres + 1e-9
+    assert route.zones.tolist() == [zone[0], NOT_FREE]
+    assert unexplored_note(BadFloor.of(route)).startswith(f"{route.unexplored_metres:.1f} m on")
+
+
+def test_a_robot_that_drives_beside_a_wall_reaches_it():
+    """Floor that is too close to walls for the map's robot counts for one that drives there."""
+    amap = AmbiguityMap(synthetic.dataset())
+    route = measure(AmbiguityService(amap), [(6.0, 1.15, 0.0), (14.0, 1.15, 0.0)])
+    assert not amap.judged.counted[16, 70:140].any()
+    assert (route.corridor_metres, route.unexplored_metres) == (pytest.approx(8.0), 0.0)

@@ -125,7 +125,7 @@ def test_csv_is_a_plain_table(route, tmp_path):
     assert [row[6] for row in table[1:]] == ["localizable"] * 3
     assert np.array([row[:3] for row in table[1:]], dtype=float).tolist() == route.poses.tolist()
     assert f"# length_m: {route.length!r}" in lines
-    plain = np.genfromtxt(tmp_path / "a.csv", delimiter=",", usecols=(0, 1, 2), skip_header=29)
+    plain = np.genfromtxt(tmp_path / "a.csv", delimiter=",", usecols=(0, 1, 2), skip_header=30)
     assert plain.shape == (3, 3)
 
 
@@ -179,11 +179,11 @@ def test_other_endings_are_refused_before_anything_is_written(route, tmp_path):
         ("# weight: 2.5", "# weigth: 2.5", r"'wei\w+' is"),
         ('# space: "r2"', '# space: "r3"', r"space is 'r3'"),
         ("ambinav-route/1", "ambinav-route/9", "format is 'ambinav-route/9'"),
-        ("x,y,theta", "x,y,phi", r"line 29: the columns are x, y, phi"),
-        ("3.0,1.0,0.0,2.0", "3.0,one,0.0,2.0", "line 31: y is 'one'; give a finite number"),
-        ("3.0,1.0,0.0,2.0", "3.0,inf,0.0,2.0", "line 31: y is 'inf'; give a finite"),
-        ("3.0,1.0,0.0,2.0", "3.0,1.0,2.0", r"line 31: it has 6 values and the table 7"),
-        (",localizable\n", ",fine\n", "line 30: zone is 'fine'; it should be 'localizable'"),
+        ("x,y,theta", "x,y,phi", r"line 30: the columns are x, y, phi"),
+        ("3.0,1.0,0.0,2.0", "3.0,one,0.0,2.0", "line 32: y is 'one'; give a finite number"),
+        ("3.0,1.0,0.0,2.0", "3.0,inf,0.0,2.0", "line 32: y is 'inf'; give a finite"),
+        ("3.0,1.0,0.0,2.0", "3.0,1.0,2.0", r"line 32: it has 6 values and the table 7"),
+        (",localizable\n", ",fine\n", "line 31: zone is 'fine'; it should be 'localizable'"),
     ],
 )
 def test_bad_csv_is_named_by_line_and_value(service, tmp_path, old, new, message):

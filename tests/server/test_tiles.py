@@ -17,7 +17,7 @@ from PIL import Image
 import ambinav as an
 from ambinav.plotting import style
 from ambinav.server import pyramid, pyramid_store
-from ambinav.server.pyramid import TILE, Pyramid, build
+from ambinav.server.pyramid import NOT_COUNTED, TILE, Pyramid, build
 from ambinav.server.pyramids import Pyramids
 from ambinav.server.tiles import LayerStyle
 from tests.server.live import Live
@@ -100,8 +100,11 @@ def test_a_tile_shows_each_cell_in_its_colour(live: Live, corridor: an.Ambiguity
         assert image.size == (TILE, TILE)
         pixels = np.asarray(image.convert("RGBA"))
     zone = corridor.dataset["zone"].values[::-1]
+    counted = corridor.judged.counted[::-1]
     rows, columns = zone.shape
-    for code, colour in enumerate(style.ZONE_COLOURS):
+    assert (~counted & (zone < 4)).any()
+    zone = np.where(~counted & (zone < 4), NOT_COUNTED, zone)
+    for code, colour in enumerate((*style.ZONE_COLOURS, style.UNREACHABLE)):
         wanted = (*bytes.fromhex(colour[1:]), 255)
         np.testing.assert_array_equal((pixels[:rows, :columns] == wanted).all(axis=2), zone == code)
     assert not pixels[rows:, :, 3].any() and not pixels[:, columns:, 3].any()

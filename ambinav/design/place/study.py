@@ -125,7 +125,7 @@ def find_help(
         )
     if len({region.unit for region in regions}) > 1:
         raise InputError("--polygon: floor and metres of routes do not add up; give one of both.")
-    parts = amap.judged_by(reach)
+    parts = amap.for_robot(reach).judged
     reflectors = rules.reflective or environment.has_reflectors
     setting = MapSetting.of(amap, scanner, reflectors)
     lattice, _ = setting.lattice(environment)

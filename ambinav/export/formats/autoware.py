@@ -26,6 +26,8 @@ from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
 from ambinav.localization.expected_covariance import expected_covariance
 from ambinav.maps.ambiguity_map import AmbiguityMap
+from ambinav.maps.zones import NOT_FREE
+from ambinav.routes.evaluate import zone_codes
 from ambinav.routes.route import Route
 
 SCALE: Final = 3.0
@@ -113,6 +115,7 @@ def stretches(amap: AmbiguityMap, route: Route, name: str) -> list[dict[str, Any
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     by_long, by_lateral = _levels(*sizes(xx, xy, yy, poses[:, 2]))
     worst, cause = np.maximum(by_long, by_lateral), _causes(by_long, by_lateral)
+    worst[zone_codes(amap, poses) == NOT_FREE] = 0  # unexplored
     along = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
     # Each pose stands for the piece to the next one.
     change = np.flatnonzero((np.diff(worst[:-1]) != 0) | (np.diff(cause[:-1]) != 0)) + 1

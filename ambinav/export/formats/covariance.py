@@ -42,9 +42,10 @@ def covariance_grid(amap: AmbiguityMap, heading: float | None = None) -> Grid:
             position is known least (the largest xx + yy).
 
     Returns:
-        Square metres and radians in the map frame, row 0 at the smallest y; nan off the free floor.
+        Square metres and radians in the map frame, row 0 at the smallest y; nan off the free floor,
+        and where the map says nothing (`AmbiguityMap.unmapped`).
     """
-    free = np.asarray(amap.dataset["free"].values, dtype=np.bool_)
+    free = np.asarray(amap.dataset["free"].values, dtype=np.bool_) & ~amap.unmapped
     rows, columns = np.nonzero(free)
     x, y = amap.dataset["x"].values[columns], amap.dataset["y"].values[rows]
     headings = [0.0 if heading is None else heading]
@@ -103,7 +104,7 @@ def write_raw(export: MapExport, path: Path) -> tuple[Path, ...]:
     data.write_bytes(np.ascontiguousarray(grid, dtype="<f4").tobytes())
     about = _about(export) | {
         "data": data.name,
-        "dtype": "float32, little-endian; nan: a robot cannot stand there",
+        "dtype": "float32, little-endian; nan: a robot cannot stand there, or it is unexplored",
         "shape": list(grid.shape),
         "index": "(band * rows + row) * columns + column; row 0 at the smallest y",
         "resolution": raster.resolution,

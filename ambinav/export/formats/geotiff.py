@@ -13,8 +13,9 @@ from ambinav.errors import InputError
 from ambinav.export.options import MapExport
 from ambinav.export.raster import Raster
 from ambinav.export.registry import Exporter
+from ambinav.maps.judged_floor import LAYER as JUDGED
 
-LAYERS: Final = ("level", "major_radius", "minor_radius", "direction", "zone")
+LAYERS: Final = ("level", "major_radius", "minor_radius", "direction", "zone", "judged")
 """The bands where no layer is named."""
 NO_DATA: Final = -9999.0
 # Tags and keys of OGC GeoTIFF 1.1, chapters 7 and 8.
@@ -74,7 +75,7 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
     amap = export.amap
     named = export.options.layer
     names = LAYERS if named is None else (named,)
-    missing = [name for name in names if name not in amap.layers]
+    missing = [name for name in names if name not in (*amap.layers, JUDGED)]
     if missing and named is None:
         raise InputError(f"{amap.source}: the map lacks {missing[0]}; make it with `ambinav map`.")
     bands = np.stack([export.floor(name).astype(np.float32) for name in names])

@@ -30,7 +30,7 @@ Send = Callable[[str, str, float, bytes], None]
 
 
 def _grids(export: MapExport, send: Send) -> None:
-    """The building, and level and zones over its floor."""
+    """The building, and level and zones over its judged floor."""
     amap = export.amap
     raster = raster_of(amap.environment, export.options.resolution, amap.spacing)
     grey = occupancy(amap.environment, raster)
@@ -39,9 +39,8 @@ def _grids(export: MapExport, send: Send) -> None:
     _grid(send, "/map", values, raster)
     own = Raster.of_map(amap)
     layer = amap.cost_layer
-    shares = export.floor(layer)
     for topic, share in (
-        ("/ambiguity", 100.0 * shares),
+        ("/ambiguity", 100.0 * export.counted(layer)),
         ("/zones", ZONE_STEP * export.counted("zone")),
     ):
         drawn = np.where(np.isnan(share), -1.0, np.clip(share, 0.0, 100.0))

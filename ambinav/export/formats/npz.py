@@ -10,6 +10,8 @@ import numpy as np
 
 from ambinav.export.options import MapExport
 from ambinav.export.registry import Exporter
+from ambinav.maps.judged_floor import LAYER as JUDGED
+from ambinav.maps.judged_floor import REASONS
 from ambinav.maps.zones import ZONES
 
 HEAD: Final = """\
@@ -19,7 +21,10 @@ HEAD: Final = """\
 
 Row 0 of a layer is the smallest y, column 0 the smallest x; metres and radians, in the map frame.
 `x` and `y` are the centres of the cells, `theta` (where the map has headings) the robot's headings.
-Layers of numbers are nan where a robot cannot stand; `zone` is 255 there. Zones: {zones}.
+Layers of numbers are nan where a robot cannot stand; `zone` and `judged` are 255 there.
+Zones: {zones}.
+Figures are of the floor where `judged` is 0; elsewhere it says why a cell is not counted:
+{reasons}.
 
 | array | shape | type | unit | meaning |
 |---|---|---|---|---|
@@ -33,13 +38,16 @@ def write(export: MapExport, path: Path) -> tuple[Path, ...]:
         str(name): dataset[name].values for name in ("y", "x", "theta") if name in dataset.coords
     }
     arrays |= {name: dataset[name].values for name in export.amap.layers}
+    arrays[JUDGED] = export.amap.judged.code
     arrays |= {name: dataset[name].values for name in ("segments", "segment_kind")}
     arrays["attributes"] = np.array(json.dumps({k: str(v) for k, v in dataset.attrs.items()}))
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)
     about = path.with_name(f"{path.stem}_README.md")
     zones = ", ".join(f"{code} {name}" for code, name in enumerate(ZONES))
-    lines = [HEAD.format(name=path.name, title=dataset.attrs.get("title", "A map"), zones=zones)]
+    reasons = ", ".join(f"{code} {reason}" for code, reason in enumerate(REASONS) if code)
+    title = dataset.attrs.get("title", "A map")
+    lines = [HEAD.format(name=path.name, title=title, zones=zones, reasons=reasons)]
     for name, values in arrays.items():
         attrs = dataset[name].attrs if name in dataset else {}
         unit, meaning = attrs.get("units", ""), attrs.get("long_name", _meaning(name))

@@ -28,6 +28,8 @@ from ambinav.geometry.footprint import Footprint
 from ambinav.geometry.motion.steering import Steering
 from ambinav.geometry.segments import FRONTIER
 
+Box = tuple[float, float, float, float]
+
 ROBOT_RADIUS: Final = 0.2
 """Metres, where neither the caller nor the scanner says how large the robot is."""
 SLACK: Final = 1e-6
@@ -113,7 +115,10 @@ def find_reach(
 
 
 def reach_of(
-    environment: Environment, radius: float, start: Sequence[float] | None = None
+    environment: Environment,
+    radius: float,
+    start: Sequence[float] | None = None,
+    before: tuple[BaseGeometry, Sequence[Box]] | None = None,
 ) -> Reach:
     """Find the floor that a disc can reach.
 
@@ -125,6 +130,8 @@ def reach_of(
         environment: The building.
         radius: Of the disc, metres, above zero.
         start: x and y of a place to set out from, metres.
+        before: Where the disc fitted (`Reach.fits`) in a building that differs in some boxes alone,
+            the radius and `SLACK` included, and these boxes.
 
     Raises:
         InputError: the radius is not above zero, the disc does not fit at the start, or it fits
@@ -133,16 +140,23 @@ def reach_of(
     key = float(radius), None if start is None else tuple(map(float, start))
     known = _known.setdefault(environment, {})
     if key not in known:
-        known[key] = _reach_of(environment, radius, start)
+        known[key] = _reach_of(environment, radius, start, before)
     return known[key]
 
 
-def _reach_of(environment: Environment, radius: float, start: Sequence[float] | None) -> Reach:
+def _reach_of(
+    environment: Environment,
+    radius: float,
+    start: Sequence[float] | None,
+    before: tuple[BaseGeometry, Sequence[Box]] | None,
+) -> Reach:
     if not (math.isfinite(radius) and radius > 0.0):
         raise InputError(
             f"robot radius: {radius:g} is not above zero; give metres, e.g. {ROBOT_RADIUS:g}."
         )
-    fits = room_for(environment, radius)
+    fits = (
+        room_for(environment, radius) if before is None else _patched(environment, radius, *before)
+    )
     pieces = _pieces(fits)
     if not pieces:
         raise FitsNowhereError(
@@ -175,16 +189,36 @@ def _reach_of(environment: Environment, radius: float, start: Sequence[float] | 
     return Reach(float(radius), where, fits, floor, margins, tuple(notes))
 
 
-def room_for(environment: Environment, radius: float) -> BaseGeometry:
-    """Where the centre of a disc of `radius` metres can stand, connected or not; may be empty."""
+def room_for(environment: Environment, radius: float, within: Box | None = None) -> BaseGeometry:
+    """Where the centre of a disc of `radius` metres can stand, connected or not; may be empty.
+
+    Args:
+        environment: The building.
+        radius: Of the disc, metres.
+        within: Only there; None: everywhere.
+    """
     inner = radius - min(SLACK, 0.5 * radius)
     # As planners have it: no cell that the map calls occupied is floor for a body.
     geometry = environment.collision
-    fits = eroded(geometry.free, inner)
-    thin = geometry.thin_walls
-    if len(thin):
-        lines = shapely.multilinestrings(shapely.linestrings(thin.reshape(-1, 2, 2)))
-        fits = shapely.difference(fits, shapely.buffer(lines, inner, quad_segs=QUAD_SEGS))
+    free, lines = geometry.free, shapely.linestrings(geometry.thin_walls.reshape(-1, 2, 2))
+    if within is not None:
+        around = (*np.subtract(within[:2], 2.0 * radius), *np.add(within[2:], 2.0 * radius))
+        free = shapely.clip_by_rect(free, *around)
+        lines = lines[shapely.intersects(lines, shapely.box(*around))]
+    fits = eroded(free, inner)
+    if len(lines):
+        thin = shapely.buffer(shapely.multilinestrings(lines), inner, quad_segs=QUAD_SEGS)
+        fits = shapely.difference(fits, thin)
+    return fits if within is None else shapely.clip_by_rect(fits, *within)
+
+
+def _patched(
+    environment: Environment, radius: float, fits: BaseGeometry, boxes: Sequence[Box]
+) -> BaseGeometry:
+    """As `room_for`, taken over from another building but for some boxes."""
+    for box in boxes:
+        there = room_for(environment, radius, box)
+        fits = shapely.union(shapely.difference(fits, shapely.box(*box)), there)
     return fits
 
 

@@ -18,6 +18,7 @@ from ambinav.maps.zones import NOT_FREE
 from ambinav.plotting.scales import layer_scale
 from ambinav.plotting.strokes import weak_strokes
 from ambinav.reports.page.rasters import (
+    OUTSIDE,
     SOLID,
     UNEXPLORED,
     UNKNOWN,
@@ -103,7 +104,7 @@ def _raster(
     attrs = amap.dataset[name].attrs
     core = CORE_LAYERS.get(schema.base_name(name))
     values = window.take(data.values.astype(np.float64))
-    values = np.where(codes <= UNREACHABLE, values, np.nan)
+    values = np.where(codes <= OUTSIDE, values, np.nan)
     counted = np.where(codes < UNEXPLORED, values, np.nan)
     scale = layer_scale(name, data, counted)
     if scale.unit == "degrees":
@@ -134,7 +135,7 @@ def _classes(amap: AmbiguityMap, heading: str | float, parts: JudgedFloor) -> ND
     codes[counted] = zone[counted]
     codes[parts.unexplored] = UNEXPLORED
     codes[parts.unreachable] = UNREACHABLE
-    codes[parts.outside] = UNKNOWN
+    codes[parts.outside] = OUTSIDE
     return codes
 
 

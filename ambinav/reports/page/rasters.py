@@ -20,7 +20,7 @@ LEVELS: Final = 65534
 MOST_CELLS: Final = 6_000_000
 """Cells of a raster; of a larger lattice one cell stands for a square of them."""
 
-UNEXPLORED, UNREACHABLE, SOLID, UNKNOWN = 4, 5, 6, 7
+UNEXPLORED, UNREACHABLE, OUTSIDE, SOLID, UNKNOWN = range(4, 9)
 """Classes after those of the zones, which are `ambinav.maps.zones.ZONES`."""
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from typing import Any, Final
 
+from ambinav.maps.judged_floor import REASONS
 from ambinav.maps.zones import MEANINGS, ZONES
 from ambinav.plotting import style
 
@@ -22,6 +23,7 @@ def page_style() -> dict[str, Any]:
             {"name": name, "colour": colour, "meaning": meaning}
             for name, colour, meaning in zip(ZONES, style.ZONE_COLOURS, MEANINGS, strict=True)
         ],
+        "judged": list(REASONS),
         "floor": style.FLOOR,
         "solid": style.SOLID,
         "unreachable": style.UNREACHABLE,

@@ -2,7 +2,7 @@
 // It has the methods of http_source.js; ambinav/reports/page/map_data.py writes the data.
 
 import { castScan } from "./raycast.js";
-import { Raster, UNEXPLORED, UNREACHABLE, numbers } from "./raster.js";
+import { OUTSIDE, Raster, SOLID, UNEXPLORED, UNREACHABLE, numbers } from "./raster.js";
 import style from "./style.js";
 
 export class EmbeddedSource {
@@ -53,11 +53,11 @@ export class EmbeddedSource {
     const empty = { x, y, values: {}, zone: null };
     if (row < 0 || column < 0 || row >= shape[0] || column >= shape[1]) return { ...empty, reason: "outside" };
     const code = (await this.raster("zone")).code(row, column);
-    if (code > UNREACHABLE) return { ...empty, reason: code === UNREACHABLE + 1 ? "wall" : "unknown" };
+    if (code > OUTSIDE) return { ...empty, reason: code === SOLID ? "wall" : "unknown" };
     const values = {};
     for (const name of Object.keys(this.data.rasters)) values[name] = (await this.raster(name)).value(row, column);
     const zone = code < UNEXPLORED ? style.zones[code].name : null;
-    const remark = { [UNEXPLORED]: "unexplored", [UNREACHABLE]: "out of the robot's reach" }[code] ?? null;
+    const remark = { [UNEXPLORED]: "unexplored", [UNREACHABLE]: "out of the robot's reach", [OUTSIDE]: "outside of the building" }[code] ?? null;
     return { x, y, values, zone, remark, reason: null };
   }
 

@@ -67,8 +67,9 @@ export class HttpSource {
   }
 
   /** Every layer's value at a pose, its zone, and its cost at a weight. */
-  values(id, x, y, theta, weight) {
-    return this.#json(`maps/${id}/values?${this.#pose(x, y, theta)}&weight=${weight}`);
+  async values(id, x, y, theta, weight) {
+    const found = await this.#json(`maps/${id}/values?${this.#pose(x, y, theta)}&weight=${weight}`);
+    return { ...found, remark: found.judged && found.zone === null ? `Not counted: ${found.judged}` : null };
   }
 
   /** The expected scan; null where the map does not keep its scanner. */

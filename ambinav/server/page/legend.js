@@ -2,7 +2,7 @@
 
 import { fill, h } from "./dom.js";
 import { quantity, sentence } from "./format.js";
-import { UNEXPLORED, UNREACHABLE } from "./raster.js";
+import { OUTSIDE, UNEXPLORED, UNREACHABLE } from "./raster.js";
 import style from "./style.js";
 
 /** Free floor that is not judged, whatever the reason: the tiles of a service tell no more. */
@@ -14,9 +14,9 @@ export function followLegend(element, source, store) {
   store.watch(["map", "layer"], async ({ map, layer }) => {
     if (!map) return;
     const mine = ++asked;
-    const info = layer === "zone" ? null : await source.layer(map.id, layer);
+    const [info, about] = layer === "zone" ? [null, await source.map(map.id)] : [await source.layer(map.id, layer)];
     if (mine !== asked) return;
-    fill(element, info ? scale(info, map.layers.find(({ name }) => name === layer) ?? info) : zones(map));
+    fill(element, info ? scale(info, map.layers.find(({ name }) => name === layer) ?? info) : zones(about));
   });
 }
 
@@ -27,6 +27,7 @@ function zones({ classes, figures }) {
     [NOT_COUNTED, "Not counted", style.unreachable],
     [UNEXPLORED, "Unexplored", `repeating-linear-gradient(135deg, ${style.unknown} 0 3px, ${style.unexplored} 3px 6px)`],
     [UNREACHABLE, "Out of reach", style.unreachable],
+    [OUTSIDE, "Outside", style.unknown],
   ];
   const entry = (name, background, meaning) =>
     h("li", { title: meaning }, h("span", { class: "swatch", style: { background } }), name);

@@ -1,7 +1,7 @@
 // Rasters of a report: PNG pictures whose pixels are 16 bits of value and 8 bits of class.
 
 /** Classes after those of the zones; ambinav/reports/page/rasters.py writes them. */
-export const UNEXPLORED = 4, UNREACHABLE = 5, SOLID = 6, UNKNOWN = 7;
+export const UNEXPLORED = 4, UNREACHABLE = 5, OUTSIDE = 6, SOLID = 7, UNKNOWN = 8;
 const LEVELS = 65534;
 
 function bytesOf(text) {

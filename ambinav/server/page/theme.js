@@ -19,7 +19,7 @@ export function shadesOf(element) {
   const outside = dark ? "#00000000" : `${style.unknown}ff`;
   const solid = dark ? `${style.solid}66` : `${style.solid}ff`;
   const unreachable = dark ? `${style.unreachable}59` : `${style.unreachable}ff`;
-  const shades = [...style.zones.map(({ colour }) => colour), style.unknown, unreachable, solid, outside];
+  const shades = [...style.zones.map(({ colour }) => colour), style.unknown, unreachable, outside, solid, outside];
   shades.stripe = style.unexplored;
   return shades;
 }

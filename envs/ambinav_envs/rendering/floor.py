@@ -60,7 +60,7 @@ def _cells(picture: pygame.Surface, amap: AmbiguityMap, camera: Camera) -> None:
             zone == NOT_FREE, return_distances=False, return_indices=True
         )
         colours = _ZONES[zone[rows, columns]]
-        faded = amap.unexplored[rows, columns]
+        faded = amap.unmapped[rows, columns]
         colours[faded] = EXPLORED * colours[faded] + (1.0 - EXPLORED) * _UNKNOWN
         _lay(picture, colours, amap, camera)
 

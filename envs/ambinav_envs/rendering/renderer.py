@@ -130,7 +130,7 @@ class Renderer:
         shown = {"ellipse"} if known else set()
         shown |= {"boxes"} if state["boxes"] else set()
         shown |= {"people"} if p.people.count else set()
-        shown |= {"unexplored"} if site.building.amap.unexplored.any() else set()
+        shown |= {"unexplored"} if site.building.amap.unmapped.any() else set()
         whole = pygame.Surface((FINE * SIZE[0], FINE * SIZE[1]))
         whole.blit(floor, (0, 0))
         beside = FINE * PANEL, FINE * SIZE[1]
