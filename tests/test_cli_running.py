@@ -21,8 +21,8 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(
             report(step / 50)
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
-        "ambinav: ambiguity: 40 % in 20 s",
-        "ambinav: ambiguity: 80 % in 40 s",
+        "ambinav: ambiguity: 40 % in 20 s, about 30 s left",
+        "ambinav: ambiguity: 80 % in 40 s, about 10 s left",
     ]
     with running.progress_bars(quiet=True) as bars:
         report = bars("ambiguity")

@@ -31,8 +31,8 @@ BLOCK = 64
 # wholly from twice it: less, and what is refined moves no radius (docs/model.md).
 REFINED = 0.3
 # A neighbour is left out whose first step leaves more evidence than that of the pose's best one: by
-# so many beams at their cap, and so much at least. The estimate is good to a few beams.
-DISMISSED_BEAMS = 26.0
+# so many independent beams at their cap, and so much at least. The estimate is good to one or two.
+DISMISSED_BEAMS = 6.5
 DISMISSED = 18.0
 
 
@@ -176,7 +176,9 @@ def dismissed(p, around, count, data, limit, icap, use, tau, c0, c2, arrays):
     for i in range(limit.size):
         if use[i] > 0:
             flattest = min(flattest, icap[i])
-    most_left = best + max(np.float32(DISMISSED * tau), np.float32(DISMISSED_BEAMS) / flattest)
+    most_left = best + np.float32(tau) * max(
+        np.float32(DISMISSED), np.float32(DISMISSED_BEAMS) / flattest
+    )
     left = 0
     for n in range(count):
         if firsts[n, 0, 9] <= most_left:

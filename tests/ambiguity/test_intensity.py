@@ -118,7 +118,7 @@ def test_a_tag_fixes_the_position_along_a_corridor(
     for off in (-0.5, 0.0, 0.5):
         assert along(tagged, "major", MIDDLE + off) < 0.65
         assert along(tagged, "zone", MIDDLE + off) < along(bare, "zone", MIDDLE + off)
-    assert along(tagged, "minor", MIDDLE) <= along(bare, "minor", MIDDLE) + 1e-6
+    assert along(tagged, "minor", MIDDLE) <= along(bare, "minor", MIDDLE) + 1e-3
     for off in (0.3, 0.7, 1.5, 2.5):
         left, right = along(tagged, "level", MIDDLE - off), along(tagged, "level", MIDDLE + off)
         # Beams of a full circle are mirrored with the corridor.

@@ -21,7 +21,6 @@ from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import find_reach
 from ambinav.geometry.io.shapes import environment_from_shapes
 from ambinav.geometry.motion.steering import Steering
-from ambinav.maps.judged_floor import JudgedFloor
 from ambinav.maps.zones import ZONES
 from ambinav.routes.route import Route
 from tests.geometry import scenes
@@ -33,7 +32,7 @@ FAN = an.RangeScanner.planar(LASER, 19, math.radians(90), (0.12, 0.0, 0.0), name
 def counted(env: an.Environment, scanner: an.RangeScanner) -> NDArray[np.bool_]:
     """Floor that is explored for a scanner and that a robot of 0.2 m reaches, (ny, nx)."""
     amap = an.build_map(env, scanner, store=False)
-    return JudgedFloor.of(amap, find_reach(env, 0.2)).counted
+    return amap.judged_by(find_reach(env, 0.2)).counted
 
 
 def mean(amap: an.AmbiguityMap, layer: str, floor: NDArray[np.bool_]) -> float:
