@@ -239,41 +239,6 @@ def exponential(_: Any, numbers: Any) -> Any:
     return NUMBERS(NUMBERS), build
 
 
-@intrinsic
-def logarithm(_: Any, numbers: Any) -> Any:
-    """Natural logarithm of positive normal numbers, to the last bits of float32."""
-
-    def build(context: Any, builder: Any, kinds: Any, args: Any) -> Any:
-        whole = ir.VectorType(_INT, LANES)
-
-        def number(value: float) -> Any:
-            return ir.Constant(_VECTOR, [value] * LANES)
-
-        def integer(value: int) -> Any:
-            return ir.Constant(whole, [value] * LANES)
-
-        def fused(a: Any, b: Any, c: Any) -> Any:
-            return builder.fadd(builder.fmul(a, b, flags=FLAGS), c, flags=FLAGS)
-
-        # x = 2^n m with m from sqrt(1/2) to sqrt(2): the bits of sqrt(1/2) are the least of m.
-        bits = builder.bitcast(args[0], whole)
-        n = builder.ashr(builder.sub(bits, integer(0x3F3504F3)), integer(23))
-        m = builder.bitcast(builder.sub(bits, builder.shl(n, integer(23))), _VECTOR)
-        # log(m) = 2 artanh(s).
-        one = number(1.0)
-        s = builder.fdiv(
-            builder.fsub(m, one, flags=FLAGS), builder.fadd(m, one, flags=FLAGS), flags=FLAGS
-        )
-        square = builder.fmul(s, s, flags=FLAGS)
-        series = number(2.0 / 9.0)
-        for k in (7.0, 5.0, 3.0, 1.0):
-            series = fused(series, square, number(2.0 / k))
-        steps = builder.sitofp(n, _VECTOR)
-        return fused(steps, number(0.6931471805599453), builder.fmul(series, s, flags=FLAGS))
-
-    return NUMBERS(NUMBERS), build
-
-
 def _interpolated(context: Any, builder: Any, kinds: Any, args: Any, apart: int) -> Any:
     """See `interpolated`; lane k reads row `args[1]` + k * `apart`."""
     array = context.make_array(kinds[0])(context, builder, args[0])

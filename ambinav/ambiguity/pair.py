@@ -69,28 +69,23 @@ def first_step(data, p, q, limit, icap, use, half0, half2, known):
 
     Returns:
         Lanes: with weights w, residuals z and gradients g the sum of w z g (3), and of
-        w g g^T (6); then about the evidence that is left at the best offset.
+        w g g^T (6).
     """
     size, p, q = U(limit.size), U(p), U(q)
     zero = lanes(F0)
-    slide, turn, remains = lanes(half0), lanes(half2), zero
+    slide, turn = lanes(half0), lanes(half2)
     sums = (zero, zero, zero, zero, zero, zero, zero, zero, zero)
     for i in range(U(0), size, U(LANES)):
         gx, gy, gt = load(data, (q, X, i)), load(data, (q, Y, i)), load(data, (q, T, i))
         spread = load(data, (p, S, i)) + load(data, (q, S, i))
         seen, _, least_z, cap = seen_at(data, p, i, limit, icap, use, known)
         z = seen - load(data, (q, D, i))
-        # With u = z^2 / 4 room the weight is 1 / spread / (1 + u / cap)^2, and what is left
-        # u / (1 + u / cap); divisions are slow.
+        # With u = z^2 / 4 room the weight is 1 / spread / (1 + u / cap)^2; divisions are slow.
         room = spread + (gx * gx + gy * gy) * slide + gt * gt * turn
-        square = z * z
-        capped = room + square * cap
-        whole = capped * spread
-        per = where(z < least_z, zero, lanes(F1) / (capped * whole))
-        sums = grown(sums, room * room * per, z, gx, gy, gt)
-        remains += square * whole * per
-    g0, g1, g2, a, b, c, d, e, f = sums
-    return totals((g0, g1, g2, a, b, c, d, e, f, remains * lanes(QUARTER)))
+        capped = room + z * z * cap
+        w = where(z < least_z, zero, room * room / (capped * capped * spread))
+        sums = grown(sums, w, z, gx, gy, gt)
+    return totals(sums)
 
 
 @kernel(fastmath=FAST, inline="always")

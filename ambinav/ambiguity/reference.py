@@ -7,15 +7,13 @@ walking from cell to cell, every scan is compared beam by beam in float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ambinav.ambiguity.indistinguishability import FINEST_STD, evidence, most_evidence
-from ambinav.ambiguity.kernel import DISMISSED, DISMISSED_BEAMS, REFINED
 from ambinav.ambiguity.model import AmbiguityModel
-from ambinav.ambiguity.refined import FARTHEST, LEFT, STILL
 from ambinav.ambiguity.returns import BEYOND, BLIND, GRAZING, TIE
 from ambinav.ambiguity.standing import TOUCHING
 from ambinav.geometry.environment import Environment
@@ -133,32 +131,24 @@ def beams(
     )  # fmt: skip
 
 
-def laplace(J: Vector, w: Vector, z: Vector, tau: float, C: Vector) -> tuple[Vector, Vector]:
-    """Covariance (3, 3) and mean (3,) of the offset for weights w and residuals z."""
-    S = np.linalg.inv((J * w[:, None]).T @ J / (2 * tau) + np.linalg.inv(C))
-    return np.asarray(S), np.asarray(S @ (J.T @ (w * z))) / (2 * tau)
-
-
-def first_step(
-    p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, C: Vector
-) -> tuple[Vector, Vector, float]:
-    """Weights and residuals of beams, seen through what the cell can move them; what is left."""
-    s2, J = (p[2] + q[2]) / 2, q[1]
-    z = np.minimum(p[0], limit) - q[0]
-    silent = (p[0] >= limit) & (z < 0)
-    u = z**2 / (4 * s2) / (1 + np.einsum("bi,ij,bj->b", J, C, J) / (2 * s2))
-    w = np.where(silent, 0.0, 1 / s2 / (1 + u / cap) ** 2)
-    return w, z, float(np.where(silent, 0.0, u / (1 + u / cap)).sum())
-
-
 def compare(
     p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, tau: float, C: Vector
 ) -> tuple[float, Vector, Vector]:
     """I(p, q) over q's cell, the best offset (3,) and its covariance (3, 3)."""
     s2 = (p[2] + q[2]) / 2
     seen, J = np.minimum(p[0], limit), q[1]
-    w, z, _ = first_step(p, q, limit, cap, C)
-    _, offset = laplace(J, w, z, tau, C)
+
+    def laplace(w: Vector, z: Vector) -> tuple[Vector, Vector]:
+        L = (J * w[:, None]).T @ J / (2 * tau) + np.linalg.inv(C)
+        S = np.asarray(np.linalg.inv(L))
+        return S, np.asarray(S @ (J.T @ (w * z))) / (2 * tau)
+
+    # First step: each beam's residual, seen through what the cell can move it.
+    z = seen - q[0]
+    silent = (p[0] >= limit) & (z < 0)
+    z = np.where(silent, 0.0, z)
+    u = z**2 / (4 * s2) / (1 + np.einsum("bi,ij,bj->b", J, C, J) / (2 * s2))
+    _, offset = laplace(np.where(silent, 0.0, 1 / s2 / (1 + u / cap) ** 2), z)
     # Second step: at that offset, the evidence, capped, and the quadratic that touches it.
     moved = J @ offset
     z = seen - q[0] - moved
@@ -170,77 +160,11 @@ def compare(
     slope /= near**2 / 4 * s2
     t = 1 / np.sqrt(1 + (proof / cap) ** 2)
     w = np.where(silent, 0.0, slope * t**3)
-    S, best = laplace(J, w, z + moved, tau, C)
+    S, best = laplace(w, z + moved)
     total = float(np.sum(proof * t + w * ((z + moved) ** 2 - z**2) / 4))
     gain = float(best @ (J.T @ (w * (z + moved)))) / (4 * tau)
     alike = math.exp(min(gain - total / tau, 0.0)) * math.sqrt(np.linalg.det(S) / np.linalg.det(C))
     return alike, best, S
-
-
-def refine(
-    p: tuple[Vector, ...], q: tuple[Vector, ...], limit: Vector, cap: Vector, tau: float, C: Vector
-) -> tuple[float, Vector, Vector]:
-    """As `compare`, by one pass of expectation propagation that starts from the first step."""
-    J, s2 = q[1], (p[2] + q[2]) / 2
-    w, z, _ = first_step(p, q, limit, cap, C)
-    S, offset = laplace(J, w, z, tau, C)
-    total, factor_w, factor_z = 0.0, np.zeros(len(z)), np.zeros(len(z))
-    for b in range(len(z)):
-        # The residual as all other beams predict it.
-        v = float(J[b] @ S @ J[b]) + STILL
-        left = 1 / max(1 - w[b] / (2 * tau) * v, LEFT)
-        m, v = (z[b] - float(J[b] @ offset)) * left, v * left
-        # Mass, mean and variance with this beam's evidence, by Gauss and Hermite's three points.
-        points = m + math.sqrt(3 * v) * np.array([-1.0, 0.0, 1.0])
-        floored = np.maximum(points, min(float(p[0][b]), float(limit[b])) - limit[b])
-        u = np.array([float(evidence(d / math.sqrt(s2[b]), p[3][b])) for d in floored])
-        mass = np.array([1, 4, 1]) / 6 * np.exp(-u / np.sqrt(1 + (u / cap[b]) ** 2) / tau)
-        mean = float(mass @ points / mass.sum()) - m
-        variance = float(mass @ (points - m) ** 2 / mass.sum()) - mean**2
-        # The factor exp(n (x - m) - w (x - m)^2 / 2) that gives the same, within bounds.
-        variance = min(max(variance, 1 / (1 / v + 1 / (2 * tau * s2[b]))), v)
-        w[b] = 1 / variance - 1 / v
-        far = FARTHEST * w[b] * abs(m)
-        n = min(max(mean / variance, -far), far)
-        x = z[b] - m
-        total += math.log(mass.sum()) - math.log(variance / v) / 2 - n * n * variance / 2
-        total += n * x - w[b] * x * x / 2
-        factor_w[b], factor_z[b] = w[b], w[b] * x - n
-    S = np.linalg.inv((J * factor_w[:, None]).T @ J + np.linalg.inv(C))
-    best = np.asarray(S @ (J.T @ factor_z))
-    log = min(total + float(best @ (J.T @ factor_z)) / 2, 0.0)
-    return math.exp(log) * math.sqrt(np.linalg.det(S) / np.linalg.det(C)), best, np.asarray(S)
-
-
-def moment(step: Vector, pair: tuple[float, Vector, Vector]) -> tuple[float, Vector]:
-    """I of a pair whose cell lies a step away (2,), and I times its second moments (2, 2)."""
-    alike, offset, S = pair
-    to = step + offset[:2]
-    return alike, alike * (np.outer(to, to) + S[:2, :2])
-
-
-def mixture(
-    here: tuple[Vector, ...],
-    there: Sequence[tuple[Vector, tuple[Vector, ...]]],
-    limit: Vector,
-    cap: Vector,
-    tau: float,
-    C: Vector,
-) -> tuple[float, Vector]:
-    """Sums over neighbours, given as step (2,) and scan, of I and of I times second moments."""
-    remains = [first_step(here, scan, limit, cap, C)[2] for _, scan in there]
-    most = min(remains) + max(DISMISSED * tau, DISMISSED_BEAMS * float(cap.max()))
-    near = [pair for pair, left in zip(there, remains, strict=True) if left <= most]
-    found = [moment(step, compare(here, scan, limit, cap, tau, C)) for step, scan in near]
-    # What matters is refined, wholly from twice the part on from which it is refined at all.
-    part = REFINED * sum(float(np.trace(second)) for _, second in found) / len(there)
-    weight, total = 0.0, np.zeros((2, 2))
-    for (alike, second), (step, scan) in zip(found, near, strict=True):
-        share = min(max(float(np.trace(second)) / part - 1, 0.0), 1.0)
-        finer = moment(step, refine(here, scan, limit, cap, tau, C)) if share > 0 else (0.0, total)
-        weight += (1 - share) * alike + share * finer[0]
-        total = total + (1 - share) * second + share * finer[1]
-    return weight, total
 
 
 def reachable(
@@ -301,14 +225,17 @@ def pose_sums(
     for b in range(scanner.beams):
         cap[b] = most_evidence(odd[b], finest_std(sensors[b], model))
     here = beams(env, scanner, model, x, y, theta)
-    there, free_moment = [], np.zeros((2, 2))
+    weight, alike_moment, free_moment = 0.0, np.zeros((2, 2)), np.zeros((2, 2))
     cells = reachable(
         env, x, y, spacing, model.radius, lambda a, b: stands(env, scanner, model, a, b, theta)
     )
     for i, j in sorted(cells):
         step = np.array([i, j]) * spacing
-        there.append((step, beams(env, scanner, model, x + step[0], y + step[1], theta)))
+        there = beams(env, scanner, model, x + step[0], y + step[1], theta)
+        alike, offset, S = compare(here, there, limit, cap, model.tau, C)
+        to = step + offset[:2]
+        weight += alike
+        alike_moment += alike * (np.outer(to, to) + S[:2, :2])
         free_moment += np.outer(step, step) + C[:2, :2]
-    weight, alike_moment = mixture(here, there, limit, cap, model.tau, C)
     a, f = alike_moment / weight, free_moment / len(cells)
     return np.array([weight / len(cells), a[0, 0], a[0, 1], a[1, 1], f[0, 0], f[0, 1], f[1, 1]])

@@ -154,7 +154,7 @@ def _displaced(
     solid = np.empty(angles.size, dtype=np.int64)
     marks = np.zeros(index.size, dtype=np.uint8)
     middle = index.shape[0] // 2
-    arrays, around = batch_arrays(limit.size, len(steps)), around_arrays(len(steps))
+    arrays, around = batch_arrays(limit.size), around_arrays(len(steps))
     for s in range(low, high):
         join(ranges[s], solid)
         x, y = ranges[s] * np.cos(angles), ranges[s] * np.sin(angles)

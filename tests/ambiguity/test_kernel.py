@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ambinav.ambiguity import reference, returns
+from ambinav.ambiguity import returns
 from ambinav.ambiguity.build import build_map
 from ambinav.ambiguity.gaussian import FAST
 from ambinav.ambiguity.heading import turning_moments, turns
@@ -27,6 +27,14 @@ from tests.geometry import scenes
 SPACING, RADIUS, TAU = 0.25, 0.8, 3.0
 CELL = (SPACING**2 / 4, 0.05**2)
 COARSE = RangeSensor(max_range=4.0, std=0.005, resolution=0.15)
+
+
+@kernel(fastmath=FAST)
+def _pair(data, p, q, limit, icap, use, evidence, tau, c0, c2, out):  # type: ignore[no-untyped-def]
+    alike, ox, oy, _, sxx, sxy, syy, _ = compare(
+        data, p, q, limit, icap, use, evidence, tau, c0, c2
+    )
+    out[0], out[1], out[2], out[3], out[4], out[5] = alike, ox, oy, sxx, sxy, syy
 
 
 @kernel(fastmath=FAST)
@@ -83,26 +91,23 @@ def test_a_batch_is_its_pairs(lattice: Lattice, laser: RangeScanner, coarse: boo
         evidence = evidence_table(padded)
     # Every link is there: all free points of the disc that such steps reach are neighbours.
     found = sums(lattice, table, data, lattice.links[None], evidence)[:, 0]
-    count, limit = scanner.beams, table.limit.astype(float)[: scanner.beams]
-    cap, C = 1.0 / table.inverse_cap.astype(float)[:count], np.diag([CELL[0], CELL[0], CELL[1]])
-
-    def scan(n: int) -> tuple[NDArray[np.float64], ...]:
-        ranges, x, y, theta, half = data[0, n, :, :count].astype(float)
-        width = table.width if coarse else np.zeros(count)
-        return ranges, np.column_stack([x, y, theta]), 2.0 * half, width
-
     open_floor = np.flatnonzero(np.asarray(lattice.clearance(RADIUS + SPACING)) > RADIUS + 0.1)
     assert len(disc()) > 2 * LANES
     for p in open_floor[:: max(len(open_floor) // 5, 1)]:
         row, column = lattice.rows_columns[p]
-        there = [
-            (step[::-1] * SPACING, scan(lattice.index[row + step[0], column + step[1]]))
-            for step in disc()
-        ]
-        total, moments = reference.mixture(scan(int(p)), there, limit, cap, TAU, C)
-        moments = moments[[0, 0, 1], [0, 1, 1]] / total
-        np.testing.assert_allclose(found[p, 0], total / len(disc()), rtol=3e-4)
-        np.testing.assert_allclose(found[p, 1:4], moments, rtol=1e-3, atol=1e-6)
+        total, moments = 0.0, np.zeros(3)
+        for step in disc():
+            q = lattice.index[row + step[0], column + step[1]]
+            one = np.empty(6)
+            _pair(
+                data[0], int(p), int(q), table.limit, table.inverse_cap, table.use, evidence, TAU,
+                *CELL, one,
+            )  # fmt: skip
+            x, y = step[1] * SPACING + one[1], step[0] * SPACING + one[2]
+            total += one[0]
+            moments += one[0] * np.array([x * x + one[3], x * y + one[4], y * y + one[5]])
+        np.testing.assert_allclose(found[p, 0], total / len(disc()), rtol=1e-6)
+        np.testing.assert_allclose(found[p, 1:4], moments / total, rtol=1e-5, atol=1e-9)
 
 
 def test_headings_together_are_headings_one_by_one(lattice: Lattice) -> None:

@@ -159,12 +159,12 @@ def test_along_a_route_the_scanner_follows_the_robot(corridor: an.Environment) -
     # Towards the east end, and back in reverse: the robot faces the end all the time.
     there = Region.of_route(Route.through([[36.0, 1.05, 0.0], [39.0, 1.05, 0.0]], Steering("se2")))
     scanner = an.RangeScanner.planar(LASER, 21, math.radians(60))
-    found = sweep(corridor, scanner, ["yaw=0,180"], there)
+    found = sweep(corridor, scanner, ["yaw=0,90,180"], there)
     assert found.region.unit == "m"
     assert found.best.setting.values == (0.0,)
     # A route to the north in the same corridor.
     across = Region.of_route(Route.through([[37.0, 0.4], [37.0, 1.6]]))
-    found = sweep(corridor, scanner, ["yaw=-90,90"], across)
+    found = sweep(corridor, scanner, ["yaw=-90,0,90"], across)
     assert found.best.setting.values == (-90.0,)
 
 
@@ -173,7 +173,7 @@ def test_turning_is_worth_it_where_the_best_side_changes() -> None:
     env = scenes.room(12.0, 2.0)
     route = Region.of_route(Route.through([[1.0, 1.05], [11.0, 1.05]]))
     scanner = an.RangeScanner.planar(LASER, 21, math.radians(60))
-    found = sweep(env, scanner, ["yaw=0,180"], route)
+    found = sweep(env, scanner, ["yaw=0,90,180"], route)
     turning = found.turning
     assert turning is not None
     assert turning.is_worth_it
