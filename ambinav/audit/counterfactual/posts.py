@@ -39,8 +39,8 @@ FINE: Final = 12
 """and of the second, about the best of the first."""
 ABREAST: Final = 0.5
 """Two robots pass each other wherever they could, with so much between them, metres."""
-MOST_STANDS: Final = 200
-"""Places at which it is asked how much bad floor is in sight."""
+MOST_STANDS: Final = 300
+"""Places of the floor from which it is asked how much bad floor is in sight."""
 
 
 def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: int = 3) -> bool:
@@ -55,8 +55,9 @@ def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: in
     bad = amap.judged.counted & np.isin(amap.floor("zone").values, BAD)
     row, column = np.nonzero(bad)
     points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
-    # Wherever a post stands, some bad place that it can help lies within its sight.
-    stands = points[:: max(len(points) // MOST_STANDS, 1)]
+    row, column = np.nonzero(amap.judged.counted)
+    floor = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    stands = floor[:: max(len(floor) // MOST_STANDS, 1)]
     seen = _in_sight(stands, points, scanner.max_range, count) * amap.cell_area
     return seen >= PAYS * len(points) * amap.cell_area and seen >= AS_GOOD * rival
 
