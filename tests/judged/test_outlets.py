@@ -152,7 +152,7 @@ def test_outlets_agree_on_all_maps(data_dir: Path, tmp_path: Path, part: int) ->
     assert len(files) >= 30
     for file in files[part::4]:
         env = an.load_environment(file)
-        spacing = max(0.25, math.sqrt(env.free.area / 20_000))
+        spacing = max(0.4, math.sqrt(env.free.area / 5_000))
         made = make(env, laser(spacing), tmp_path, spacing)
         try:
             hold(made)

@@ -283,7 +283,9 @@ def _start(line: BaseGeometry) -> str:
 
 def _around(line: BaseGeometry) -> BaseGeometry:
     """What lies beside a line, not beyond its ends."""
-    return shapely.buffer(line, NEAR, cap_style="flat", join_style="mitre")
+    # GEOS divides by 0 for the tip of a mitre that has none; what it returns is right.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return shapely.buffer(line, NEAR, cap_style="flat", join_style="mitre")
 
 
 def _split(
