@@ -85,7 +85,6 @@ def find_trips(amap: AmbiguityMap, rng: np.random.Generator) -> Trips | None:
     xs, ys = (amap.dataset[axis].values[::stride] for axis in ("x", "y"))
     row, column = np.nonzero(free)
     points = np.column_stack([xs[column], ys[row]])
-    count = len(places)
     shape = (int(free.sum()),) * 2
     named = csr_array((np.arange(1, len(length) + 1), ends), shape=shape)
     sums, paths = [], []
