@@ -87,10 +87,11 @@ def test_worst_places_lie_on_reachable_explored_floor(data_dir, folder):
         assert 0.0 < floor.counted_share <= 1.0, file
         assert f"m² of explored floor that it reaches in {environment.name}" in report.summary
         total = floor.counted_share + floor.unexplored_share + floor.unreachable_share
+        total += floor.outside_share
         assert total == pytest.approx(1.0, abs=1e-3), file
         # By area: cells stand for polygons.
         reached = floor.counted_area_m2 + floor.unexplored_area_m2
-        assert reached == pytest.approx(reach.floor.area, rel=0.25), file
+        assert reached == pytest.approx(reach.floor.area, rel=0.25 if spacing < 0.5 else 0.35), file
         deep = reach.floor.buffer(-0.5 * radius)
         start = (reach.floor if deep.is_empty else deep).representative_point()
         grid, cells = reached_cells(environment, radius, (start.x, start.y))

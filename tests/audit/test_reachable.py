@@ -94,7 +94,9 @@ def test_margin_and_crate_do_not_count(amap, found):
 @pytest.mark.slow
 def test_the_parts_add_up(amap, found):
     parts = found.parts
-    stack = np.stack([parts.counted, parts.unexplored, parts.beside_walls, parts.cut_off])
+    stack = np.stack(
+        [parts.counted, parts.unexplored, parts.beside_walls, parts.cut_off, parts.outside]
+    )
     np.testing.assert_array_equal(stack.sum(axis=0), amap.dataset["free"].values.astype(int))
     assert (parts.unreachable == parts.beside_walls | parts.cut_off).all()
     shares = [share.share for share in found.shares]
@@ -169,9 +171,10 @@ def test_reports_tell_the_same(found, tmp_path):
     data = json.loads((tmp_path / "out" / "report.json").read_text())
     floor = data["floor"]
     assert floor["robot_radius_m"] == 0.25 and floor["from_m"] is None
-    assert floor["counted_share"] + floor["unexplored_share"] + floor[
-        "unreachable_share"
-    ] == pytest.approx(1.0, abs=2e-4)
+    shares = [
+        floor[f"{part}_share"] for part in ("counted", "unexplored", "unreachable", "outside")
+    ]
+    assert sum(shares) == pytest.approx(1.0, abs=3e-4)
     assert floor["unreachable_area_m2"] == pytest.approx(
         floor["beside_walls_area_m2"] + floor["cut_off_area_m2"]
     )

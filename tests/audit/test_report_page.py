@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ambinav.audit.counterfactual.search import Counterfactual
 from ambinav.audit.report import write_report
 from ambinav.audit.sight import look
+from ambinav.audit.verdict import Verdict
+from ambinav.drive.bootstrap import Interval
 from tests.server.axe import violations
 
 pytestmark = pytest.mark.slow
@@ -19,7 +23,14 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def report(examined, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("page") / "out"
-    write_report(examined, folder)
+    advice = tuple(
+        Counterfactual(kind, title, "", 40.0, Interval(after, after, after, 0))
+        for kind, title, after in (
+            ("range", "See farther", 4.0), ("routes", "Go around", 8.0), ("heading", "Turn", 16.0),
+        )
+    )  # fmt: skip
+    verdict = Verdict("range", "See farther: 40 m² become 4 m².", 40.0, advice, advice)
+    write_report(replace(examined, verdict=verdict), folder)
     return folder / "report.html"
 
 
