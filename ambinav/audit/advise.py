@@ -64,7 +64,7 @@ def advise(
     in_plane = found.environment.space is None
     most = max((one.removed for one in tried), default=0.0)
     wanted = posts if posts is not None else could_pay(found.amap, found.scanner, most)
-    if in_plane and before and wanted:
+    if in_plane and wanted:
         helps = find_posts(
             found.environment, found.scanner, found.amap, found.reach, posts or 3, trips, rng,
             lambda share: report(0.7 + 0.3 * share),

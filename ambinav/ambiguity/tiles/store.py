@@ -64,8 +64,8 @@ class TileStore:
         return zarr.open_group(self._store, mode="r+", use_consolidated=False)
 
     @cached_property
-    def _arrays(self) -> dict[str, zarr.Array[Any]]:
-        """Arrays that tiles are written to, by name; chunks that hold nothing are written too."""
+    def _lattice_arrays(self) -> dict[str, zarr.Array[Any]]:
+        """Arrays over the lattice, by name; their chunks that hold nothing are written too."""
         import zarr
 
         with zarr.config.set({"array.write_empty_chunks": True}):
@@ -75,9 +75,13 @@ class TileStore:
                     self._store, mode="r+", use_consolidated=False
                 ).arrays()
                 if tuple(array.metadata.dimension_names or ())[:2] == ("y", "x")  # type: ignore[union-attr]
-                and name != JUDGED
             }
         return dict(sorted(found.items()))
+
+    @property
+    def _arrays(self) -> dict[str, zarr.Array[Any]]:
+        """Those that tiles are written to."""
+        return {name: array for name, array in self._lattice_arrays.items() if name != JUDGED}
 
     @cached_property
     def _record(self) -> zarr.Array[Any]:
@@ -265,7 +269,7 @@ class TileStore:
         """Write the layer that says which floor counts, tile by tile."""
         free, unknown = self._arrays["free"], self._arrays["unknown"]
         x, y = (np.asarray(self._group[axis][...]) for axis in ("x", "y"))  # type: ignore[index]
-        judged: Any = self._group[JUDGED]
+        judged = self._lattice_arrays[JUDGED]
         for low in range(0, free.shape[0], self.cells):
             for left in range(0, free.shape[1], self.cells):
                 window = slice(low, low + self.cells), slice(left, left + self.cells)

@@ -55,6 +55,8 @@ def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: in
     bad = amap.judged.counted & np.isin(amap.floor("zone").values, BAD)
     row, column = np.nonzero(bad)
     points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
+    if not len(points):
+        return False
     row, column = np.nonzero(amap.judged.counted)
     floor = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
     stands = floor[:: max(len(floor) // MOST_STANDS, 1)]
@@ -123,9 +125,7 @@ def find_posts(
     trials = try_alone(effects, coarse, lambda share: report(0.2 + 0.3 * share))
     best = [trials.candidates[i] for i in trials.order[:count]]
     fine = _nearest(around(4 * COARSE), best, FINE)
-    trials = try_alone(effects, (*best, *fine), lambda share: report(0.5 + 0.2 * share))
-    if len(trials.candidates) < count:
-        return WhatHelps(count, rules, None, f"there are fewer than {count} places for posts.")
+    trials = trials.and_of(try_alone(effects, fine, lambda share: report(0.5 + 0.2 * share)))
     placement = place(
         effects, trials, count, rules.min_passage, report=_part(report), least=NOTHING
     )

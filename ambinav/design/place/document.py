@@ -252,6 +252,11 @@ def enough_text(found: Help, asked: int) -> str:
     nothing = f"takes away less than {NOTHING:g} {amount(0.0, found.unit).split()[1]}"
     if not placed:
         return f"None of {asked} {kind}s was put up: each {nothing} of bad floor."
+    if found.placement.crowded:
+        return (
+            f"{placed} of {asked} {kind}s: no further place leaves {found.rules.min_passage:g} m "
+            "to theirs."
+        )
     which = f"{placed} of {asked} {kind}s {'suffices' if placed == 1 else 'suffice'}: "
     if found.placement.after.bad < NOTHING:
         return which + "no bad floor is left."

@@ -59,6 +59,13 @@ class Trials:
             tuple(self.fixed[i] for i in numbers),
         )
 
+    def and_of(self, other: Trials) -> Trials:
+        """These, and others of the same building after them."""
+        return Trials(
+            self.candidates + other.candidates, self.gains + other.gains,
+            self.rows + other.rows, self.fixed + other.fixed,
+        )  # fmt: skip
+
     @property
     def order(self) -> NDArray[np.int64]:
         """Numbers of the candidates, the best first."""
@@ -96,6 +103,8 @@ class Placement:
         compared: Gains of candidates that were looked at again, before and after another obstacle
             was put up: pairs of costs.
         effects: The building with them.
+        crowded: Whether there are fewer than were asked for because no further place is apart from
+            theirs, not because no further one helps.
     """
 
     before: Badness
@@ -104,6 +113,7 @@ class Placement:
     exchanged: int
     compared: tuple[tuple[float, float], ...]
     effects: Effects
+    crowded: bool = False
 
     @property
     def after(self) -> Badness:
@@ -135,7 +145,7 @@ def place(
     report: Callable[[float], None] = lambda share: None,
     least: float = 0.0,
 ) -> Placement:
-    """Put up `count` obstacles where they help most; fewer once none helps any more.
+    """Put up `count` obstacles where they help most; fewer once none helps, or none has room.
 
     Which ones suffice is known only in the end: one that turns nothing good may have to stand for
     the next to do so.
@@ -149,7 +159,7 @@ def place(
         least: Bad floor that the last one is to take away; what then takes away less is left out.
 
     Raises:
-        InputError: there are fewer places than obstacles.
+        InputError: `count` is below 1.
     """
     if count < 1:
         raise InputError(f"number of obstacles: {count}; give 1 or more.")
@@ -158,16 +168,11 @@ def place(
     while len(numbers) < count:
         best = search.best()
         if best is None:
-            if search.left.any():
-                break
-            raise InputError(
-                f"--{trials.candidates[0].kind}s: {count} are asked for, but only {len(numbers)} "
-                f"of the {len(trials.candidates)} places can be taken with {passage:g} m between "
-                "them; ask for fewer, give a smaller --min-passage, or more --candidates."
-            )
+            break
         search.put(best)
         numbers.append(best)
         report(0.5 * len(numbers) / count)
+    crowded = len(numbers) < count and not search.left.any()
     numbers, exchanged, tried = _exchanged(effects, trials, numbers, passage)
     report(0.9)
     placed, now, chained = _in_order(effects, trials, numbers)
@@ -184,6 +189,7 @@ def place(
         exchanged,
         tuple(search.compared),
         now,
+        crowded and enough == len(numbers),
     )
 
 

@@ -145,6 +145,12 @@ def find_help(
         )
     trials = try_alone(effects, found, report(f"{len(found)} candidates"))
     placement = place(effects, trials, count, rules.min_passage, report("placing"), NOTHING)
+    if placement.crowded:
+        raise InputError(
+            f"--{rules.kind}s: {count} are asked for, but only {len(placement.placed)} of the "
+            f"{len(found)} places can be taken with {rules.min_passage:g} m between them; ask for "
+            "fewer, give a smaller --min-passage, or more --candidates."
+        )
     known = Help(environment, scanner, amap, parts, regions, rules, reach, trials, placement)
     return known if rng is None else _examined(known, effects, rng, report)
 
