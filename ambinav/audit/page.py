@@ -14,18 +14,22 @@ from ambinav.reports.page.map_data import map_data
 from ambinav.reports.parameters import map_parameters
 
 
+def page_map(audit: Audit) -> dict[str, Any]:
+    """What the page shows of the map; advice changes nothing of it."""
+    return map_data(audit.amap, audit.scanner, heading=audit.heading, parts=audit.parts)
+
+
 def audit_page(
-    audit: Audit, report: Document, pictures: Mapping[str, str], values: Mapping[str, Any]
+    data: dict[str, Any], report: Document, pictures: Mapping[str, str], values: Mapping[str, Any]
 ) -> str:
     """Write the page.
 
     Args:
-        audit: What is reported, for the map.
-        report: Its figures.
+        data: See `page_map`; places and zones are added to it.
+        report: The figures of the audit.
         pictures: What stands for each picture's file name.
         values: Further values of the template, which the other written report has too.
     """
-    data = map_data(audit.amap, audit.scanner, heading=audit.heading, parts=audit.parts)
     data["places"] = [_place(place) for place in report.places]
     data["map"]["zones"] = [
         {"zone": zone.zone, "share": zone.share, "area_m2": zone.area_m2} for zone in report.zones

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from ambinav.audit.audit import Audit, axis_degrees, metres2, percent, places_text
 from ambinav.audit.document import FORMAT, Document, document
-from ambinav.audit.page import audit_page
-from ambinav.audit.pictures import save_pictures
+from ambinav.audit.drawing import Draw, drawing
+from ambinav.audit.page import audit_page, page_map
 from ambinav.files import replacing
 from ambinav.maps.judged_floor import unreachable_label
 from ambinav.maps.zones import UNEXPLORED_MEANING
@@ -43,6 +43,7 @@ def write_report(
     progress: Callable[[float], None] | None = None,
     image_format: str = "png",
     advise: Callable[[Audit, Callable[[], None]], Audit] | None = None,
+    draw: Draw | None = None,
 ) -> Document:
     """Write the report, whole or not at all; an earlier report in `folder` is replaced.
 
@@ -56,6 +57,7 @@ def write_report(
         image_format: Of the pictures, one of `ambinav.plotting.style.FORMATS`.
         advise: Adds a verdict (`ambinav.audit.advise.advise`); it calls what it is given now and
             then, which raises where it is to end. None: the audit is as it is.
+        draw: Draws the pictures (`ambinav.audit.drawing.drawing`); None: a process made for it.
 
     Returns:
         What report.json holds.
@@ -64,55 +66,61 @@ def write_report(
         InputError: see `RunFolder.check`; or the place is not writable.
     """
     path = FOLDER.check(folder).absolute()
+    if draw is None:
+        with drawing() as draw:
+            return write_report(audit, folder, progress, image_format, advise, draw)
     if advise is None:
         with replacing(path) as fresh:
             fresh.mkdir()
-            save_pictures(audit, fresh, progress, image_format)
-            return _write_texts(audit, fresh, image_format)
-    with _aside(advise, audit) as advice:
+            draw(audit, fresh, progress, image_format)
+            return _write_texts(audit, fresh, image_format, page_map(audit))
+    with _aside(advise, audit) as (advice, shown):
         with replacing(path) as fresh:
             fresh.mkdir()
-            save_pictures(audit, fresh, progress, image_format)
+            draw(audit, fresh, progress, image_format)
             if advice.done():
-                return _write_texts(advice.result(), fresh, image_format)
-            _write_texts(audit, fresh, image_format, with_page=False)
+                return _write_texts(advice.result(), fresh, image_format, shown.result())
+            _write_texts(audit, fresh, image_format)
         advised = advice.result()
     with replacing(path) as fresh:
         fresh.mkdir()
         for name in _pictures(document(advised, image_format)):
             shutil.copy2(path / name, fresh / name)
-        return _write_texts(advised, fresh, image_format)
+        return _write_texts(advised, fresh, image_format, shown.result())
 
 
 @contextlib.contextmanager
 def _aside(
     advise: Callable[[Audit, Callable[[], None]], Audit], audit: Audit
-) -> Iterator[Future[Audit]]:
-    """Seek advice in a thread; it ends at its next report where the block is left by an error."""
+) -> Iterator[tuple[Future[Audit], Future[dict[str, Any]]]]:
+    """Seek advice, and gather what the page shows, in threads.
+
+    Advice ends at its next report where the block is left by an error.
+    """
     ended = threading.Event()
 
     def go_on() -> None:
         if ended.is_set():
             raise InterruptedError
 
-    with ThreadPoolExecutor(1, thread_name_prefix="advice") as executor:
+    with ThreadPoolExecutor(2, thread_name_prefix="advice") as executor:
         try:
-            yield executor.submit(advise, audit, go_on)
+            yield executor.submit(advise, audit, go_on), executor.submit(page_map, audit)
         except BaseException:
             ended.set()
             raise
 
 
 def _write_texts(
-    audit: Audit, folder: Path, image_format: str, *, with_page: bool = True
+    audit: Audit, folder: Path, image_format: str, shown: dict[str, Any] | None = None
 ) -> Document:
-    """Write figures and texts beside the pictures."""
+    """Write figures and texts beside the pictures; without what is shown of the map no page."""
     report = document(audit, image_format)
     (folder / JSON).write_text(report.model_dump_json(indent=2) + "\n", encoding="utf-8")
     (folder / MARKDOWN).write_text(render("report.md.j2", report), encoding="utf-8")
-    if with_page:
+    if shown is not None:
         inlined = {name: data_uri(folder / name) for name in _pictures(report)}
-        page = audit_page(audit, report, inlined, _values(report))
+        page = audit_page(shown, report, inlined, _values(report))
         (folder / HTML).write_text(page, encoding="utf-8")
     return report
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ambinav.audit.document import Document
+    from ambinav.audit.drawing import Draw
     from ambinav.geometry.collision.reach import Reach
     from ambinav.geometry.environment import Environment
     from ambinav.maps.ambiguity_map import AmbiguityMap
@@ -140,7 +142,9 @@ def audit(
 
     Example: `ambinav audit office.yaml --scanner hokuyo-urg-04lx -o out --fail-if "open > 2 %"`
     """
-    with reporting():
+    from ambinav.audit.drawing import drawing
+
+    with reporting(), contextlib.ExitStack() as stack:
         making.check()
         space.check()
         above_zero(robot.robot_radius, "--robot-radius", "0.2")
@@ -158,9 +162,12 @@ def audit(
 
         # Before the long work: a start inside a wall is refused at once.
         reach = find_reach(environment, robot.robot_radius or robot_radius(chosen), robot.start)
+        draw = stack.enter_context(drawing())
         with one_bar(as_json or quiet, _stages(making, environment, chosen, reported)) as stage:
             amap = making.build(environment, chosen, stage("ambiguity")).for_robot(reach)
-            report = _examine(amap, environment, chosen, reach, reported, output, conditions, stage)
+            report = _examine(
+                amap, environment, chosen, reach, reported, output, conditions, stage, draw
+            )
         if as_json:
             typer.echo(report.model_dump_json(indent=2))
         elif not quiet:
@@ -179,6 +186,7 @@ def _examine(
     output: Path,
     conditions: tuple[Condition, ...],
     stage: Callable[[str], Progress],
+    draw: Draw,
 ) -> Document:
     """Examine the map, and write the report and, where that is asked for, the map."""
     from ambinav.audit.advise import advise
@@ -208,7 +216,7 @@ def _examine(
 
     report = write_report(
         found, output, stage("pictures"), reported.pictures,
-        None if reported.no_advice else advised,
+        None if reported.no_advice else advised, draw,
     )  # fmt: skip
     if reported.keep is not None:
         amap.save(reported.keep)

@@ -7,8 +7,7 @@ longer.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -33,10 +32,12 @@ from ambinav.sensing.scanner import RangeScanner
 
 PLACES: Final = 160
 """Bad places at which posts are tried."""
-COARSE: Final = 24
-"""Candidates of the first round,"""
+CANDIDATES: Final = 96
+"""Candidates, at the most,"""
+COARSER: Final = 4
+"""of which one in so many is tried in a first round,"""
 FINE: Final = 12
-"""and of the second, about the best of the first."""
+"""and so many about the best of these in a second."""
 ABREAST: Final = 0.5
 """Two robots pass each other wherever they could, with so much between them, metres."""
 MOST_STANDS: Final = 300
@@ -90,7 +91,7 @@ def find_posts(
     """
     rules = PlaceRules(
         min_passage=max(4.0 * reach.radius + ABREAST, PlaceRules().min_passage),
-        most=COARSE,
+        most=CANDIDATES,
         reflective=len(scanner.intensity_beams) > 0,
     )
     zone = amap.floor("zone").values
@@ -99,15 +100,12 @@ def find_posts(
     points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
     lines = [shapely.LineString(path) for path in ([] if trips is None else trips.paths)]
 
-    def around(most: int) -> tuple[Candidate, ...]:
-        return candidates(
-            environment, replace(rules, most=most), points, scanner.max_range, reach.floor, lines
-        )
-
     try:
-        coarse = around(COARSE)
+        every = candidates(environment, rules, points, scanner.max_range, reach.floor, lines)
     except InputError as error:
         return WhatHelps(count, rules, None, str(error))
+    coarse = every[::COARSER]
+    between = [one for i, one in enumerate(every) if i % COARSER]
     middles = np.array([one.middle for one in coarse])
     if _in_sight(middles, points, scanner.max_range, count) < PAYS * len(points):
         reason = (
@@ -117,14 +115,14 @@ def find_posts(
         return WhatHelps(count, rules, None, reason)
     setting = MapSetting.of(amap, scanner, rules.reflective or environment.has_reflectors)
     lattice, _ = setting.lattice(environment)
-    every = np.flatnonzero(bad[lattice.free])
-    area = np.full(len(every), amap.cell_area)
-    places = Places(every, np.full(len(every), ALL_HEADINGS), area, len(every))
+    bad_points = np.flatnonzero(bad[lattice.free])
+    area = np.full(len(bad_points), amap.cell_area)
+    places = Places(bad_points, np.full(len(bad_points), ALL_HEADINGS), area, len(bad_points))
     effects = Effects(environment, setting, places.sampled(lattice, PLACES, rng))
     report(0.2)
     trials = try_alone(effects, coarse, lambda share: report(0.2 + 0.3 * share))
     best = [trials.candidates[i] for i in trials.order[:count]]
-    fine = _nearest(around(4 * COARSE), best, FINE)
+    fine = _nearest(between, best, FINE)
     trials = trials.and_of(try_alone(effects, fine, lambda share: report(0.5 + 0.2 * share)))
     placement = place(
         effects, trials, count, rules.min_passage, report=_part(report), least=NOTHING
@@ -157,12 +155,11 @@ def _in_sight(
     return int((~left).sum())
 
 
-def _nearest(found: tuple[Candidate, ...], best: list[Candidate], count: int) -> list[Candidate]:
-    """Of some candidates those next to the best, which they are not."""
+def _nearest(found: Sequence[Candidate], best: list[Candidate], count: int) -> list[Candidate]:
+    """Of some candidates those next to the best."""
     middles = np.array([one.middle for one in best])
     away = [float(np.hypot(*(middles - one.middle).T).min()) for one in found]
-    order = [i for i in np.argsort(away, kind="stable").tolist() if away[i] > 0.0]
-    return [found[i] for i in order[:count]]
+    return [found[i] for i in np.argsort(away, kind="stable")[:count].tolist()]
 
 
 def _good(changed: AmbiguityMap, amap: AmbiguityMap) -> NDArray[np.bool_]:

@@ -201,18 +201,21 @@ def candidates(
             "nothing that could help."
         )
     passages = Passages(environment, rules.min_passage)
-    lines = shapely.union_all(list(routes))
+    lines = shapely.MultiLineString(list(routes))
     shapely.prepare(lines)
     near = cKDTree(bad)
     spots = _Spots(environment, rules, floor, passages)
     step = STEP
 
     def wanted(points: Points) -> Mask:
-        return np.asarray(near.query(points, distance_upper_bound=sight)[0] <= sight)
+        seeing = np.asarray(near.query(points, distance_upper_bound=sight)[0] <= sight)
+        beside = points[seeing]
+        seeing[seeing] = ~shapely.dwithin(lines, shapely.points(beside), rules.min_passage / 2)
+        return seeing
 
     # Counted before they are made: most lie too near to each other.
-    while (count := spots.count(step, wanted)) > 2 * MANY * rules.most:
-        step *= max(math.sqrt(count / (2 * MANY * rules.most)), COARSER)
+    while sum(counts := spots.counts(step, wanted)) > MANY * rules.most:
+        step *= _coarser(*counts, MANY * rules.most)
     while True:
         seen = [
             one
@@ -221,7 +224,7 @@ def candidates(
         ]
         # To look at passages takes longest.
         if len(seen) > MANY * rules.most:
-            step *= max(math.sqrt(len(seen) / (MANY * rules.most)), COARSER)
+            step *= _coarser(*_counted(seen), MANY * rules.most)
             continue
         found = [one for one in seen if passages.stays(one.obstacle.outline, one.on_wall)]
         if not found:
@@ -232,7 +235,19 @@ def candidates(
             )
         if len(found) <= rules.most:
             return tuple(found)
-        step *= max(math.sqrt(len(found) / rules.most), COARSER)
+        step *= _coarser(*_counted(found), rules.most)
+
+
+def _counted(found: Sequence[Candidate]) -> tuple[int, int]:
+    """How many stand at walls, and how many on the floor."""
+    on_walls = sum(one.on_wall for one in found)
+    return on_walls, len(found) - on_walls
+
+
+def _coarser(on_walls: int, on_floor: int, most: int) -> float:
+    """The factor of the step at which so many would be left: of walls 1 / f, of floor 1 / f²."""
+    root = math.sqrt(on_walls**2 + 4.0 * on_floor * most)
+    return max((on_walls + root) / (2.0 * most), COARSER)
 
 
 class _Spots:
@@ -253,15 +268,18 @@ class _Spots:
         )
         shapely.prepare([self.floor, self.unknown])
 
-    def count(self, step: float, wanted: Callable[[Points], Mask]) -> int:
-        """How many points are wanted, `step` metres apart: `every` makes no more of each kind."""
-        found = 0
+    def counts(self, step: float, wanted: Callable[[Points], Mask]) -> tuple[int, int]:
+        """How many points of walls and of the floor are wanted, `step` metres apart.
+
+        `every` makes no more of each kind.
+        """
+        on_walls = on_floor = 0
         if self.rules.on_walls:
             rings = [_at(ring, along) for ring in self.rings if len(along := _along(ring, step))]
-            found += int(wanted(np.concatenate(rings)).sum()) if rings else 0
+            on_walls = int(wanted(np.concatenate(rings)).sum()) if rings else 0
         if self.rules.free_standing and self.rules.kind != "tag":
-            found += len(self._grid(step, wanted))
-        return found
+            on_floor = len(self._grid(step, wanted))
+        return on_walls, on_floor
 
     def every(self, step: float, wanted: Callable[[Points], Mask]) -> Iterator[Candidate]:
         """Candidates `step` metres apart at points that are wanted."""
