@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 import xarray as xr
@@ -19,21 +19,15 @@ from ambinav.errors import InputError
 from ambinav.geometry.collision.reach import ROBOT_RADIUS, Reach
 from ambinav.geometry.environment import Environment
 from ambinav.geometry.segments import Segments
-from ambinav.maps import lattice_values, schema, store
+from ambinav.maps import schema, store
 from ambinav.maps.address import Address
 from ambinav.maps.judged_floor import LAYER as JUDGED
 from ambinav.maps.judged_floor import FloorJudge, JudgedFloor
 from ambinav.maps.kept_environment import kept_environment
+from ambinav.maps.prepared_layer import PreparedLayer
 from ambinav.maps.zones import NOT_FREE, UNEXPLORED, ZONES, ZoneShare
 
 Floats = NDArray[np.float64]
-
-
-class _Prepared(NamedTuple):
-    """A layer as plain arrays; an axis is kept as cosine and sine of its double angle."""
-
-    parts: tuple[NDArray[np.float32], ...]
-    nearest: bool
 
 
 class AmbiguityMap:
@@ -75,7 +69,7 @@ class AmbiguityMap:
             theta = dataset["theta"].values
             self._origin[2] = float(theta[0])
             self._step[2] = 2.0 * math.pi / theta.size
-        self._prepared: dict[str, _Prepared] = {}
+        self._prepared: dict[str, PreparedLayer] = {}
 
     @classmethod
     def open(
@@ -321,25 +315,16 @@ class AmbiguityMap:
             InputError: there is no such layer, or it needs a heading.
         """
         name = self._resolve(layer, theta is not None)
-        parts, nearest = self._prepare(name)
+        if name not in self._prepared:
+            layer_data = self.dataset[name]
+            self._prepared[name] = PreparedLayer.of(layer_data, self._free, self._possible)
         poses = np.broadcast_arrays(
             *(np.asarray(v, dtype=np.float64) for v in (x, y, 0.0 if theta is None else theta))
         )
         flat = [v.flatten() for v in poses]  # copies: numpy warns of what broadcasting shares
         origin = (self._origin[0], self._origin[1], self._origin[2])
         step = (self._step[0], self._step[1], self._step[2])
-        if nearest:
-            values = lattice_values.nearest(parts[0], origin, step, *flat)
-            if name == "free":
-                values = np.nan_to_num(values)
-        else:
-            stands = self._possible if parts[0].shape[2] > 1 else self._free[:, :, np.newaxis]
-            found = [lattice_values.linear(p, stands, origin, step, *flat) for p in parts]
-            values = found[0]
-            if len(found) == 2:
-                values = 0.5 * np.arctan2(found[1], found[0])
-                values[values < 0.0] += np.pi
-                values[values >= np.pi] = 0.0  # a hair below zero rounds up to pi
+        values = self._prepared[name].at(origin, step, *flat)
         shaped: Floats = values.reshape(poses[0].shape)
         return float(shaped) if shaped.ndim == 0 else shaped
 
@@ -453,21 +438,3 @@ class AmbiguityMap:
         if mean not in self.dataset:
             raise InputError(f"{layer}: the map keeps no mean over heading; give theta.")
         return mean
-
-    def _prepare(self, layer: str) -> _Prepared:
-        ready = self._prepared.get(layer)
-        if ready is None:
-            data = self.dataset[layer]
-            values = data.values.astype(np.float32)
-            if data.dims == ("y", "x"):
-                values = values[:, :, np.newaxis]
-            if layer != "free":
-                values[~self._free] = np.nan
-                if values.shape[2] > 1:
-                    values[~self._possible] = np.nan
-            parts: tuple[NDArray[np.float32], ...] = (np.ascontiguousarray(values),)
-            if schema.is_axis(layer):
-                parts = (np.cos(2.0 * values), np.sin(2.0 * values))
-            ready = _Prepared(parts, schema.is_nearest(layer))
-            self._prepared[layer] = ready
-        return ready

@@ -226,7 +226,7 @@ def test_posts_leave_room_for_two_robots_and_the_paths_of_trips(racks: Audit) ->
 
 
 def test_pictures_are_there_before_advice_and_an_error_in_them_ends_it(
-    racks: Audit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    racks: Audit, tmp_path: Path
 ) -> None:
     folder = tmp_path / "out"
     seen: list[list[str]] = []
@@ -256,9 +256,8 @@ def test_pictures_are_there_before_advice_and_an_error_in_them_ends_it(
         finally:
             ended.append(True)
 
-    monkeypatch.setattr("ambinav.audit.report.save_pictures", broken)
     with pytest.raises(OSError, match="no room"):
-        write_report(racks, tmp_path / "other", advise=endless)
+        write_report(racks, tmp_path / "other", advise=endless, draw=broken)
     assert ended
     assert not (tmp_path / "other").exists()
 
