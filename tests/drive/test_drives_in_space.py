@@ -145,6 +145,7 @@ def test_rays_pass_over_people_and_end_on_their_heads(mesh: bool) -> None:
     assert ahead(0.3, 0.0) == pytest.approx(3.6, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_sonars_look_their_cones_up() -> None:
     """What they read in space is nearer than in the plane, and their table knows it."""
     env = tall()

@@ -50,7 +50,7 @@ def room_poses(count: int, seed: int, most: float = 3.8) -> np.ndarray:
 @pytest.mark.parametrize("name", SCANNERS)
 def test_ranges_are_those_of_the_scanner(name: str) -> None:
     env, scanner = furnished()[0], SCANNERS[name]
-    poses = room_poses(200, 1)
+    poses = room_poses(80, 1)
     tables = tables_of(env, scanner)
     assert tables.plain[0]
     ranges, ray, surface = cast(tables, poses, scanner.beams)
@@ -138,7 +138,7 @@ def test_columns_without_a_reading_meet_nothing(name: str) -> None:
     every, some, picked = work_space(size), work_space(size), np.empty(size, np.int32)
     reading = np.where(np.random.default_rng(3).random(scanner.beams) < 0.2, 1.0, math.inf)
     needed = np.isfinite(reading)[tables.beam]
-    for pose in room_poses(20, 4):
+    for pose in room_poses(8, 4):
         rays_at(pose, tables, every)
         assert counted_at(pose, reading, tables, some, picked) == size
         assert np.array_equal(picked, np.arange(size))

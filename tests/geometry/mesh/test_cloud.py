@@ -451,7 +451,10 @@ def test_a_pcd_with_an_empty_line_is_whole(tmp_path: Path) -> None:
     assert f"{len(POINTS)} points" in read_cloud(path, up="z").notes[-1]
 
 
-@pytest.mark.parametrize(("degrees", "axis"), [(0.5, (0.6, -0.8)), (3.0, (1.0, 0.0))])
+@pytest.mark.parametrize(
+    ("degrees", "axis"),
+    [(0.5, (0.6, -0.8)), pytest.param(3.0, (1.0, 0.0), marks=pytest.mark.slow)],
+)
 def test_a_tilted_cloud_is_levelled(
     tmp_path: Path, degrees: float, axis: tuple[float, float]
 ) -> None:
