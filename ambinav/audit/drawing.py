@@ -10,6 +10,7 @@ import multiprocessing
 import sys
 import threading
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -53,7 +54,9 @@ class DrawingProcess:
         context = multiprocessing.get_context("fork")
         self._line, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(self._line, theirs), daemon=True)
-        with putting_signals_off():
+        with putting_signals_off(), warnings.catch_warnings():
+            # Python from 3.12 on warns of OpenBLAS's threads, which see to forks themselves.
+            warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
         theirs.close()
 
