@@ -59,6 +59,15 @@ def test_area_of_a_room_with_a_pillar():
     assert reach.notes == ()
 
 
+def test_of_equal_pieces_the_order_of_drawing_chooses_none():
+    rooms = [box(0, 0, 3, 2), box(5, 0, 8, 2)]
+    for drawn in (rooms, rooms[::-1]):
+        env = environment_from_shapes(drawn)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)
+            assert find_reach(env, 0.2).floor.bounds[2] < 4.0
+
+
 def test_a_start_chooses_the_piece():
     environment = two_rooms(0.3)
     assert find_reach(environment, 0.2).reaches(1.0, 2.0)

@@ -225,7 +225,8 @@ def _patched(
 def _pieces(fits: BaseGeometry) -> list[BaseGeometry]:
     """Connected pieces, the largest first."""
     parts = [part for part in shapely.get_parts(fits).tolist() if part.area > 0.0]
-    return sorted(parts, key=lambda part: -float(part.area))
+    # Of equal pieces the one farthest to the left: the order in which they were drawn says nothing.
+    return sorted(parts, key=lambda part: (-round(float(part.area), 6), part.bounds))
 
 
 def _widest(environment: Environment, radius: float) -> float:
