@@ -7,6 +7,7 @@ longer.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -53,6 +54,8 @@ def could_pay(amap: AmbiguityMap, scanner: RangeScanner, rival: float, count: in
         rival: What something else removes, square metres.
         count: How many posts.
     """
+    if count * math.pi * scanner.max_range**2 < AS_GOOD * rival:
+        return False
     bad = amap.judged.counted & np.isin(amap.floor("zone").values, BAD)
     row, column = np.nonzero(bad)
     points = np.column_stack([amap.dataset["x"].values[column], amap.dataset["y"].values[row]])
