@@ -13,6 +13,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,8 +87,10 @@ class DrawingProcess:
             OSError: a picture cannot be written.
             RuntimeError: it failed otherwise, or was killed.
         """
+        # Of a building in space nothing but its floor is drawn, and triangles are many.
+        drawn = replace(audit, environment=audit.amap.environment)
         try:
-            self._line.send((audit, folder, image_format))
+            self._line.send((drawn, folder, image_format))
             while isinstance(said := self._line.recv(), float):
                 if progress is not None:
                     progress(said)
