@@ -132,7 +132,7 @@ def text(rows: list[dict[str, Any]]) -> str:
     missed = [row for row in none if row["bad"] - row["best_after"] >= 0.1 * row["bad"]]
     useless = [row["bad"] - row["first_after"] < 0.1 * row["bad"] for row in advised]
     held = [one for row in known for one in row.get("held", ())]
-    seconds = np.median([row["seconds"] for row in known])
+    seconds = np.median([row["seconds"] for row in advised])
     figures = [
         ("buildings", f"{len({row['map'] for row in known})}"),
         ("presets", f"{len({row['scanner'] for row in known})}"),
@@ -151,7 +151,7 @@ def text(rows: list[dict[str, Any]]) -> str:
         ("first advice has 0.8 of it or more", f"{share(ratio >= 0.8)}"),
         ("first advice removes less than a tenth, in full", f"{share(useless)}"),
         ("95 % intervals that hold the figure in full", f"{share(held)}"),
-        ("processor time of the advice, s, median", f"{seconds:.2f}"),
+        ("processor time where there is advice, s, median", f"{seconds:.2f}"),
     ]
     worst = sorted(zip(ratio.tolist(), advised, strict=True), key=lambda pair: pair[0])[:10]
     listed = [
